@@ -1,0 +1,54 @@
+# Every target makes .venv itself when it is missing or older than pyproject.toml or constraints.txt.
+# Nothing here reaches further than the package index.
+SHELL := /bin/bash
+PYTHON ?= python3
+BIN := .venv/bin
+INSTALLED := .venv/.installed
+LOWEST := .venv-lowest
+
+# One thread each: the tests and fits bring their own processes, and results must not depend on the machine.
+export OMP_NUM_THREADS := 1
+export MKL_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+export NUMBA_NUM_THREADS := 1
+export MPLBACKEND := Agg
+
+.PHONY: install demo test lint bench format test-lowest clean
+
+install: $(INSTALLED)
+
+$(INSTALLED): pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
+	touch $@
+
+demo: $(INSTALLED)
+	$(BIN)/embodiedreamer demo
+
+test: $(INSTALLED)
+	$(BIN)/python -m pytest
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/basedpyright
+
+format: $(INSTALLED)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(INSTALLED)
+	@if [ -f benchmarks/__main__.py ]; then $(BIN)/python -m benchmarks; \
+	else echo "run one of these with $(BIN)/python:"; ls benchmarks/*.py; fi
+
+# The same tests on the lower bounds of pyproject.toml; torch keeps its pin (older ones have no CPU build there).
+test-lowest: pyproject.toml constraints.txt
+	test -x $(LOWEST)/bin/python || $(PYTHON) -m venv $(LOWEST)
+	sed -nE 's/^ *(standin = \[)?"([a-z0-9-]+)>=([0-9.]+),<.*/\2==\3/p' pyproject.toml \
+	  | grep -vE '^(torch|pytest|ruff|basedpyright|pre-commit|build)=' > $(LOWEST)/lowest.txt
+	grep '^torch==' constraints.txt >> $(LOWEST)/lowest.txt
+	$(LOWEST)/bin/python -m pip install --quiet -c $(LOWEST)/lowest.txt -e '.[standin]' pytest setuptools
+	$(LOWEST)/bin/python -m pytest
+
+clean:
+	rm -rf .venv $(LOWEST) build dist *.egg-info .pytest_cache .ruff_cache

@@ -1,0 +1,92 @@
+"""The catalogue of physical effects; a new effect is one file and one name here."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from embodiedreamer_gym.effects.base_tilt import BaseTilt
+from embodiedreamer_gym.effects.command_delay import CommandDelay
+from embodiedreamer_gym.effects.command_lowpass import CommandLowpass
+from embodiedreamer_gym.effects.command_rate_limit import CommandRateLimit
+from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
+from embodiedreamer_gym.effects.direction_dependent_friction import DirectionDependentFriction
+from embodiedreamer_gym.effects.effect import Effect, FrictionBudget, MechanicsChange, SignalLaw
+from embodiedreamer_gym.effects.encoder_offset import EncoderOffset
+from embodiedreamer_gym.effects.joint_spring import JointSpring
+from embodiedreamer_gym.effects.load_friction import LoadFriction
+from embodiedreamer_gym.effects.payload import Payload
+from embodiedreamer_gym.effects.servo_deadzone import ServoDeadzone
+from embodiedreamer_gym.effects.stribeck_friction import StribeckFriction
+from embodiedreamer_gym.effects.torque_bias import TorqueBias
+from embodiedreamer_gym.effects.torque_saturation import TorqueSaturation
+from embodiedreamer_gym.effects.velocity_limit import VelocityLimit
+from embodiedreamer_gym.errors import EffectError
+
+Catalogue = Mapping[str, type[Effect]]
+
+CATALOGUE: Catalogue = {
+    effect.name: effect
+    for effect in (
+        CommandDelay,
+        CommandLowpass,
+        CommandRateLimit,
+        ServoDeadzone,
+        TorqueSaturation,
+        VelocityLimit,
+        CoulombFriction,
+        StribeckFriction,
+        LoadFriction,
+        DirectionDependentFriction,
+        TorqueBias,
+        JointSpring,
+        Payload,
+        BaseTilt,
+        EncoderOffset,
+    )
+}
+
+
+def find_effect(name: str, catalogue: Catalogue = CATALOGUE) -> type[Effect]:
+    """Return the effect of that name.
+
+    Raises: EffectError that lists the known names.
+    """
+    if name not in catalogue:
+        raise EffectError(f"there is no effect '{name}'; known effects: {', '.join(catalogue)}.")
+    return catalogue[name]
+
+
+def load_effects(path: str | Path, catalogue: Catalogue = CATALOGUE) -> Catalogue:
+    """Return the catalogue with the effects that a user's Python file defines (the file is executed).
+
+    Raises: EffectError when the file is missing, fails to run, defines no effect or takes a name that exists.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise EffectError(f"effects file {path} does not exist.")
+    spec = importlib.util.spec_from_file_location(f"embodiedreamer_user_effects_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise EffectError(f"effects file {path} is not a Python file; its name must end in .py.")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # any fault of a stranger's file becomes one sentence
+        raise EffectError(f"effects file {path} failed: {type(error).__name__}: {error}.") from error
+    found: dict[str, type[Effect]] = {}
+    for value in vars(module).values():
+        if _is_effect(value) and value.__module__ == module.__name__:
+            if value.name in catalogue or value.name in found:
+                raise EffectError(f"effects file {path} defines '{value.name}', a name that is taken.")
+            found[value.name] = value
+    if not found:
+        raise EffectError(f"effects file {path} defines no effect (a subclass of SignalLaw, FrictionBudget or "
+                          "MechanicsChange with a name).")
+    return {**catalogue, **found}
+
+
+def _is_effect(value: Any) -> bool:
+    kinds = (SignalLaw, FrictionBudget, MechanicsChange)
+    return isinstance(value, type) and issubclass(value, kinds) and value not in kinds and hasattr(value, "name")

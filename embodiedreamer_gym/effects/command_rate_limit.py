@@ -1,0 +1,27 @@
+"""Command rate limit: the controller ramps to a new set point at a highest speed."""
+
+import numpy as np
+
+from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
+
+
+class CommandRateLimit(SignalLaw):
+    """A highest slope of the command (the Cobot Magic ramps 0.01 rad per 40 Hz tick, 0.4 rad/s)."""
+
+    name = "command_rate_limit"
+    stage = "command"
+    parameters = (Parameter("rate", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),)
+    symptom = "steps become ramps of one slope, and small slow moves are followed exactly"
+    reveals = "large steps and fast point-to-point moves"
+    confused_with = ("command_lowpass", "command_delay", "velocity_limit")
+
+    @staticmethod
+    def start(signal, p, dt):
+        """The ramp rests at the first command."""
+        return signal.copy()
+
+    @staticmethod
+    def law(signal, joint, memory, p):
+        """Follow the command by at most rate * dt per step."""
+        value = memory + np.clip(signal - memory, -p.rate * joint.dt, p.rate * joint.dt)
+        return value, value

@@ -1,0 +1,18 @@
+"""Coulomb friction: a torque of constant size against the motion."""
+
+from embodiedreamer_gym.effects.effect import FrictionBudget, Parameter
+
+
+class CoulombFriction(FrictionBudget):
+    """Dry friction of constant size; the joint sticks while less torque than that acts on it."""
+
+    name = "coulomb_friction"
+    parameters = (Parameter("torque", "N m", off=0.0, low=0.0, high=2.0, typical=0.1, scale="torque"),)
+    symptom = "the joint sticks at reversals and stops short of its target, by the same torque at every speed"
+    reveals = "slow sweeps in both directions"
+    confused_with = ("stribeck_friction", "direction_dependent_friction", "load_friction", "servo_deadzone")
+
+    @staticmethod
+    def budget(joint, p):
+        """Constant torque (B, n) N m in both directions."""
+        return p.torque, p.torque

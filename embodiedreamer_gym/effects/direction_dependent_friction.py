@@ -1,0 +1,21 @@
+"""Direction-dependent friction: another level forward than backward."""
+
+from embodiedreamer_gym.effects.effect import FrictionBudget, Parameter
+
+
+class DirectionDependentFriction(FrictionBudget):
+    """Dry friction with one level for positive and one for negative motion."""
+
+    name = "direction_dependent_friction"
+    parameters = (
+        Parameter("forward", "N m", off=0.0, low=0.0, high=2.0, typical=0.15, scale="torque"),
+        Parameter("backward", "N m", off=0.0, low=0.0, high=2.0, typical=0.05, scale="torque"),
+    )
+    symptom = "the joint lags more in one direction than in the other, at any pose"
+    reveals = "the same slow sweep forward and backward"
+    confused_with = ("coulomb_friction", "torque_bias", "load_friction")
+
+    @staticmethod
+    def budget(joint, p):
+        """Two constant levels (B, n) N m."""
+        return p.forward, p.backward

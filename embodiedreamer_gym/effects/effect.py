@@ -1,0 +1,173 @@
+"""What a physical effect is: a link of the chain command -> servo -> drive torque -> mechanics -> sensors.
+
+There are three kinds and no more. Each is a class without state; its values live in the instance, its law is a
+static method written so that a leading axis of parameter sets `(B, n)` broadcasts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from embodiedreamer_gym.errors import EffectError
+
+Array = np.ndarray
+STAGES = ("command", "servo", "drive", "load", "sensor")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number per joint (or per arm) of an effect.
+
+    off: the value at which the effect vanishes, inside [low, high]; typical: a size that is plainly visible.
+    scale: "torque" multiplies low, high and typical by a torque typical of the joint [N m]; "" takes them as they
+    are; per: one value for each joint or for each arm.
+    """
+
+    name: str
+    unit: str
+    off: float
+    low: float
+    high: float
+    typical: float
+    scale: Literal["", "torque"] = ""
+    per: Literal["joint", "arm"] = "joint"
+    shape: bool = False  # a shape parameter: has no influence while the effect's other parameters are off
+
+    def __post_init__(self) -> None:
+        if not self.low <= self.off <= self.high:
+            raise EffectError(f"parameter {self.name}: its off value {self.off} is outside [{self.low}, {self.high}].")
+
+
+@dataclass
+class JointState:
+    """What a law may know of the joints: arrays (B, n), generalised units (rad, m or 0..1 of a gripper), seconds."""
+
+    position: Array
+    velocity: Array
+    torque: Array
+    dt: float
+    time: float
+
+
+@dataclass
+class Mechanics:
+    """The rigid bodies of a batch of robots, to be changed in place by a change of mechanics.
+
+    mass (B, k) kg; first_moment (B, k, 3) kg m, mass times centre of mass in the body's frame; inertia (B, k, 3, 3)
+    kg m^2 about the body frame's origin; gravity (B, arms, 3) m/s^2; rotor_inertia (B, n) kg m^2 at the joint;
+    tip_body (arms,) body that carries each end effector, tip_point (arms, 3) its place in that body's frame, m.
+    """
+
+    mass: Array
+    first_moment: Array
+    inertia: Array
+    gravity: Array
+    rotor_inertia: Array
+    tip_body: Array
+    tip_point: Array
+
+    def add_point_mass(self, body: int, mass: Array, point: Array) -> None:
+        """Add a point mass (B,) kg at a point (3,) or (B, 3) m of a body's frame."""
+        point = np.broadcast_to(point, (len(mass), 3))
+        self.mass[:, body] += mass
+        self.first_moment[:, body] += mass[:, None] * point
+        square = np.einsum("bi,bi->b", point, point)[:, None, None] * np.eye(3)
+        self.inertia[:, body] += mass[:, None, None] * (square - point[:, :, None] * point[:, None, :])
+
+
+class Effect:
+    """A physical effect with its values; subclass one of SignalLaw, FrictionBudget or MechanicsChange.
+
+    values: parameter name -> joint (or arm) name -> number; what is not named is off.
+    """
+
+    name: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    symptom: ClassVar[str]
+    reveals: ClassVar[str]
+    confused_with: ClassVar[tuple[str, ...]] = ()
+    kind: ClassVar[str]
+    stage: ClassVar[str]
+
+    def __init__(self, **values: Mapping[str, float]) -> None:
+        known = {p.name: p for p in self.parameters}
+        for key, by_joint in values.items():
+            if key not in known:
+                raise EffectError(f"effect {self.name} has no parameter '{key}'; it has {', '.join(known)}.")
+            if not isinstance(by_joint, Mapping):
+                raise EffectError(f"effect {self.name}: '{key}' must map joint names to numbers, not {by_joint!r}.")
+            for joint, value in by_joint.items():
+                if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+                    raise EffectError(f"effect {self.name}: {key} of {joint} must be a finite number, not {value!r}.")
+        self.values: dict[str, dict[str, float]] = {
+            p.name: {joint: float(v) for joint, v in values.get(p.name, {}).items()} for p in self.parameters
+        }
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{k}[{len(v)}]' for k, v in self.values.items())})"
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and other.values == self.values  # type: ignore[attr-defined]
+
+    def __hash__(self) -> int:
+        return hash((self.name, tuple((k, tuple(v.items())) for k, v in self.values.items())))
+
+    @classmethod
+    def siblings(cls) -> tuple[str, ...]:
+        """Names of the effects that a motion may fail to tell from this one."""
+        return cls.confused_with
+
+
+class SignalLaw(Effect):
+    """A pure function of a signal: (signal, joint, memory, p) -> (signal, memory).
+
+    stage "command": the commanded position; "servo": the position error; "drive": the servo's torque; "load": an
+    extra torque on the joint (the law adds to it); "sensor": the measured position. Signals are (B, n).
+    """
+
+    kind = "signal"
+
+    @staticmethod
+    def start(signal: Array, p: SimpleNamespace, dt: float) -> Any:
+        """Memory at rest, given the signal (B, n) of the first instant."""
+        return None
+
+    @staticmethod
+    def law(signal: Array, joint: JointState, memory: Any, p: SimpleNamespace) -> tuple[Array, Any]:
+        """Return the changed signal (B, n) and the new memory."""
+        raise NotImplementedError
+
+
+class FrictionBudget(Effect):
+    """How much torque friction may take; all budgets are solved together over the coupled joints."""
+
+    kind = "friction"
+    stage = "mechanics"
+
+    @staticmethod
+    def budget(joint: JointState, p: SimpleNamespace) -> tuple[Array, Array]:
+        """Torque (B, n) N m, not negative, that friction may take of a forward and of a backward motion."""
+        zero = np.zeros_like(joint.velocity)
+        return zero, zero
+
+    @staticmethod
+    def speed_range(joint: JointState, p: SimpleNamespace) -> tuple[Array, Array] | None:
+        """Speeds (B, n) at which the resistance grows without bound: (lowest <= 0, highest >= 0), or None."""
+        return None
+
+
+class MechanicsChange(Effect):
+    """A change of masses, gravity or rotor inertia, made once per parameter set."""
+
+    kind = "mechanics"
+    stage = "mechanics"
+
+    @staticmethod
+    def change(mechanics: Mechanics, p: SimpleNamespace) -> None:
+        """Change the mechanics in place; p holds arrays (B, n) or (B, arms)."""
+        raise NotImplementedError

@@ -1,0 +1,19 @@
+"""Torque bias: a constant torque, as from a current offset or a wrong gravity compensation."""
+
+from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
+
+
+class TorqueBias(SignalLaw):
+    """A constant extra torque on the joint."""
+
+    name = "torque_bias"
+    stage = "load"
+    parameters = (Parameter("torque", "N m", off=0.0, low=-2.0, high=2.0, typical=0.1, scale="torque"),)
+    symptom = "the joint stands off its target to the same side in every pose and direction"
+    reveals = "slow motion in two directions through several poses"
+    confused_with = ("joint_spring", "encoder_offset", "base_tilt", "direction_dependent_friction", "payload")
+
+    @staticmethod
+    def law(signal, joint, memory, p):
+        """Add the bias (B, n) N m."""
+        return signal + p.torque, memory

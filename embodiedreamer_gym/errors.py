@@ -1,0 +1,29 @@
+"""Exceptions of the package: each message is one sentence that says what was given and what is allowed."""
+
+
+class EmbodieDreamerError(ValueError):
+    """Base of every error that a user's input can cause."""
+
+
+class RecordingError(EmbodieDreamerError):
+    """A log cannot be used as it is."""
+
+
+class ModelError(EmbodieDreamerError):
+    """A robot model, its JSON or its URDF cannot be used as it is."""
+
+
+class EffectError(EmbodieDreamerError):
+    """A physical effect is unknown or breaks one of the laws every effect must keep."""
+
+
+class SimulationError(EmbodieDreamerError):
+    """A simulation cannot run or has diverged."""
+
+
+class CalibrationError(EmbodieDreamerError):
+    """A calibration or a diagnosis cannot be carried out with this model and these recordings."""
+
+
+class MissingExtraError(EmbodieDreamerError, ImportError):
+    """An optional dependency is absent; the message names the `pip install` line that brings it."""

@@ -1,0 +1,181 @@
+"""calibrate: fit a robot model's parameters to recordings, and say how well they are known."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.errors import CalibrationError
+from embodiedreamer_gym.phys_aligner.intervals import spread
+from embodiedreamer_gym.phys_aligner.least_squares import Fit, Progress, joint_scale, minimise
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+
+METHODS = ("least-squares", "surrogate", "annealing", "annealing-scaled", "cma-es")
+RULES = ("linear", "hold")
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Result of a calibration: the model with its values and 95 % intervals, and what they cost.
+
+    error: mean over joints of each joint's root-mean-square on the fitted recordings, in the joints' unit;
+    undetermined: parameters that this motion does not determine; rollouts: parameter sets simulated over all
+    recordings; fit: where the minimisation ended (least squares only).
+    """
+
+    model: RobotModel
+    error: float
+    undetermined: tuple[str, ...]
+    rollouts: int
+    seconds: float
+    method: str
+    converged: bool
+    fit: Fit | None = field(default=None, repr=False)
+    problem: Problem | None = field(default=None, repr=False)
+
+    def __str__(self) -> str:
+        lines = [str(self.model.parameters()), ""]
+        lines.append(f"{self.method}: {self.error * 1e3:.3f} mrad after {self.rollouts} rollouts, {self.seconds:.1f} s")
+        if self.model.command_hold != "unknown":
+            lines.append(f"between two commands the controller's rule is: {self.model.command_hold}")
+        if self.undetermined:
+            lines.append(f"this motion does not determine: {', '.join(self.undetermined)}")
+        return "\n".join(lines)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The result as JSON, with units."""
+        rows = {
+            r.name: {"value": r.value, "low": r.interval[0] if r.interval else None,
+                     "high": r.interval[1] if r.interval else None, "unit": r.unit}
+            for r in self.model.parameters()
+        }  # fmt: skip
+        return {"method": self.method, "error": {"unit": "rad", "value": self.error}, "parameters": rows,
+                "command_hold": self.model.command_hold, "undetermined": list(self.undetermined),
+                "rollouts": self.rollouts, "seconds": self.seconds, "converged": self.converged}  # fmt: skip
+
+
+def fit_least_squares(
+    model: RobotModel, recordings: Sequence[Recording], groups: Sequence[str] | None = None, scan: bool = True,
+    iterations: int = 30, tolerance: float = 1e-4, progress: Progress | None = None, budget: int | None = None,
+) -> tuple[Problem, Fit]:  # fmt: skip
+    """Least squares with a scan of starts, then passes that weigh each joint by its own leftover.
+
+    The rule between two commands is fitted too where neither the model nor the recordings state it.
+    """
+    unknown = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in recordings)
+    problem = Problem(model, recordings, groups, hold="linear" if unknown else None)
+    start = scan_starts(problem) if scan else problem.start
+    fit = minimise(problem, start, iterations, tolerance, progress, budget)
+    if unknown:
+        held = Problem(model, recordings, groups, hold="hold")
+        held.rollouts = problem.rollouts
+        other = minimise(held, fit.x, iterations, tolerance, progress, budget)
+        problem.rollouts = held.rollouts
+        if _log_cost(held, other) < _log_cost(problem, fit):
+            problem, fit = held, other
+    for _ in range(2):  # weigh each joint by what no parameter explains, so that one bad joint does not rule the others
+        scale = joint_scale(problem, fit.residuals)
+        if np.all(scale < 1.5):
+            break
+        change = np.abs(np.log(scale)).max()
+        problem.weight = problem.weight / scale
+        if change < 0.2:
+            break
+        fit = minimise(problem, fit.x, iterations, tolerance, progress, budget)
+    return problem, fit
+
+
+def scan_starts(problem: Problem) -> np.ndarray:
+    """Pick for each joint the best of a few sizes of its servo's gains; returns scaled parameters (m,).
+
+    Given gains are tried at 1/3, 1 and 3 times their value, unknown ones from 1/30 to 30 times the first guess.
+    """
+    groups = np.array([row.group for row in problem.rows])
+    stiff, damped = groups == "stiffness", groups == "damping"
+    if not stiff.any() or not damped.any():
+        return problem.start
+    wide = "stiffness" not in problem.model.given
+    factors = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0) if wide else (1 / 3, 1.0, 3.0)
+    points = []
+    for p in factors:
+        for d in (0.3, 1.0, 3.0):
+            x = problem.start.copy()
+            x[stiff] += np.log(p)
+            x[damped] += np.log(d * np.sqrt(p) if wide else d)
+            points.append(x)
+    points = np.clip(np.array(points), problem.lower, problem.upper)
+    rms = problem.joint_rms(problem.residuals(points))
+    best = np.argmin(rms, axis=0)  # joint by joint: the coupling between them is weaker than the wrong gain
+    x = problem.start.copy()
+    for i, row in enumerate(problem.rows):
+        if stiff[i] or damped[i]:
+            x[i] = points[best[row.index], i]
+    return x
+
+
+def calibrate(
+    model: RobotModel,
+    recordings: Sequence[Recording],
+    method: str = "least-squares",
+    groups: Sequence[str] | None = None,
+    rng: np.random.Generator | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Calibration:
+    """Fit the model's parameters to recordings by free-run simulation.
+
+    method: "least-squares" (default), "surrogate" (the paper's), "annealing" (SimplerEnv's), "annealing-scaled" or
+    "cma-es"; groups: which parameters to fit (default: servo gains, what the model leaves open, all effects).
+    Raises: CalibrationError for an unknown method or nothing to fit, SimulationError for another robot's recording.
+    """
+    if method not in METHODS:
+        raise CalibrationError(f"method '{method}' is none of {', '.join(METHODS)}.")
+    begun = time.perf_counter()
+    if method != "least-squares":
+        problem, x = _search(model, recordings, method, groups, rng or np.random.default_rng(0), progress, options)
+        residuals = problem.residuals(x)[0]
+        problem.rollouts -= 1
+        return Calibration(problem.model_at(x, {}), _error(problem, residuals), (), problem.rollouts,
+                           time.perf_counter() - begun, method, True, None, problem)  # fmt: skip
+    problem, fit = fit_least_squares(model, recordings, groups, progress=progress, **options)
+    return finish(problem, fit, time.perf_counter() - begun)
+
+
+def finish(problem: Problem, fit: Fit, seconds: float) -> Calibration:
+    """A least-squares fit as a Calibration: values, intervals, what is not determined."""
+    known = spread(problem, fit.x, fit.residuals, fit.jacobian)
+    low, high = problem.values(fit.x - known.half_width), problem.values(fit.x + known.half_width)
+    intervals, undetermined = dict(problem.model.intervals), []
+    for i, row in enumerate(problem.rows):
+        if np.isfinite(known.half_width[i]):
+            intervals[row.name] = (float(max(low[i], row.low)), float(min(high[i], row.high)))
+        else:
+            intervals.pop(row.name, None)
+        if known.undetermined[i]:
+            undetermined.append(row.name)
+    model = problem.model_at(fit.x, intervals)
+    if problem.hold is not None:
+        model = model.with_(command_hold=problem.hold)
+    return Calibration(model, _error(problem, fit.residuals), tuple(undetermined), problem.rollouts, seconds,
+                       "least-squares", fit.converged, fit, problem)  # fmt: skip
+
+
+def _error(problem: Problem, residuals: np.ndarray) -> float:
+    return float(np.mean(problem.joint_rms(residuals)[0] * problem.sigma))
+
+
+def _log_cost(problem: Problem, fit: Fit) -> float:
+    return float(np.mean(np.log(np.maximum(problem.joint_rms(fit.residuals)[0], 0.3))))
+
+
+def _search(model, recordings, method, groups, rng, progress, options) -> tuple[Problem, np.ndarray]:
+    from embodiedreamer_gym.phys_aligner import searches  # brings torch and cma, which least squares does not need
+
+    problem = Problem(model, recordings, groups)
+    return problem, searches.SEARCHES[method](problem, rng, progress=progress, **options)

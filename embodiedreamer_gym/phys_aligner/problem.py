@@ -1,0 +1,168 @@
+"""What a calibration minimises: weighted residuals of free runs, over the free parameters of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from embodiedreamer_gym.errors import CalibrationError
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import ParameterRow, RobotModel
+from embodiedreamer_gym.simulation.rollout import check_names, simulate_sets
+
+SMALLEST_SIGMA = 1e-5  # rad; a sensor better than that is not believed
+
+
+def free_rows(model: RobotModel, groups: Sequence[str] | None = None) -> tuple[ParameterRow, ...]:
+    """Parameters that a calibration fits: stiffness, damping, rotor inertia where unknown, and all of the effects.
+
+    Viscous friction acts as damping does and is left out: positions alone cannot tell the two apart.
+    """
+    table = model.parameters()
+    if groups is not None:
+        return table.select(*groups).rows
+    names = ["stiffness", "damping", *(e.name for e in model.effects)]
+    if "rotor_inertia" not in model.given:
+        names.append("rotor_inertia")
+    return table.select(*names).rows
+
+
+class Problem:
+    """Residuals of free runs as a function of scaled parameters x (m,).
+
+    A parameter with a positive lower bound is scaled by its logarithm, any other by a typical size, so that a step
+    of one is a large step in each. Residuals are (position - simulated) / sigma over the usable samples, weighted
+    per joint. rollouts counts parameter sets simulated over all recordings.
+    """
+
+    def __init__(
+        self, model: RobotModel, recordings: Sequence[Recording], groups: Sequence[str] | None = None,
+        hold: str | None = None,
+    ) -> None:  # fmt: skip
+        if not recordings:
+            raise CalibrationError("no recording is left to fit; give at least one.")
+        for recording in recordings:
+            check_names(model, recording)
+        self.model, self.recordings, self.hold = model, tuple(recordings), hold
+        self.rows = free_rows(model, groups)
+        if not self.rows:
+            raise CalibrationError(f"model {model.name} has no free parameter in {groups}.")
+        for row in self.rows:
+            if not row.low * (1 - 1e-9) - 1e-12 <= row.value <= row.high * (1 + 1e-9) + 1e-12:
+                raise CalibrationError(f"{row.name} starts at {row.value:g}, outside its bounds {row.low:g} .. {row.high:g}.")
+        self._log = np.array([row.low > 0 for row in self.rows])
+        self._size = np.array([1.0 if log else _typical(model, row) for row, log in zip(self.rows, self._log, strict=True)])
+        self.lower = self.scale(np.array([row.low for row in self.rows]))
+        self.upper = self.scale(np.array([row.high for row in self.rows]))
+        self.start = np.clip(self.scale(np.array([row.value for row in self.rows])), self.lower, self.upper)
+        self.sigma = np.maximum(np.mean([r.sigma for r in recordings], axis=0), SMALLEST_SIGMA)
+        self.weight = np.ones(model.n)
+        self.rollouts = 0
+        self.joint_of = np.concatenate([np.nonzero(r.usable)[1] for r in self.recordings])
+        self.run_of = np.concatenate([np.full(int(r.usable.sum()), i) for i, r in enumerate(self.recordings)])
+        if len(self.joint_of) < len(self.rows) + 1:
+            raise CalibrationError("too few usable samples are left to fit; the recordings hold only contact or clipped parts.")
+        self.arm_of_row = np.array([self._arm(row) for row in self.rows])
+
+    def _arm(self, row: ParameterRow) -> int:
+        names = self.model.arms
+        return names.index(row.joint) if row.joint in names and row.joint not in self.model.joints else int(
+            self.model.tree.arm[row.index]
+        )  # fmt: skip
+
+    # ---- scaling -----------------------------------------------------------------------------------------------
+
+    def scale(self, values: np.ndarray) -> np.ndarray:
+        """Scaled parameters of values (..., m)."""
+        return np.where(self._log, np.log(np.where(self._log, values, 1.0)), values / self._size)
+
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """Values of scaled parameters (..., m)."""
+        return np.where(self._log, np.exp(np.where(self._log, x, 0.0)), x * self._size)
+
+    def sets(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """Parameter sets (P, joints or arms) by group, for the simulation, of scaled parameters (P, m)."""
+        values = self.values(np.atleast_2d(x))
+        sets: dict[str, np.ndarray] = {}
+        for column, row in enumerate(self.rows):
+            if row.group not in sets:
+                own = self._own(row.group)
+                sets[row.group] = np.repeat(own[None], len(values), axis=0)
+            sets[row.group][:, row.index] = values[:, column]
+        return sets
+
+    def _own(self, group: str) -> np.ndarray:
+        if "." not in group:
+            return np.array(getattr(self.model, group))
+        name, key = group.split(".")
+        effect = next(e for e in self.model.effects if e.name == name)
+        parameter = next(p for p in effect.parameters if p.name == key)
+        low, high = self.model.parameter_bounds(parameter)
+        names = self.model.joints if parameter.per == "joint" else self.model.arms
+        own = np.clip(np.full(len(names), parameter.off), low, high)
+        for name, value in effect.values[key].items():
+            own[names.index(name)] = value
+        return own
+
+    def model_at(self, x: np.ndarray, intervals=None) -> RobotModel:
+        """The model with scaled parameters x (m,)."""
+        changed: dict[str, dict[str, float]] = {}
+        for row, value in zip(self.rows, self.values(x), strict=True):
+            changed.setdefault(row.group, {})[row.joint] = float(np.clip(value, row.low, row.high))
+        return self.model.with_values(changed, intervals)
+
+    # ---- residuals ---------------------------------------------------------------------------------------------
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        """Weighted residuals (P, N) of scaled parameters (P, m), in sensor noises."""
+        x = np.clip(np.atleast_2d(x), self.lower, self.upper)
+        self.rollouts += len(x)
+        runs = simulate_sets(self.model, self.recordings, self.sets(x), hold=self.hold)
+        parts = [
+            ((r.position - run.position) / self.sigma)[:, r.usable] for r, run in zip(self.recordings, runs, strict=True)
+        ]
+        return np.clip(np.concatenate(parts, axis=1), -1e6, 1e6) * self.weight[self.joint_of]
+
+    def joint_rms(self, residuals: np.ndarray) -> np.ndarray:
+        """Unweighted root mean square (P, n) of residuals (P, N), in sensor noises."""
+        squares = np.atleast_2d(residuals) ** 2
+        counts = np.maximum(np.bincount(self.joint_of, minlength=self.model.n), 1)
+        total = np.stack([np.bincount(self.joint_of, row, minlength=self.model.n) for row in squares])
+        return np.sqrt(total / counts) / self.weight
+
+    def jacobian(self, x: np.ndarray, step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (N,) and their derivatives (N, m) by one-sided differences, away from the nearer bound.
+
+        Parameters of different arms share a rollout: one arm's motion does not feel the other's.
+        """
+        sign = np.where(x + step <= self.upper, 1.0, -1.0)
+        colours = self._colours()
+        points = np.repeat(x[None], len(colours) + 1, axis=0)
+        for p, members in enumerate(colours):
+            points[p + 1, members] += step * sign[members]
+        r = self.residuals(points)
+        arm_of_sample = self.model.tree.arm[self.joint_of]
+        jacobian = np.zeros((r.shape[1], len(x)))
+        for p, members in enumerate(colours):
+            change = (r[p + 1] - r[0]) / step
+            for m in members:
+                own = arm_of_sample == self.arm_of_row[m]
+                jacobian[own, m] = change[own] * sign[m]
+        return r[0], jacobian
+
+    def _colours(self) -> list[list[int]]:
+        """Groups of parameters with one of each arm."""
+        columns = [np.flatnonzero(self.arm_of_row == a).tolist() for a in range(self.model.tree.arms)]
+        longest = max(len(c) for c in columns)
+        return [[c[i] for c in columns if i < len(c)] for i in range(longest)]
+
+
+def _typical(model: RobotModel, row: ParameterRow) -> float:
+    """The size of a parameter that may be zero."""
+    if "." not in row.group:
+        return float(getattr(model, "inertia_scale")[row.index]) if row.group == "rotor_inertia" else max(row.value, 1e-3)
+    name, key = row.group.split(".")
+    parameter = next(p for e in model.effects if e.name == name for p in e.parameters if p.name == key)
+    span = row.high - row.low
+    return span * parameter.typical / (parameter.high - parameter.low)

@@ -1,0 +1,108 @@
+"""What the position sensor itself adds: the encoder's step and the noise beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+_ROUNDING = 4 * float(np.finfo(np.float32).eps)  # logs are often stored as float32
+_ORDERS = (2, 3, 4, 5)  # differences of these orders remove smooth motion more and more
+_GAIN = {2: 6.0, 3: 20.0, 4: 70.0, 5: 252.0}  # variance of the k-th difference of white noise, C(2k, k)
+_WINDOW = 16  # samples over which a signal counts as quiet or moving
+
+
+def estimate_quantum(x: np.ndarray) -> float:
+    """Encoder step of a signal (T,), in its unit: the largest step its values are whole multiples apart.
+
+    0 where none is found: continuous signals, constant ones, and those of fewer than 4 changes.
+    """
+    values = np.unique(np.asarray(x, dtype=float))
+    if values.size < 2 or np.count_nonzero(np.diff(x)) < 4:
+        return 0.0
+    rounding = _ROUNDING * max(float(np.abs(values).max()), float(np.ptp(values)))
+    gaps = np.diff(values)
+    gaps = np.sort(gaps[gaps > rounding])
+    if gaps.size == 0:
+        return 0.0
+    starts = {float(gaps[int(share * (gaps.size - 1))]) for share in (0.0, 0.01, 0.05, 0.25, 0.5)}
+    candidates = sorted({start / divisor for start in starts for divisor in (1, 2, 3)}, reverse=True)
+    for candidate in candidates:
+        step = _refined(gaps, candidate)
+        if step > 10 * rounding and _explains(gaps, step, rounding):
+            return step
+    return 0.0
+
+
+def _refined(gaps: np.ndarray, step: float) -> float:
+    """Least-squares step, from the small gaps to the large: a rough step miscounts large gaps."""
+    for most in (1.5, 4.0, 16.0, 64.0):
+        used = gaps[gaps < most * step]
+        counts = np.round(used / step)
+        if np.any(counts > 0):
+            step = float(used @ counts / (counts @ counts))
+    return step
+
+
+def _explains(gaps: np.ndarray, step: float, rounding: float) -> bool:
+    """Whether 95 % of the gaps are whole multiples of the step (random gaps would pass at 20 %)."""
+    counts = np.round(gaps / step)
+    off = np.abs(gaps - counts * step)
+    good = (counts >= 1) & (off < 0.1 * step + rounding)
+    return bool(good.mean() >= 0.95 and (gaps.size >= 8 or good.all()))
+
+
+def estimate_noise(time: np.ndarray, x: np.ndarray, quantum: float = 0.0) -> float:
+    """Standard deviation of the white sensor noise of a signal (T,) beside its quantisation, in its unit.
+
+    High differences of the quietest quarter of the signal, outliers clipped, so that motion does not count;
+    the step's own variance quantum^2 / 12 is taken off, and what is within 30 % of it counts as no noise.
+    """
+    x = np.asarray(x, dtype=float)
+    if x.size < 10 or np.ptp(x) == 0:
+        return 0.0
+    quiet = _quiet(np.asarray(time, dtype=float), x)
+    variance = min(_clipped_variance(_differences(x, quiet, order)) / _GAIN[order] for order in _ORDERS)
+    floor = quantum**2 / 12
+    return 0.0 if variance <= 1.3 * floor else float(np.sqrt(variance - floor))
+
+
+def _quiet(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Samples (T,) bool of the quarter of the windows that drift least and have no gap in time.
+
+    A window's drift is the difference of the means of its halves: it knows the motion and hardly the noise.
+    """
+    if x.size < 4 * _WINDOW:
+        return np.ones(x.size, dtype=bool)
+    count = x.size // _WINDOW
+    halves = x[: count * _WINDOW].reshape(count, 2, _WINDOW // 2).mean(axis=2)
+    drift = np.abs(halves[:, 1] - halves[:, 0])
+    step = np.diff(time)
+    gap = (
+        np.append(step > 1.5 * np.median(step), False)[: count * _WINDOW].reshape(count, _WINDOW).any(axis=1)
+    )
+    if not gap.all():
+        drift[gap] = np.inf
+    keep = np.argsort(drift, kind="stable")[: max(4, count // 4)]
+    chosen = np.zeros(count, dtype=bool)
+    chosen[keep] = True
+    quiet = np.zeros(x.size, dtype=bool)
+    quiet[: count * _WINDOW] = np.repeat(chosen, _WINDOW)
+    return quiet
+
+
+def _differences(x: np.ndarray, quiet: np.ndarray, order: int) -> np.ndarray:
+    """Differences of the given order whose samples are all quiet."""
+    inside = np.convolve(quiet, np.ones(order + 1, dtype=int), mode="valid") == order + 1
+    return np.diff(x, order)[inside]
+
+
+def _clipped_variance(d: np.ndarray) -> float:
+    """Variance about zero without outliers beyond 3.5 sd (a median would jump in whole encoder steps)."""
+    if d.size == 0:
+        return 0.0
+    scale = 1.2533 * float(np.abs(d).mean())  # sd of a normal from its mean absolute value
+    for _ in range(4):
+        inside = d[np.abs(d) <= 3.5 * scale]
+        scale = float(np.sqrt(np.mean(inside**2))) if inside.size else 0.0
+        if scale == 0.0:
+            break
+    return scale**2

@@ -1,0 +1,269 @@
+"""Recording: what a real or simulated robot did, joint by joint, in SI units; Recordings: several of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, overload
+
+import numpy as np
+
+from embodiedreamer_gym.errors import RecordingError
+from embodiedreamer_gym.recordings.frames import FrameSource
+from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum
+
+UNITS = ("rad", "m", "1")
+COMMAND_HOLDS = ("linear", "hold", "unknown")
+FEWEST_SAMPLES = 10
+LONGEST_STEP = 10.0  # s; a longer one means the times are not in seconds
+
+
+def _empty() -> np.ndarray:
+    return np.empty(0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording:
+    """Joint log of one motion; arrays are float64 and read-only.
+
+    time (T,) s, strictly increasing; position, command, velocity, effort (T, n) in units[j], unit/s, effort's
+    unit unknown; the last three may be None. units: "rad", "m", or "1" for a normalised gripper.
+    noise and quantum (n,): sensor sd and encoder step, estimated where not given (0: none found).
+    command_hold: how the controller got from one command to the next, "linear", "hold" or "unknown".
+    kind: kind of motion, by default the name without its number. usable (T, n) bool: samples a physics fit
+    may use. frames: camera name -> frames read on demand. source: the file it was read from.
+
+    Raises: RecordingError, naming file, joint and sample, where a field is not as described.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    time: np.ndarray
+    position: np.ndarray
+    command: np.ndarray | None = None
+    velocity: np.ndarray | None = None
+    effort: np.ndarray | None = None
+    units: tuple[str, ...] = ()
+    noise: np.ndarray = field(default_factory=_empty)
+    quantum: np.ndarray = field(default_factory=_empty)
+    command_hold: str = "unknown"
+    kind: str = ""
+    usable: np.ndarray = field(default_factory=_empty)
+    frames: Mapping[str, FrameSource] = field(default_factory=dict)
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        self._set("joints", tuple(str(joint) for joint in self.joints))
+        self._set("units", tuple(self.units) or ("rad",) * len(self.joints))
+        self._set("kind", self.kind or default_kind(self.name))
+        self._set("frames", dict(self.frames))
+        self._check_names()
+        self._set("time", self._array("time", self.time))
+        self._check_time()
+        for name in ("position", "command", "velocity", "effort"):
+            value = getattr(self, name)
+            if value is not None or name == "position":
+                self._set(name, self._array(name, value))
+                self._check_signal(name)
+        self._fill_sensor()
+        usable = (
+            np.ones(self.position.shape, bool) if np.size(self.usable) == 0 else np.array(self.usable, bool)
+        )
+        self._check_shape("usable", usable)
+        usable.setflags(write=False)
+        self._set("usable", usable)
+        for camera, frames in self.frames.items():
+            if len(frames) != self.time.size:
+                raise self._error(f"camera {camera} has {len(frames)} frames for {self.time.size} samples")
+
+    def __repr__(self) -> str:
+        has = [name for name in ("command", "velocity", "effort") if getattr(self, name) is not None]
+        parts = [f"{self.time.size} samples", f"{len(self.joints)} joints", f"{self.duration:.2f} s"]
+        parts += [f"{self.rate:.1f} Hz", "position" + "".join(f"+{name}" for name in has)]
+        parts += [f"cameras: {', '.join(self.frames)}"] if self.frames else []
+        return f"Recording({self.name!r}, kind {self.kind!r}, {', '.join(parts)})"
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample, s."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def rate(self) -> float:
+        """Samples per second, from the median step, Hz."""
+        return float(1 / np.median(np.diff(self.time)))
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """Standard deviation of one measured position, (n,): noise and rounding together."""
+        return np.sqrt(self.noise**2 + self.quantum**2 / 12)
+
+    def with_(self, **changes: Any) -> Recording:
+        """The same recording with these fields changed; noise and quantum stay unless they are given."""
+        return replace(self, **changes)
+
+    def only(self, joints: Iterable[str]) -> Recording:
+        """The recording of these joints alone, in this order.
+
+        Raises: RecordingError for a joint it does not have.
+        """
+        wanted = tuple(joints)
+        unknown = [joint for joint in wanted if joint not in self.joints]
+        if unknown or not wanted:
+            asked = ", ".join(unknown) or "no joint at all"
+            raise self._error(f"asked for {asked}; it has the joints {', '.join(self.joints)}")
+        columns = [self.joints.index(joint) for joint in wanted]
+        names = ("position", "command", "velocity", "effort", "usable")
+        signals = {
+            name: None if getattr(self, name) is None else getattr(self, name)[:, columns] for name in names
+        }
+        units = tuple(self.units[column] for column in columns)
+        sensor = {"noise": self.noise[columns], "quantum": self.quantum[columns]}
+        return self.with_(joints=wanted, units=units, **sensor, **signals)
+
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    def _error(self, what: str) -> RecordingError:
+        return RecordingError(f"{self.source or self.name}: {what}")
+
+    def _array(self, name: str, value: Any) -> np.ndarray:
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise self._error(f"{name} holds something that is not a number") from error
+        array.setflags(write=False)
+        return array
+
+    def _check_names(self) -> None:
+        twice = sorted({joint for joint in self.joints if self.joints.count(joint) > 1})
+        if twice:
+            raise self._error(f"joint names must differ, but {', '.join(twice)} occurs more than once")
+        if not self.joints:
+            raise self._error("there is no joint in it")
+        if len(self.units) != len(self.joints) or any(unit not in UNITS for unit in self.units):
+            raise self._error(
+                f"units {list(self.units)} do not fit: give one of {', '.join(UNITS)} for each of "
+                f"{len(self.joints)} joints"
+            )
+        if self.command_hold not in COMMAND_HOLDS:
+            raise self._error(f"command_hold {self.command_hold!r} is not one of {', '.join(COMMAND_HOLDS)}")
+
+    def _check_time(self) -> None:
+        if self.time.ndim != 1 or self.time.size < FEWEST_SAMPLES:
+            raise self._error(
+                f"time has shape {self.time.shape}; at least {FEWEST_SAMPLES} samples, shape (T,), are needed"
+            )
+        bad = np.flatnonzero(~np.isfinite(self.time))
+        if bad.size:
+            raise self._error(f"time is not finite at row {bad[0]} (counted from 0)")
+        step = np.diff(self.time)
+        late = np.flatnonzero(step <= 0)
+        if late.size:
+            row = int(late[0]) + 1
+            word = "repeats" if step[row - 1] == 0 else "runs backwards"
+            raise self._error(
+                f"time {word} at row {row} (counted from 0): {self.time[row]} s after {self.time[row - 1]} s"
+            )
+        if np.median(step) > LONGEST_STEP:
+            raise self._error(f"the median time step is {np.median(step):g} s; times must be in seconds")
+
+    def _check_shape(self, name: str, array: np.ndarray) -> None:
+        if array.shape != (self.time.size, len(self.joints)):
+            raise self._error(
+                f"{name} has shape {array.shape}, but {self.time.size} times and {len(self.joints)} joints "
+                f"need ({self.time.size}, {len(self.joints)})"
+            )
+
+    def _check_signal(self, name: str) -> None:
+        array = getattr(self, name)
+        self._check_shape(name, array)
+        bad = np.argwhere(~np.isfinite(array))
+        if len(bad):
+            row, column = bad[0]
+            raise self._error(
+                f"{name} of {self.joints[column]} is {array[row, column]} at row {row} (counted from 0), "
+                f"one of {len(bad)} values that are not finite"
+            )
+
+    def _fill_sensor(self) -> None:
+        if np.size(self.quantum) == 0:
+            self._set("quantum", np.array([estimate_quantum(x) for x in self.position.T]))
+        if np.size(self.noise) == 0:
+            pairs = zip(self.position.T, np.broadcast_to(self.quantum, len(self.joints)), strict=True)
+            self._set("noise", np.array([estimate_noise(self.time, x, float(q)) for x, q in pairs]))
+        for name in ("noise", "quantum"):
+            array = self._array(name, getattr(self, name))
+            if array.shape != (len(self.joints),) or not np.all(np.isfinite(array) & (array >= 0)):
+                raise self._error(f"{name} must be {len(self.joints)} numbers, none negative, one per joint")
+            self._set(name, array)
+
+
+def default_kind(name: str) -> str:
+    """Kind of motion from a file's name: the name without trailing digits and separators."""
+    return re.sub(r"[\d\W_]+$", "", name) or "motion"
+
+
+class Recordings(Sequence[Recording]):
+    """Several recordings in a fixed order."""
+
+    def __init__(self, recordings: Iterable[Recording] = ()) -> None:
+        self._recordings = tuple(recordings)
+
+    @overload
+    def __getitem__(self, index: int) -> Recording: ...
+    @overload
+    def __getitem__(self, index: slice) -> Recordings: ...
+    def __getitem__(self, index: int | slice) -> Recording | Recordings:
+        found = self._recordings[index]
+        return found if isinstance(found, Recording) else Recordings(found)
+
+    def __len__(self) -> int:
+        return len(self._recordings)
+
+    def __iter__(self) -> Iterator[Recording]:
+        return iter(self._recordings)
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(f"{len(group)} {kind}" for kind, group in self.by_kind().items())
+        return f"Recordings({len(self)}: {kinds})"
+
+    def by_kind(self) -> dict[str, Recordings]:
+        """The recordings of each kind of motion, in order of first appearance."""
+        kinds = dict.fromkeys(recording.kind for recording in self)
+        return {kind: Recordings(r for r in self if r.kind == kind) for kind in kinds}
+
+    def select(self, names: Iterable[str] | str) -> Recordings:
+        """The recordings of these names, in this order.
+
+        Raises: RecordingError for a name that is not there.
+        """
+        wanted = (names,) if isinstance(names, str) else tuple(names)
+        have = [recording.name for recording in self]
+        for name in wanted:
+            if name not in have:
+                raise RecordingError(f"no recording is named {name!r}; there are {', '.join(have) or 'none'}")
+        return Recordings(recording for name in wanted for recording in self if recording.name == name)
+
+    def split(self, test: float = 0.5) -> tuple[Recordings, Recordings]:
+        """Train and test part: whole recordings, dealt in turn within each kind; always the same split.
+
+        The dealing goes on from one kind to the next, so kinds of one recording are shared out
+        too; neither part is empty.
+
+        Raises: RecordingError for fewer than two recordings or a share outside 0..1.
+        """
+        if not 0 < test < 1:
+            raise RecordingError(f"the test share is {test:g}; it must lie between 0 and 1")
+        if len(self) < 2:
+            raise RecordingError(
+                f"{len(self)} recording cannot be split into train and test: give at least two"
+            )
+        dealt = [recording for group in self.by_kind().values() for recording in group]
+        in_test = {id(r) for i, r in enumerate(dealt) if int((i + 1) * test) > int(i * test)}
+        if len(in_test) in (0, len(dealt)):
+            in_test = {id(dealt[-1])} if not in_test else in_test - {id(dealt[0])}
+        chosen = [id(recording) in in_test for recording in self]
+        train = Recordings(r for r, held in zip(self, chosen, strict=True) if not held)
+        return train, Recordings(r for r, held in zip(self, chosen, strict=True) if held)

@@ -1,0 +1,122 @@
+"""The JSON form of a robot model: read and checked, written beside and renamed."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from embodiedreamer_gym.errors import ModelError
+
+ASSETS = Path(str(resources.files("embodiedreamer_gym") / "assets"))
+BUILT_IN_URDF = "embodiedreamer:"  # prefix of a URDF that the package ships
+KEYS = ("name", "robot", "servo", "rotor_inertia", "viscous_friction", "command_hold", "effects", "intervals")
+
+
+def built_in_robots() -> tuple[str, ...]:
+    """Names of the robots that the package ships."""
+    return tuple(sorted(p.stem for p in ASSETS.glob("*.json")))
+
+
+def find_model(source: str | Path) -> Path:
+    """Path of a model file, or of the built-in robot of that name.
+
+    Raises: ModelError that lists the built-in robots.
+    """
+    path = Path(source)
+    if path.is_file():
+        return path
+    if str(source) in built_in_robots():
+        return ASSETS / f"{source}.json"
+    raise ModelError(f"model {source} is neither a file nor a built-in robot ({', '.join(built_in_robots())}).")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a model's JSON object.
+
+    Raises: ModelError when it is no JSON object, lacks `robot` or holds a key that no model has.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise ModelError(f"model {path} is no readable JSON: {error}.") from error
+    if not isinstance(data, dict):
+        raise ModelError(f"model {path} must be a JSON object with the key 'robot'.")
+    unknown = [key for key in data if key not in KEYS]
+    if unknown:
+        raise ModelError(f"model {path} has the unknown key '{unknown[0]}'; known keys: {', '.join(KEYS)}.")
+    robot = data.get("robot")
+    if not isinstance(robot, dict) or not isinstance(robot.get("urdf"), str):
+        raise ModelError(f'model {path} needs {{"robot": {{"urdf": "arm.urdf", "joints": [...]}}}}.')
+    return data
+
+
+def urdf_path(text: str, model_path: Path) -> Path:
+    """Path of the URDF a model names: relative to the model's file, or one that the package ships."""
+    if text.startswith(BUILT_IN_URDF):
+        return ASSETS / "urdf" / text.removeprefix(BUILT_IN_URDF)
+    return (model_path.parent / text).resolve()
+
+
+def urdf_text(urdf: Path, model_path: Path) -> str:
+    """How a model's file names its URDF."""
+    if urdf.parent == ASSETS / "urdf":
+        return BUILT_IN_URDF + urdf.name
+    return Path(os.path.relpath(urdf.resolve(), model_path.resolve().parent)).as_posix()
+
+
+def names(value: Any, what: str, path: Path) -> tuple[str, ...]:
+    """A JSON list of names as a tuple.
+
+    Raises: ModelError for anything else.
+    """
+    if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+        raise ModelError(f"model {path}: {what} must be a list of names.")
+    return tuple(value)
+
+
+def numbers(value: Any, count: int, what: str, path: Path) -> list[float]:
+    """A JSON list of finite numbers, one per joint.
+
+    Raises: ModelError for anything else.
+    """
+    if not isinstance(value, list) or len(value) != count or not all(_is_number(v) for v in value):
+        raise ModelError(f"model {path}: {what} must be a list of {count} finite numbers, one per joint.")
+    return [float(v) for v in value]
+
+
+def by_joint(value: Any, joints: tuple[str, ...], what: str, path: Path) -> dict[str, float]:
+    """An effect's parameter: {joint: number}, a list with one number per joint, or one number for all.
+
+    Raises: ModelError for anything else.
+    """
+    if _is_number(value):
+        return dict.fromkeys(joints, float(value))
+    if isinstance(value, list):
+        return dict(zip(joints, numbers(value, len(joints), what, path), strict=True))
+    if isinstance(value, dict) and all(_is_number(v) for v in value.values()):
+        return {k: float(v) for k, v in value.items()}
+    raise ModelError(f"model {path}: {what} must map joints to finite numbers.")
+
+
+def write_json(data: Mapping[str, Any], path: str | Path) -> None:
+    """Write JSON beside the target, then rename, so that nothing half-written is left.
+
+    Raises: ModelError when the folder does not exist or cannot be written.
+    """
+    path = Path(path)
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise ModelError(f"{path} cannot be written: {error.strerror}.") from error
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,0 +1,6 @@
+"""The plant: one drive (servo + effects) shared by the batched free runs of the fits and by PyBullet."""
+
+from embodiedreamer_gym.simulation.drive import TIME_STEP, Drive
+from embodiedreamer_gym.simulation.rollout import Rollout, simulate, simulate_sets
+
+__all__ = ["TIME_STEP", "Drive", "Rollout", "simulate", "simulate_sets"]

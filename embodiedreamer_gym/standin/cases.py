@@ -1,0 +1,300 @@
+"""Blind cases: a robot drawn with one hidden effect or none, its recordings, and the model a user would start from.
+
+What every case has beside the effect, so that a fault-free one is no perfect model either: link masses +-1.5 %,
+centres +-2 mm, gains +-5 %, viscous friction +-25 %, 12-bit encoders with 0.4 mrad noise, torque noise.
+Sizes of the effects are drawn log-uniformly between the ends given in SIZES, as shares of what the fault-free arm
+does in the training motions: "peak" its highest torque per joint, "top" its highest speed, "stiffness" its servo's,
+"mass" the moving mass. Friction, spring and bias act on one joint, on the heavier half or on all; delay, low-pass and
+rate limit on all joints alike; an encoder offset only where gravity can show it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+import h5py
+import numpy as np
+
+from embodiedreamer_gym.errors import EffectError, ModelError
+from embodiedreamer_gym.recordings import Recording, Recordings, save_recording
+from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
+from embodiedreamer_gym.standin.motions import (
+    MOTIONS,
+    Motion,
+    Span,
+    multisine,
+    point_to_point,
+    span_of,
+    teleoperation,
+)
+from embodiedreamer_gym.standin.world import StandIn
+
+Array = np.ndarray
+
+SIZES: dict[str, dict[str, tuple[float, float, str]]] = {
+    "command_delay": {"seconds": (0.01, 0.05, "")},
+    "command_lowpass": {"time_constant": (0.01, 0.05, "")},
+    "command_rate_limit": {"rate": (0.25, 0.7, "top")},
+    "servo_deadzone": {"width": (0.004, 0.02, "")},
+    "torque_saturation": {"limit": (0.45, 0.8, "peak")},
+    "velocity_limit": {"forward": (0.3, 0.7, "top"), "backward": (0.3, 0.7, "top")},
+    "coulomb_friction": {"torque": (0.04, 0.16, "peak")},
+    "stribeck_friction": {
+        "sliding": (0.02, 0.08, "peak"),
+        "extra_static": (0.05, 0.2, "peak"),
+        "speed": (0.05, 0.2, "shape"),
+    },
+    "load_friction": {"coefficient": (0.08, 0.3, "")},
+    "direction_dependent_friction": {"forward": (0.06, 0.2, "peak"), "backward": (0.01, 0.04, "peak")},
+    "torque_bias": {"torque": (0.05, 0.2, "peak")},
+    "joint_spring": {"stiffness": (0.03, 0.12, "stiffness"), "angle": (0.1, 0.5, "shape")},
+    "payload": {"mass": (0.03, 0.12, "mass")},
+    "base_tilt": {"roll": (0.03, 0.12, ""), "pitch": (0.03, 0.12, "")},
+    "encoder_offset": {"angle": (0.03, 0.12, "")},
+    "quadratic_drag": {"coefficient": (0.05, 0.2, "drag")},
+    "torque_ripple": {
+        "amplitude": (0.05, 0.15, "peak"),
+        "count": (6, 24, "shape"),
+        "phase": (0.1, 6.2, "shape"),
+    },
+}
+LIMITS = ("command_rate_limit", "torque_saturation", "velocity_limit")  # the smaller, the stronger
+SAME_FOR_ALL = ("command_delay", "command_lowpass", "command_rate_limit")
+EITHER_SIGN = ("torque_bias", "encoder_offset", "base_tilt")
+STRENGTHS = {"faint": 0.3, "plain": 1.0, "strong": 2.5}
+IMPERFECT = {"mass_error": 0.015, "com_error": 0.002, "gain_error": 0.05, "viscous_error": 0.25}
+SENSOR = {"noise": 4e-4, "quantum": 2 * np.pi / 4096, "effort_noise": 0.02, "velocity_noise": 0.01}
+ALOHA_HOME = (0.0, 1.57, -1.3485, 0.0, 0.0, 0.0, 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Recordings to learn from and to be judged by, the nominal model (JSON object), its URDF text, and the truth.
+
+    truth: {"effect": name or None, "values": {parameter: {joint or end effector: value}}, "servo": {...}}.
+    """
+
+    train: Recordings
+    test: Recordings
+    model_json: dict[str, Any]
+    urdf: str
+    truth: dict[str, Any]
+
+    def write(self, folder: str | Path) -> Path:
+        """Write model, URDF and logs (train/, test/) but not the truth; the path of the model.
+
+        Episodes of the ALOHA pair become AgileX HDF5 files without time stamps, others CSV.
+        """
+        folder = Path(folder)
+        for part, recordings in (("train", self.train), ("test", self.test)):
+            (folder / part).mkdir(parents=True, exist_ok=True)
+            for recording in recordings:
+                if recording.kind == "episode":
+                    write_agilex(recording, folder / part / f"{recording.name}.hdf5")
+                else:
+                    save_recording(recording, folder / part / f"{recording.name}.csv")
+        urdf = self.model_json["robot"]["urdf"]
+        if ":" not in urdf:
+            (folder / urdf).write_text(self.urdf)
+        path = folder / "model.json"
+        path.write_text(json.dumps(self.model_json, indent=1) + "\n")
+        return path
+
+
+def draw_case(
+    effect: str | None,
+    arm: str,
+    rng: np.random.Generator,
+    strength: Literal["faint", "plain", "strong"] = "plain",
+    held_out: tuple[str, str] = ("teleoperation", "slow_ramps"),
+    command_known: Literal["continuous", "linear", "hold"] = "linear",
+    declare: str = "linear",
+    **sensor: float,
+) -> Case:
+    """One stand-in arm, 4 s each of multisine and fast point-to-point to learn from and two other motions held out.
+
+    sensor: what replaces SENSOR or adds to it (jitter, rate, noise, ...).
+
+    Raises: EffectError and ModelError for an unknown effect or arm.
+    """
+    urdf, joints, servo = arm_urdf(arm), arm_joints(arm), asdict(TRUTH[arm])
+    span = span_of(urdf, joints, arm_home(arm))
+    learnt, judged = (
+        [f(span, rng) for f in (multisine, point_to_point)],
+        [MOTIONS[k](span, rng) for k in held_out],
+    )
+    nominal = StandIn(urdf, joints, **servo)
+    values = _draw_values(
+        effect, nominal, learnt, span, rng, STRENGTHS[strength], list(range(len(joints))), [0]
+    )
+    robot = StandIn(urdf, joints, **servo, effects={effect: values} if effect else {}, rng=rng, **IMPERFECT)
+    logging: dict[str, Any] = {**SENSOR, "command_known": command_known, "declare": declare, **sensor}
+    train = Recordings([robot.record(m, name=f"{m.kind}-{i + 1}", **logging) for i, m in enumerate(learnt)])
+    test = Recordings([robot.record(m, name=f"{m.kind}-{i + 3}", **logging) for i, m in enumerate(judged)])
+    model = {
+        "robot": {"urdf": f"{arm}.urdf", "joints": list(joints), "end_effectors": ["tip"]},
+        "servo": {key: list(servo[key]) for key in ("stiffness", "damping")},
+        "rotor_inertia": list(servo["rotor_inertia"]),
+        "viscous_friction": list(servo["viscous_friction"]),
+        "effects": [],
+    }
+    return Case(train, test, model, urdf, _truth(effect, values, joints, ("tip",), robot))
+
+
+def aloha_case(
+    effect: str | None,
+    side: Literal["left", "right"],
+    rng: np.random.Generator,
+    strength: Literal["faint", "plain", "strong"] = "plain",
+    episodes: int = 10,
+    seconds: float = 10.0,
+    command_known: Literal["continuous", "linear", "hold"] = "linear",
+) -> Case:
+    """Teleoperated episodes of the ALOHA pair at 30 Hz, every other one held out; the effect is on one side's arm.
+
+    Raises: EffectError for an unknown effect, ModelError for a side that is neither left nor right.
+    """
+    if side not in ("left", "right"):
+        raise ModelError(f"side must be left or right, not '{side}'.")
+    assets = Path(str(resources.files("embodiedreamer_gym") / "assets"))
+    model = json.loads((assets / "aloha.json").read_text())
+    robot_json = model["robot"]
+    urdf, joints, tips = (
+        assets / "urdf" / "aloha.urdf",
+        tuple(robot_json["joints"]),
+        robot_json["end_effectors"],
+    )
+    servo: dict[str, Any] = {**model["servo"], **{k: model[k] for k in ("rotor_inertia", "viscous_friction")}}
+    common = {"normalised": robot_json["normalised"], "end_effector_links": tips}
+    span = span_of(urdf, joints, np.array(ALOHA_HOME * 2), 0.5, 0.6, common["normalised"])
+    motions = [teleoperation(span, rng, seconds) for _ in range(episodes)]
+    nominal = StandIn(urdf, joints, **servo, timestep=5e-4, **common)
+    hurt = [i for i, name in enumerate(joints) if name.startswith(side) and name not in common["normalised"]]
+    arms = [i for i, tip in enumerate(tips) if tip.startswith(side)]
+    values = _draw_values(effect, nominal, motions[:1], span, rng, STRENGTHS[strength], hurt, arms)
+    effects = {effect: values} if effect else {}
+    robot = StandIn(urdf, joints, **servo, effects=effects, rng=rng, timestep=2e-4, **common, **IMPERFECT)
+    gripper = np.array([name in common["normalised"] for name in joints])
+    sensor = {**SENSOR, "quantum": np.where(gripper, 1e-3, SENSOR["quantum"]), "command_known": command_known}
+    logs = [robot.record(m, rate=30.0, name=f"episode_{i}", **sensor) for i, m in enumerate(motions)]
+    logs = [log.with_(kind="episode") for log in logs]
+    model = {**model, "robot": {**robot_json, "urdf": "embodiedreamer:aloha.urdf"}, "effects": []}
+    truth = _truth(effect, values, joints, tips, robot)
+    return Case(Recordings(logs[::2]), Recordings(logs[1::2]), model, urdf.read_text(), truth)
+
+
+def write_agilex(recording: Recording, path: str | Path) -> None:
+    """Write the layout of AgileX's collect_data.py, single precision, without time stamps.
+
+    Source: collect_data.py of agilexrobotics/cobot_magic.
+    """
+    with h5py.File(path, "w") as file:
+        file.attrs["sim"], file.attrs["compress"] = False, False
+        data = {"action": recording.command, "observations/qpos": recording.position}
+        data |= {"observations/qvel": recording.velocity, "observations/effort": recording.effort}
+        data["base_action"] = np.zeros((len(recording.time), 2))
+        for key, array in data.items():
+            if array is not None:
+                file.create_dataset(key, data=array.astype(np.float32))
+
+
+def _draw_values(
+    effect: str | None,
+    nominal: StandIn,
+    motions: list[Motion],
+    span: Span,
+    rng: np.random.Generator,
+    strength: float,
+    joints: list[int],
+    arms: list[int],
+) -> dict[str, Array]:
+    """Values of the effect's parameters (n,) or (arms,), in the sizes of SIZES; joints, arms: where it may act."""
+    if effect is None:
+        return {}
+    if effect not in SIZES:
+        raise EffectError(f"there are no cases of '{effect}'; there are {', '.join(SIZES)}.")
+    if effect in ("payload", "base_tilt"):
+        where, size = arms, np.ones(len(arms) if len(nominal.joints) < 14 else 2)
+    else:
+        where, size = _choose(effect, nominal, span, rng, joints), np.ones(len(nominal.joints))
+    scales = _scales(nominal, motions)
+    values: dict[str, Array] = {}
+    for name, (low, high, kind) in SIZES[effect].items():
+        share = np.exp(rng.uniform(np.log(low), np.log(high), len(size)))
+        if effect in SAME_FOR_ALL:
+            share[:] = share[0]
+        if kind != "shape":
+            share = share ** min(strength, 1.5) if effect in LIMITS else share * strength
+        if effect in EITHER_SIGN:
+            share *= rng.choice([-1.0, 1.0], len(size))
+        whole = share * scales.get(kind, size)
+        values[name] = np.where(np.isin(np.arange(len(size)), where), whole, 0.0)
+    return _adjust(effect, values, scales, span, rng)
+
+
+def _adjust(
+    effect: str, values: dict[str, Array], scales: Mapping[str, Array], span: Span, rng: np.random.Generator
+) -> dict[str, Array]:
+    """Per effect: a limit that still holds the arm up, a spring's rest angle near home, either friction the larger."""
+    if effect == "torque_saturation":
+        on = values["limit"] > 0
+        values["limit"] = np.where(on, np.maximum(values["limit"], 1.2 * scales["static"]), 0.0)
+    if effect == "command_rate_limit":
+        values["rate"][:] = np.median(values["rate"])
+    if effect == "joint_spring":
+        values["angle"] = span.centre + values["angle"] * rng.choice([-1.0, 1.0], len(span.centre))
+        values["angle"] *= values["stiffness"] > 0
+    if effect == "direction_dependent_friction" and rng.random() < 0.5:
+        values = {"forward": values["backward"], "backward": values["forward"]}
+    if effect == "torque_ripple":
+        values["count"] = np.round(values["count"])
+    return values
+
+
+def _choose(
+    effect: str, nominal: StandIn, span: Span, rng: np.random.Generator, joints: list[int]
+) -> list[int]:
+    """Joints that the effect acts on."""
+    if effect in SAME_FOR_ALL:
+        return list(range(len(nominal.joints)))
+    if effect == "encoder_offset":
+        step = 0.05 * np.eye(len(nominal.joints))
+        change = nominal.gravity_torque(span.centre + step) - nominal.gravity_torque(span.centre - step)
+        slope = np.abs(np.diag(change)) / 0.1 / nominal.true["stiffness"]
+        joints = [j for j in joints if slope[j] >= 0.3 * slope[joints].max()]
+    draw = rng.random()
+    if draw < 0.45:
+        return [int(rng.choice(joints))]
+    return joints[: (len(joints) + 1) // 2] if draw < 0.75 else joints
+
+
+def _scales(nominal: StandIn, motions: list[Motion]) -> dict[str, Array]:
+    """What the fault-free arm does in the motions: highest torque, speed and gravity torque (n,); its stiffness."""
+    runs = [nominal.run(motion, motion.duration) for motion in motions]
+    position, speed, torque = (np.concatenate([run[i][::50] for run in runs]) for i in (1, 2, 3))
+    peak, top = np.abs(torque).max(0), np.abs(speed).max(0)
+    return {
+        "peak": peak,
+        "top": top,
+        "drag": peak / top**2,
+        "static": np.abs(nominal.gravity_torque(position[::20])).max(0),
+        "stiffness": nominal.true["stiffness"],
+        "mass": np.array(nominal.moving_mass),
+    }
+
+
+def _truth(effect: str | None, values: Mapping[str, Array], joints, tips, robot: StandIn) -> dict[str, Any]:
+    named = {
+        name: {
+            k: float(v)
+            for k, v in zip(joints if len(array) == len(joints) else tips, array, strict=True)
+            if v
+        }
+        for name, array in values.items()
+    }
+    return {"effect": effect, "values": named, "servo": {k: v.tolist() for k, v in robot.true.items()}}

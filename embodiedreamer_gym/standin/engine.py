@@ -1,0 +1,199 @@
+"""The stand-in's engine: a MuJoCo plant with hidden effects, played from rest step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.standin.hidden import Hidden, friction_law, shape_command
+from embodiedreamer_gym.standin.plant import Plant, import_mujoco, rotation_quaternion
+
+Array = np.ndarray
+LIMIT_STEEPNESS = 100.0  # of the torque-speed line of velocity_limit, in servo dampings
+
+
+class Engine:
+    """Plays set points on a plant; recorded unit = (URDF value - zero) / stroke, each (n,).
+
+    servo: stiffness, damping, rotor_inertia and viscous_friction (n,), per recorded unit.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        hidden: Hidden,
+        servo: Mapping[str, Array],
+        zero: Array,
+        stroke: Array,
+        timestep: float,
+    ) -> None:
+        self._mujoco = import_mujoco()
+        self._plant, self._hidden, self._zero, self._stroke, self.timestep = (
+            plant,
+            hidden,
+            zero,
+            stroke,
+            timestep,
+        )
+        self._model, self._data = plant.model, self._mujoco.MjData(plant.model)
+        self._kp, self._kd = servo["stiffness"] / stroke**2, servo["damping"] / stroke**2
+        self._offset = hidden.get("encoder_offset", "angle")
+        limit = hidden.get("torque_saturation", "limit")
+        self._limit = np.where(limit > 0, limit, np.inf)
+        self._top, self._bottom = (
+            np.where(speed > 0, speed, np.inf)
+            for speed in (hidden.get("velocity_limit", side) for side in ("forward", "backward"))
+        )
+        self._speed_limited = np.isfinite(self._top) | np.isfinite(self._bottom)
+        self._set_servo(servo["rotor_inertia"] / stroke**2, servo["viscous_friction"] / stroke**2)
+        self._set_effects()
+
+    def _set_servo(self, rotor_inertia: Array, viscous: Array) -> None:
+        model, dof = self._model, self._plant.dof
+        model.dof_damping[dof] = viscous
+        # Takes back the half step of damping that the implicit integrator adds: a six-joint arm at 0.1 ms is
+        # then within 0.001 mrad of a step of 0.02 ms.
+        model.dof_armature[dof] = rotor_inertia - (self._kd + viscous) * self.timestep / 2
+        model.actuator_gainprm[:, 0] = self._kp
+        model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -self._kp, -self._kd
+        limited = np.isfinite(self._limit)
+        model.actuator_forcerange[limited] = np.stack([-self._limit, self._limit], axis=-1)[limited]
+
+    def _set_effects(self) -> None:
+        model, at, dof, get = self._model, self._plant.position, self._plant.dof, self._hidden.get
+        model.jnt_stiffness[model.dof_jntid[dof]] = get("joint_spring", "stiffness")
+        model.qpos_spring[at] = self._zero + get("joint_spring", "angle")
+        tilts = zip(self._plant.arm_root, get("base_tilt", "roll"), get("base_tilt", "pitch"), strict=True)
+        for body, roll, pitch in tilts:
+            turned = np.empty(4)
+            self._mujoco.mju_mulQuat(turned, rotation_quaternion(roll, pitch), model.body_quat[body])
+            model.body_quat[body] = turned
+        level, self._varying = friction_law(self._hidden)
+        model.dof_frictionloss[dof] = level
+        uneven = get("direction_dependent_friction", "backward") - get(
+            "direction_dependent_friction", "forward"
+        )
+        self._constant_torque = get("torque_bias", "torque") + uneven / 2
+        self._mujoco.mj_setConst(model, self._data)
+
+    def _laws(self) -> list[Callable[[], None]]:
+        """What must be set anew before each step."""
+        model, data, get = self._model, self._data, self._hidden.get
+        q, v, ctrl = data.qpos, data.qvel, data.ctrl
+        at, dof, laws = self._plant.position, self._plant.dof, []
+        if self._varying is not None:
+            varying, loss, force = self._varying, model.dof_frictionloss, data.actuator_force
+
+            def set_friction() -> None:
+                loss[dof] = varying(v[dof], force)
+
+            laws.append(set_friction)
+        amplitude, count, phase = (get("torque_ripple", p) for p in ("amplitude", "count", "phase"))
+        drag, constant = get("quadratic_drag", "coefficient"), self._constant_torque
+        if amplitude.any() or drag.any():
+
+            def set_torque() -> None:
+                speed, ripple = v[dof], amplitude * np.sin(count * q[at] + phase)
+                data.qfrc_applied[dof] = constant + ripple - drag * speed * np.abs(speed)
+
+            laws.append(set_torque)
+        width = get("servo_deadzone", "width")
+        if width.any():
+
+            def shrink_error() -> None:
+                error = ctrl - q[at]
+                ctrl[:] -= np.minimum(np.maximum(error, -width), width)
+
+            laws.append(shrink_error)
+        if self._speed_limited.any():
+            laws.append(self._speed_law())
+        return laws
+
+    def _speed_law(self) -> Callable[[], None]:
+        """Where the servo wants more than the torque-speed line allows, put the actuator on that line."""
+        model, data, at, dof = self._model, self._data, self._plant.position, self._plant.dof
+        top, bottom = np.minimum(self._top, 1e6), np.minimum(self._bottom, 1e6)
+        slope, kp, kd = LIMIT_STEEPNESS * self._kd, self._kp, self._kd
+        gain, bias = model.actuator_gainprm, model.actuator_biasprm
+
+        def limit_speed() -> None:
+            v = data.qvel[dof]
+            wanted = kp * (data.ctrl - data.qpos[at]) - kd * v
+            up, down = wanted > slope * (top - v), wanted < -slope * (bottom + v)
+            line = up | down
+            gain[:, 0] = np.where(line, 0.0, kp)
+            bias[:, 0] = np.where(up, slope * top, np.where(down, -slope * bottom, 0.0))
+            bias[:, 1] = np.where(line, 0.0, -kp)
+            bias[:, 2] = np.where(line, -slope, -kd)
+
+        return limit_speed
+
+    def run(self, setpoint: Callable[[Array], Array], duration: float) -> tuple[Array, Array, Array, Array]:
+        """Play set points (k,) s -> (k, n) from rest; time (T,), true position, velocity, torque (T, n).
+
+        Every step of the engine, in recorded units; torque is the actuator's.
+
+        Raises: SimulationError when the arm does not come to rest first or the engine diverges.
+        """
+        steps = int(np.ceil(duration / self.timestep - 1e-9)) + 2
+        wanted = shape_command(
+            lambda t: self._zero + self._stroke * setpoint(t), self._hidden, steps, self.timestep
+        )
+        wanted -= self._offset
+        self._settle(wanted[0])
+        q, v, torque = self._play(wanted)
+        middle = (v[:-1] + v[1:]) / 2  # the engine's velocity belongs half a step earlier
+        torque = torque[:-1]
+        free = (np.abs(torque) < self._limit) & ~self._speed_limited
+        torque = np.where(free, torque - self._kd * np.diff(v, axis=0) / 2, torque)
+        torque = np.clip(torque, -self._limit, self._limit)
+        position = (q[:-1] - self._zero) / self._stroke
+        return np.arange(steps - 1) * self.timestep, position, middle / self._stroke, torque * self._stroke
+
+    def _settle(self, first: Array, longest: float = 8.0) -> None:
+        model, data = self._model, self._data
+        self._mujoco.mj_resetData(model, data)
+        data.qpos[:] = self._plant.pose(first)
+        data.qfrc_applied[self._plant.dof] = self._constant_torque
+        block = int(0.25 / self.timestep)
+        for _ in range(int(longest / 0.25)):
+            _, v, _ = self._play(np.broadcast_to(first, (block, len(first))))
+            if np.abs(v[-block // 5 :] / self._stroke).max() < 1e-4:
+                return
+        raise SimulationError(
+            f"the stand-in does not come to rest at its first command within {longest:g} s."
+        )
+
+    def _play(self, wanted: Array) -> tuple[Array, Array, Array]:
+        """Step through set points (k, n); position, velocity and torque (k, n) at the start of each step."""
+        model, data, step, laws = self._model, self._data, self._mujoco.mj_step, self._laws()
+        ctrl, force = data.ctrl, data.actuator_force
+        q = np.empty((len(wanted), model.nq))
+        v, torque = np.empty((len(wanted), model.nv)), np.empty(wanted.shape)
+        qpos, qvel = data.qpos, data.qvel
+        for k in range(len(wanted)):
+            ctrl[:] = wanted[k]
+            for law in laws:
+                law()
+            q[k], v[k] = qpos, qvel
+            step(model, data)
+            torque[k] = force
+        if any(warning.number for warning in data.warning) or not np.isfinite(qvel).all():
+            raise SimulationError("the stand-in's engine diverged; use smaller gains or a shorter timestep.")
+        return q[:, self._plant.position], v[:, self._plant.dof], torque
+
+    @property
+    def moving_mass(self) -> float:
+        """Mass of all links but the world's, kg (fixed links are part of the world)."""
+        return float(self._model.body_mass[1:].sum())
+
+    def gravity_torque(self, position: Array) -> Array:
+        """Torque (T, n) N m that holds the arm still at measured positions (T, n)."""
+        data, out = self._mujoco.MjData(self._model), []
+        for row in np.atleast_2d(position):
+            data.qpos[:] = self._plant.pose(self._zero + self._stroke * row - self._offset)
+            self._mujoco.mj_forward(self._model, data)
+            out.append(self._plant.load(data.qfrc_bias - data.qfrc_passive) * self._stroke)
+        return np.array(out)

@@ -1,0 +1,148 @@
+"""Hidden effects of the stand-in, written for MuJoCo on their own: what a model has to find out.
+
+Values are per joint (n,) or one number for all; base_tilt and payload are per arm. Units are those of the
+recording: rad, N m, s, kg (a normalised gripper's stroke counts as 1). Zero means absent, also for limits.
+A log's effort is the actuator's torque: friction, springs, bias and ripple act beside it.
+
+| effect | how MuJoCo does it |
+|---|---|
+| coulomb, stribeck, load_friction | `dof_frictionloss`, its level set anew from speed and torque |
+| direction_dependent_friction | `dof_frictionloss` at their mean, half their difference as a torque |
+| torque_bias, torque_ripple, quadratic_drag | generalised force on the joint |
+| joint_spring | joint stiffness |
+| torque_saturation | force range of the actuator |
+| velocity_limit | torque-speed line, 100 times as steep as the servo's damping |
+| servo_deadzone, encoder_offset | the set point the actuator sees |
+| command_delay, command_lowpass, command_rate_limit | the command at every step, in this order |
+| payload, base_tilt | a ball welded to the end effector; the arm turned at its root |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from embodiedreamer_gym.errors import EffectError
+
+Array = np.ndarray
+
+# parameter -> (per "joint" or "arm", power of the gripper's stroke that turns it into URDF units)
+EFFECTS: dict[str, dict[str, tuple[str, int]]] = {
+    "command_delay": {"seconds": ("joint", 0)},
+    "command_lowpass": {"time_constant": ("joint", 0)},
+    "command_rate_limit": {"rate": ("joint", 1), "tick": ("joint", 0), "step": ("joint", 1)},
+    "servo_deadzone": {"width": ("joint", 1)},
+    "torque_saturation": {"limit": ("joint", -1)},
+    "velocity_limit": {"forward": ("joint", 1), "backward": ("joint", 1)},
+    "coulomb_friction": {"torque": ("joint", -1)},
+    "stribeck_friction": {"sliding": ("joint", -1), "extra_static": ("joint", -1), "speed": ("joint", 1)},
+    "load_friction": {"coefficient": ("joint", 0)},
+    "direction_dependent_friction": {"forward": ("joint", -1), "backward": ("joint", -1)},
+    "torque_bias": {"torque": ("joint", -1)},
+    "joint_spring": {"stiffness": ("joint", -2), "angle": ("joint", 1)},
+    "payload": {"mass": ("arm", 0), "x": ("arm", 0), "y": ("arm", 0), "z": ("arm", 0)},
+    "base_tilt": {"roll": ("arm", 0), "pitch": ("arm", 0)},
+    "encoder_offset": {"angle": ("joint", 1)},
+    # below: effects that a finder may not know by name
+    "quadratic_drag": {"coefficient": ("joint", -3)},
+    "torque_ripple": {"amplitude": ("joint", -1), "count": ("joint", -1), "phase": ("joint", 0)},
+}
+
+
+class Hidden:
+    """Values of the hidden effects in URDF units: `get(effect, parameter)` is (n,) or (arms,)."""
+
+    def __init__(self, effects: Mapping[str, Mapping[str, Any]], stroke: Array, arms: int) -> None:
+        self._values: dict[tuple[str, str], Array] = {}
+        self._stroke, self._arms = stroke, arms
+        for effect, parameters in effects.items():
+            if effect not in EFFECTS:
+                raise EffectError(f"the stand-in has no effect '{effect}'; it has {', '.join(EFFECTS)}.")
+            for name, value in parameters.items():
+                if name not in EFFECTS[effect]:
+                    raise EffectError(
+                        f"{effect} has no parameter '{name}'; it has {', '.join(EFFECTS[effect])}."
+                    )
+                self._values[effect, name] = self._spread(effect, name, value)
+
+    def get(self, effect: str, parameter: str) -> Array:
+        """Values of one parameter; zeros if it was not given."""
+        blank = np.zeros(self._arms if EFFECTS[effect][parameter][0] == "arm" else len(self._stroke))
+        return self._values.get((effect, parameter), blank)
+
+    def _spread(self, effect: str, name: str, value: Any) -> Array:
+        per, power = EFFECTS[effect][name]
+        size = self._arms if per == "arm" else len(self._stroke)
+        given = np.asarray(value, float)
+        if given.shape not in ((), (size,)) or not np.isfinite(given).all():
+            raise EffectError(
+                f"{effect}.{name} must be a finite number or {size} of them, one per {per}, not {value!r}."
+            )
+        return np.full(size, given) * (self._stroke**power if per == "joint" else 1.0)
+
+
+def shape_command(setpoint: Callable[[Array], Array], hidden: Hidden, steps: int, dt: float) -> Array:
+    """Set points (steps, n) that reach the servo at 0, dt, ...; before time 0 the first one held."""
+    time = np.arange(steps) * dt
+    delay = hidden.get("command_delay", "seconds")
+    command = setpoint(time)
+    for seconds in np.unique(delay[delay > 0]):
+        late = delay == seconds
+        command[:, late] = setpoint(np.maximum(time - seconds, 0.0))[:, late]
+    constant = hidden.get("command_lowpass", "time_constant")
+    for j in np.flatnonzero(constant > 0):
+        command[:, j] = _first_order(command[:, j], constant[j], dt)
+    rate, tick, step = (hidden.get("command_rate_limit", p) for p in ("rate", "tick", "step"))
+    for j in np.flatnonzero((rate > 0) | ((tick > 0) & (step > 0))):
+        if tick[j] > 0:
+            slots = np.floor(time / tick[j] + 1e-9).astype(int)
+            at = np.searchsorted(slots, np.arange(slots[-1] + 1))
+            command[:, j] = _ramp(command[at, j], step[j])[slots]
+        else:
+            command[:, j] = _ramp(command[:, j], rate[j] * dt)
+    return command
+
+
+def _first_order(signal: Array, constant: float, dt: float) -> Array:
+    """Exact first-order filter of a signal (k,) that is linear between steps."""
+    decay = np.exp(-dt / constant)
+    later = 1 - constant / dt * (1 - decay)
+    rest = signal[0]
+    filtered, _ = lfilter([later, 1 - decay - later], [1, -decay], signal - rest, zi=[0.0])
+    return filtered + rest
+
+
+def _ramp(signal: Array, most: float) -> Array:
+    """Follow a signal (k,) by at most `most` per entry."""
+    out, value = np.empty(len(signal)), float(signal[0])
+    for k, goal in enumerate(signal.tolist()):
+        value += min(max(goal - value, -most), most)
+        out[k] = value
+    return out
+
+
+def friction_law(hidden: Hidden) -> tuple[Array, Callable[[Array, Array], Array] | None]:
+    """Friction level (n,) at standstill without load; the level by speed and servo torque if it varies."""
+    forward = hidden.get("direction_dependent_friction", "forward")
+    backward = hidden.get("direction_dependent_friction", "backward")
+    level = hidden.get("coulomb_friction", "torque") + (forward + backward) / 2
+    sliding, extra = (
+        hidden.get("stribeck_friction", "sliding"),
+        hidden.get("stribeck_friction", "extra_static"),
+    )
+    speed, share = hidden.get("stribeck_friction", "speed"), hidden.get("load_friction", "coefficient")
+    if np.any((extra > 0) & (speed <= 0)):
+        raise EffectError("stribeck_friction needs a speed above zero wherever extra_static is not zero.")
+    level = level + sliding
+    if not (extra.any() or share.any()):
+        return level, None
+    slowness = 1.0 / np.where(speed > 0, speed, 1.0)
+
+    def varying(v: Array, torque: Array) -> Array:
+        scaled = v * slowness
+        return level + extra * np.exp(-scaled * scaled) + share * np.abs(torque)
+
+    return level, varying

@@ -1,0 +1,191 @@
+"""Commanded motions, continuous in time: what a user would play on the robot to learn about it."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from embodiedreamer_gym.errors import ModelError
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A commanded motion: `motion(t)` is (n,) for a time and (k, n) for times (k,) s; constant outside."""
+
+    command: Callable[[Array], Array]
+    duration: float
+    kind: str
+
+    def __call__(self, t: float | Array) -> Array:
+        """Commanded position at a time or at times."""
+        times = np.clip(np.atleast_1d(np.asarray(t, float)), 0.0, self.duration)
+        values = self.command(times)
+        return values if np.ndim(t) else values[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Span:
+    """Where joints may be sent: centre (n,), reach (n,) to either side, highest speed (n,) per second."""
+
+    centre: Array
+    reach: Array
+    speed: Array
+
+
+def span_of(
+    urdf: str | Path,
+    joints: Sequence[str],
+    centre: Array | None = None,
+    reach: float = 0.7,
+    speed: float = 0.8,
+    normalised: Mapping[str, tuple[float, float]] | None = None,
+) -> Span:
+    """Room to move inside a URDF's limits: at most `reach` rad about `centre`, `speed` of the limit speed.
+
+    A normalised joint (URDF values at 0 and 1) gets its whole stroke, in 0..1.
+
+    Raises: ModelError when a joint is absent or has no limits.
+    """
+    text = (
+        Path(urdf).read_text() if isinstance(urdf, Path) or not str(urdf).lstrip().startswith("<") else urdf
+    )
+    limits = {j.get("name"): j.find("limit") for j in ElementTree.fromstring(text).iter("joint")}
+    rows = []
+    for i, name in enumerate(joints):
+        limit = limits.get(name)
+        if limit is None:
+            raise ModelError(f"the URDF gives joint '{name}' no limits, so no motion can be made for it.")
+        low, high, top = (float(limit.get(key, 0)) for key in ("lower", "upper", "velocity"))
+        room = reach
+        if normalised and name in normalised:
+            low, high, top, room = 0.0, 1.0, 3.0, 0.5
+        middle = (low + high) / 2 if centre is None else float(centre[i])
+        rows.append((middle, min(room, middle - low, high - middle), speed * top))
+    return Span(*np.array(rows).T)
+
+
+def multisine(
+    span: Span, rng: np.random.Generator, duration: float = 4.0, lowest: float = 0.2, highest: float = 2.5
+) -> Motion:
+    """Eight sines per joint of random frequency [Hz] and phase, slower ones larger, ramped ends."""
+    n = len(span.centre)
+    frequency = np.sort(rng.uniform(lowest, highest, (n, 8)), axis=1)
+    phase, amplitude = rng.uniform(0, 2 * np.pi, (n, 8)), 1.0 / frequency
+    edge = min(0.5, duration / 4)
+
+    def wave(t: Array) -> Array:
+        window = _min_jerk(np.minimum(t, duration - t) / edge)
+        total = np.zeros((len(t), n))
+        for k in range(frequency.shape[1]):
+            total += amplitude[:, k] * np.sin(2 * np.pi * t[:, None] * frequency[:, k] + phase[:, k])
+        return window[:, None] * total
+
+    grid = np.arange(0, duration, 1e-3)
+    values = wave(grid)
+    peak, fastest = np.abs(values).max(0), np.abs(np.gradient(values, 1e-3, axis=0)).max(0)
+    scale = np.minimum(span.reach / peak, span.speed / fastest)
+    return Motion(lambda t: span.centre + scale * wave(t), duration, "multisine")
+
+
+def point_to_point(span: Span, rng: np.random.Generator, duration: float = 4.0, pace: float = 1.0) -> Motion:
+    """Fast minimum-jerk moves between random poses, short stops; `pace` is a share of the highest speed."""
+    times, points = [0.0, 0.1], [span.centre, span.centre]
+    while times[-1] < duration:
+        target = span.centre + span.reach * rng.uniform(-1, 1, len(span.centre))
+        _travel(times, points, target, span.speed * pace)
+        _pause(times, points, rng.uniform(0.05, 0.25))
+    return Motion(_path(times, points, _min_jerk), duration, "point_to_point")
+
+
+def slow_ramps(span: Span, rng: np.random.Generator, duration: float = 4.0, pace: float = 0.06) -> Motion:
+    """Every joint goes to and fro at its own slow constant speed, about `pace` of the highest."""
+    speed = span.speed * pace * rng.uniform(0.6, 1.4, len(span.centre))
+    turn = np.minimum(span.reach, speed * duration * rng.uniform(0.15, 0.3, len(span.centre)))
+    middle = span.centre + (span.reach - turn) * rng.uniform(-1, 1, len(span.centre))
+    sign = rng.choice([-1.0, 1.0], len(span.centre))
+
+    def sweep(t: Array) -> Array:
+        phase = t[:, None] * speed / (4 * turn)
+        return middle + sign * turn * (1 - 4 * np.abs((phase + 0.25) % 1.0 - 0.5))
+
+    return Motion(sweep, duration, "slow_ramps")
+
+
+def teleoperation(span: Span, rng: np.random.Generator, duration: float = 4.0, pace: float = 0.35) -> Motion:
+    """As a person does it: way points reached with some of the joints, pauses, and small corrections."""
+    n = len(span.centre)
+    times, points = [0.0, 0.2], [span.centre, span.centre]
+    while times[-1] < duration:
+        moved = rng.random(n) < 0.7
+        if rng.random() < 0.4:  # a correction
+            target = points[-1] + moved * span.reach * rng.normal(0, 0.05, n)
+        else:
+            goal = span.centre + span.reach * rng.uniform(-0.9, 0.9, n)
+            target = np.where(moved, goal, points[-1])
+        target = np.clip(target, span.centre - span.reach, span.centre + span.reach)
+        _travel(times, points, target, span.speed * pace * rng.uniform(0.5, 1.5))
+        if rng.random() < 0.4:
+            _pause(times, points, rng.uniform(0.1, 0.5))
+    return Motion(_path(times, points, _min_jerk), duration, "teleoperation")
+
+
+def hold_poses(span: Span, rng: np.random.Generator, duration: float = 6.0, hold: float = 1.2) -> Motion:
+    """Random poses, each held for a while."""
+    times, points = [0.0, 0.5], [span.centre, span.centre]
+    while times[-1] < duration:
+        _travel(
+            times, points, span.centre + span.reach * rng.uniform(-1, 1, len(span.centre)), span.speed * 0.5
+        )
+        _pause(times, points, hold)
+    return Motion(_path(times, points, _min_jerk), duration, "hold_poses")
+
+
+def staircase(span: Span, rng: np.random.Generator, duration: float = 6.0, hold: float = 0.6) -> Motion:
+    """Sudden steps of a tenth to half of the reach, up and down."""
+    times, points = [0.0, hold], [span.centre, span.centre]
+    while times[-1] < duration:
+        step = span.reach * rng.uniform(0.1, 0.5, len(span.centre)) * rng.choice([-1, 1], len(span.centre))
+        points.append(np.clip(points[-1] + step, span.centre - span.reach, span.centre + span.reach))
+        times.append(times[-1] + hold)
+    return Motion(_path(times, points, lambda s: (s >= 1).astype(float)), duration, "staircase")
+
+
+MOTIONS = {
+    f.__name__: f for f in (multisine, point_to_point, slow_ramps, teleoperation, hold_poses, staircase)
+}
+
+
+def _min_jerk(s: Array) -> Array:
+    """0 to 1 with speed and acceleration zero at both ends; peak speed 1.875."""
+    s = np.clip(s, 0.0, 1.0)
+    return s**3 * (10 - 15 * s + 6 * s**2)
+
+
+def _travel(times: list, points: list, target: Array, speed: Array) -> None:
+    """Append a minimum-jerk move whose slowest joint just reaches its speed (at least 0.1 s)."""
+    needed = float(np.max(1.875 * np.abs(target - points[-1]) / speed))
+    times.append(times[-1] + max(needed, 0.1))
+    points.append(target)
+
+
+def _pause(times: list, points: list, seconds: float) -> None:
+    times.append(times[-1] + seconds)
+    points.append(points[-1])
+
+
+def _path(times: list, points: list, shape: Callable[[Array], Array]) -> Callable[[Array], Array]:
+    """Segments between points (s, n) at times (s,), each passed with the given shape of progress."""
+    at, through = np.array(times), np.array(points)
+
+    def follow(t: Array) -> Array:
+        i = np.clip(np.searchsorted(at, t, side="right") - 1, 0, len(at) - 2)
+        progress = shape((t - at[i]) / (at[i + 1] - at[i]))[:, None]
+        return through[i] + progress * (through[i + 1] - through[i])
+
+    return follow

@@ -1,0 +1,210 @@
+"""A URDF as a MuJoCo model: no contacts, no limits, fixed base, one servo per joint."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.errors import MissingExtraError, ModelError
+
+Array = np.ndarray
+HARD = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp: the highest impedance that MuJoCo takes, at any distance
+
+
+def import_mujoco() -> Any:
+    """The engine of the stand-in.
+
+    Raises: MissingExtraError when the extra is not installed.
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise MissingExtraError(
+            "the stand-in robot needs MuJoCo; run: pip install 'embodiedreamer-gym[standin]'"
+        ) from error
+    return mujoco
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A compiled model and where its joints lie.
+
+    position, dof (n,): places in MuJoCo's qpos and qvel; arm_root: first moving body of each arm; followers:
+    (joint's number, place in qpos, place in qvel, multiplier, offset) of each mimic joint.
+    """
+
+    model: Any
+    position: Array
+    dof: Array
+    arm_root: Array
+    followers: tuple[tuple[int, int, int, float, float], ...]
+
+    def pose(self, q: Array) -> Array:
+        """MuJoCo's qpos for joint positions q (n,), mimic joints included."""
+        full = np.zeros(self.model.nq)
+        full[self.position] = q
+        for joint, place, _, multiplier, offset in self.followers:
+            full[place] = offset + multiplier * q[joint]
+        return full
+
+    def load(self, force: Array) -> Array:
+        """Generalised force (nv,) as felt at the joints (n,), with what mimic joints pass on."""
+        out = force[self.dof].copy()
+        for joint, _, dof, multiplier, _ in self.followers:
+            out[joint] += multiplier * force[dof]
+        return out
+
+
+def read_urdf(urdf: str | Path) -> ElementTree.Element:
+    """Parse a URDF given as a path or as text.
+
+    Raises: ModelError when it is missing or is not XML.
+    """
+    text = str(urdf)
+    if not text.lstrip().startswith("<"):
+        path = Path(urdf)
+        if not path.is_file():
+            raise ModelError(f"URDF {path} does not exist.")
+        text = path.read_text()
+    try:
+        return ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise ModelError(f"the URDF is not valid XML: {error}.") from error
+
+
+def end_effectors(root: ElementTree.Element, joints: Sequence[str]) -> tuple[str, ...]:
+    """Childless links on a fixed joint below a moving one; without any, the last joint's link."""
+    parents = {_link(j, "parent") for j in root.iter("joint")}
+    moving = {_link(j, "child") for j in root.iter("joint") if j.get("type") != "fixed"}
+    tips = tuple(
+        _link(j, "child")
+        for j in root.iter("joint")
+        if j.get("type") == "fixed" and _link(j, "child") not in parents and _link(j, "parent") in moving
+    )
+    if tips:
+        return tips
+    return tuple(_link(j, "child") for j in root.iter("joint") if j.get("name") == joints[-1])
+
+
+def disturb_links(
+    root: ElementTree.Element, mass_error: float, com_error: float, rng: np.random.Generator
+) -> None:
+    """Scale each link's mass and inertia by 1 +- mass_error, shift its centre by +- com_error m per axis."""
+    for inertial in root.iter("inertial"):
+        factor, shift = 1 + mass_error * rng.uniform(-1, 1), com_error * rng.uniform(-1, 1, 3)
+        for element in (inertial.find("mass"), inertial.find("inertia")):
+            if element is not None:
+                element.attrib.update({k: repr(float(v) * factor) for k, v in element.attrib.items()})
+        origin = inertial.find("origin")
+        if origin is None:
+            origin = ElementTree.SubElement(inertial, "origin", xyz="0 0 0", rpy="0 0 0")
+        centre = np.array(origin.get("xyz", "0 0 0").split(), float) + shift
+        origin.set("xyz", " ".join(repr(float(v)) for v in centre))
+
+
+def add_payload(root: ElementTree.Element, link: str, mass: float, com: Array) -> None:
+    """Weld a small ball (mass kg, radius 1 mm) to a link, its centre at com (3,) m of the link's frame.
+
+    Raises: ModelError when the URDF has no such link.
+    """
+    if not any(e.get("name") == link for e in root.iter("link")):
+        raise ModelError(f"the URDF has no link '{link}' to carry a payload.")
+    name, moment = f"payload_on_{link}", repr(0.4 * mass * 1e-6)
+    body = ElementTree.SubElement(ElementTree.SubElement(root, "link", name=name), "inertial")
+    ElementTree.SubElement(body, "mass", value=repr(float(mass)))
+    ElementTree.SubElement(body, "inertia", ixx=moment, iyy=moment, izz=moment, ixy="0", ixz="0", iyz="0")
+    joint = ElementTree.SubElement(root, "joint", name=f"{name}_weld", type="fixed")
+    ElementTree.SubElement(joint, "parent", link=link)
+    ElementTree.SubElement(joint, "child", link=name)
+    ElementTree.SubElement(joint, "origin", xyz=" ".join(repr(float(v)) for v in com), rpy="0 0 0")
+
+
+def build_plant(root: ElementTree.Element, joints: Sequence[str], timestep: float) -> Plant:
+    """Compile the URDF; joints that are neither listed nor mimic a listed one are fixed.
+
+    A mimic joint follows by an equality constraint with a time constant of two steps, the stiffest that
+    MuJoCo takes.
+
+    Raises: ModelError when a listed joint is absent or MuJoCo refuses the URDF.
+    """
+    mujoco = import_mujoco()
+    mimics = _simplify(root, joints)
+    try:
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
+    except ValueError as error:
+        raise ModelError(f"MuJoCo cannot read the URDF: {error}.") from error
+    spec.option.timestep = timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    for name in joints:
+        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.gaintype, motor.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+        motor.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        motor.forcerange = (-1e9, 1e9)
+    for follower, (leader, multiplier, offset) in mimics.items():
+        tie = spec.add_equality(name=follower, type=mujoco.mjtEq.mjEQ_JOINT, name1=follower, name2=leader)
+        tie.data[:5] = (offset, multiplier, 0, 0, 0)
+        tie.solref, tie.solimp = (2 * timestep, 1.0), HARD
+    model = spec.compile()
+    _clear(model, timestep)
+    index = np.array([model.joint(name).id for name in joints])
+    dof = model.jnt_dofadr[index]
+    trees, roots = [], []
+    for tree in model.dof_treeid[dof]:
+        if tree not in trees:
+            trees.append(tree)
+            roots.append(model.dof_bodyid[np.flatnonzero(model.dof_treeid == tree)[0]])
+    followers = []
+    for name, (leader, multiplier, offset) in mimics.items():
+        joint = model.joint(name)
+        place = int(joint.qposadr[0]), int(joint.dofadr[0])
+        followers.append((list(joints).index(leader), *place, multiplier, offset))
+    return Plant(model, model.jnt_qposadr[index], dof, np.array(roots), tuple(followers))
+
+
+def _clear(model: Any, timestep: float) -> None:
+    """Leave out contacts, limits and what the URDF says of friction; make friction as hard as MuJoCo can."""
+    flags = import_mujoco().mjtDisableBit
+    model.opt.disableflags |= int(flags.mjDSBL_CONTACT) | int(flags.mjDSBL_LIMIT)
+    model.jnt_actfrclimited[:] = 0
+    model.dof_damping[:], model.dof_frictionloss[:], model.jnt_stiffness[:] = 0.0, 0.0, 0.0
+    model.dof_solref[:], model.dof_solimp[:] = (2 * timestep, 1.0), HARD
+
+
+def _simplify(root: ElementTree.Element, joints: Sequence[str]) -> dict[str, tuple[str, float, float]]:
+    """Drop shapes and mimics, fix undriven joints; return follower -> (leader, multiplier, offset)."""
+    present = {str(j.get("name")) for j in root.iter("joint")}
+    absent = [name for name in joints if name not in present]
+    if absent:
+        raise ModelError(f"the URDF has no joint {', '.join(absent)}; it has {', '.join(sorted(present))}.")
+    for link in root.iter("link"):
+        for shape in link.findall("visual") + link.findall("collision"):
+            link.remove(shape)
+    mimics = {}
+    for joint in root.iter("joint"):
+        name, mimic = str(joint.get("name")), joint.find("mimic")
+        if mimic is not None:
+            joint.remove(mimic)
+        if name in joints:
+            continue
+        if mimic is not None and mimic.get("joint") in joints:
+            scale, offset = float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0))
+            mimics[name] = (str(mimic.get("joint")), scale, offset)
+        else:
+            joint.set("type", "fixed")
+    return mimics
+
+
+def _link(joint: ElementTree.Element, role: str) -> str:
+    element = joint.find(role)
+    return "" if element is None else str(element.get("link"))
+
+
+def rotation_quaternion(roll: float, pitch: float) -> Array:
+    """Quaternion (4,) w first of Ry(pitch) Rx(roll), a URDF rpy without yaw."""
+    cr, sr, cp, sp = np.cos(roll / 2), np.sin(roll / 2), np.cos(pitch / 2), np.sin(pitch / 2)
+    return np.array([cr * cp, sr * cp, cr * sp, -sr * sp])

@@ -1,0 +1,105 @@
+"""The package is a house: imports go downward only, and packages of one floor do not see each other."""
+
+from __future__ import annotations
+
+import ast
+import graphlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import embodiedreamer_gym
+
+NAME = "embodiedreamer_gym"
+PACKAGE = Path(embodiedreamer_gym.__file__).parent
+TOP = 7
+FLOORS = {
+    "errors": -1,  # below the ground floor: everybody may see it
+    **dict.fromkeys(["poses", "recordings"], 0),
+    **dict.fromkeys(["effects", "policies", "vis_aligner"], 1),
+    "robot": 2,
+    "simulation": 3,
+    **dict.fromkeys(["phys_aligner", "envs"], 4),
+    **dict.fromkeys(["diagnosis", "wrappers", "standin"], 5),
+    "cli": 6,
+    **dict.fromkeys(["__init__", "__main__"], TOP),
+}
+FILES = {
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path for path in sorted(PACKAGE.rglob("*.py"))
+}
+
+
+def imported(source: str) -> Iterator[str]:
+    """Every module or name the source imports, wherever in the file, without the package's own name."""
+    for node in ast.walk(ast.parse(source)):
+        names: list[str] = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+            names = ["relative"] if node.level else names
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in (
+            "import_module",
+            "__import__",
+        ):
+            names = [str(arg.value) for arg in node.args[:1] if isinstance(arg, ast.Constant)]
+        for name in names:
+            if name == "relative" or name.split(".")[0] == NAME:
+                yield name.removeprefix(NAME).removeprefix(".") or "__init__"
+
+
+def offences(module: str, source: str) -> list[str]:
+    """What the source of `module` (dotted, below the package) imports against the rules."""
+    here, found = module.split(".")[0], []
+    for name in imported(source):
+        there = name.split(".")[0]
+        there = there if there in FLOORS else "__init__"  # a public name of the package itself
+        if name == "relative":
+            found.append(f"{module}: relative import")
+        elif there != here and FLOORS[there] >= FLOORS[here]:
+            found.append(f"{module} (floor {FLOORS[here]}) imports {name} (floor {FLOORS[there]})")
+    return found
+
+
+def test_every_module_has_a_floor() -> None:
+    units = {module.split(".")[0] for module in FILES}
+    assert units <= set(FLOORS), f"give these a floor: {sorted(units - set(FLOORS))}"
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_imports_go_downward_only(module: str) -> None:
+    assert offences(module, FILES[module].read_text()) == []
+
+
+def test_no_import_cycles() -> None:
+    """Among the modules themselves; the `__init__` that only re-export them are left out."""
+    modules = {m for m in FILES if not m.endswith("__init__")}
+    graph = {
+        m: {n for i in imported(FILES[m].read_text()) for n in (i, i.rpartition(".")[0])} for m in modules
+    }
+    graphlib.TopologicalSorter({m: seen & modules - {m} for m, seen in graph.items()}).prepare()
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("effects.payload", "from embodiedreamer_gym.robot.model import RobotModel"),
+        ("effects.payload", "def f():\n    import embodiedreamer_gym.simulation.bullet"),
+        ("policies.act", "if TYPE_CHECKING:\n    from embodiedreamer_gym import effects"),
+        ("recordings.hdf5", "from embodiedreamer_gym import poses"),
+        ("envs.aloha", "import numpy\nfrom embodiedreamer_gym import calibrate"),
+        ("wrappers.video", "importlib.import_module('embodiedreamer_gym.diagnosis')"),
+        ("robot.model", "from . import io"),
+        ("errors", "import embodiedreamer_gym.poses"),
+    ],
+)
+def test_an_offence_is_caught(module: str, source: str) -> None:
+    assert len(offences(module, source)) == 1
+
+
+def test_the_permitted_is_not_an_offence() -> None:
+    source = (
+        "import numpy\nfrom embodiedreamer_gym.errors import ModelError\nimport embodiedreamer_gym.robot.io"
+    )
+    assert offences("robot.model", source) == []
