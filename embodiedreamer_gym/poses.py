@@ -5,7 +5,7 @@ Source: EmbodieDreamer, appendix on PhysAligner (translation and rotation error 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -27,8 +27,8 @@ def translation_error(positions: np.ndarray, reference: np.ndarray) -> float:
 def rotation_error(rotations: np.ndarray, reference: np.ndarray) -> float:
     """Mean of arcsin(||R - R_ref||_F / (2 sqrt 2)), rad, over rotations (T, 3, 3) and a reference (T, 3, 3).
 
-    For a relative rotation by the angle a, ||R - R_ref||_F = 2 sqrt 2 sin(a / 2): the paper's law gives a / 2, half
-    the angle between the two orientations.
+    For a relative rotation by the angle a, ||R - R_ref||_F = 2 sqrt 2 sin(a / 2), so the law gives a / 2,
+    half the angle between the two orientations.
 
     Raises: ModelError when the shapes differ or hold no pose.
     Source: EmbodieDreamer, appendix on PhysAligner.
@@ -38,10 +38,8 @@ def rotation_error(rotations: np.ndarray, reference: np.ndarray) -> float:
     return float(np.arcsin(np.minimum(chord, 1.0)).mean())  # rounding may exceed 1 at half a turn
 
 
-def trajectory_error(
-    poses: tuple[np.ndarray, np.ndarray], reference: tuple[np.ndarray, np.ndarray]
-) -> float:
-    """Translation error in m plus rotation error in rad of poses, each (positions (T, 3), rotations (T, 3, 3)).
+def trajectory_error(poses: tuple[np.ndarray, np.ndarray], reference: tuple[np.ndarray, np.ndarray]) -> float:
+    """Translation error, m, plus rotation error, rad, of poses: (positions (T, 3), rotations (T, 3, 3)).
 
     Raises: ModelError when the shapes differ or hold no pose.
     Source: EmbodieDreamer, appendix on PhysAligner: the two are added as plain numbers.
@@ -50,49 +48,99 @@ def trajectory_error(
 
 
 class EndEffector:
-    """Forward kinematics of one link of a URDF (its path or its text), seen from the root link, in float64."""
+    """Forward kinematics of one link of a URDF (its path or its text), seen from the root link.
+
+    In float64, but pytorch-kinematics reads the URDF's figures in float32: positions are good to 0.3 um.
+    """
 
     def __init__(self, urdf: str | Path, link: str) -> None:
         # Late: pytorch-kinematics brings torch, which takes seconds to import.
         import pytorch_kinematics
         import torch
 
-        data, self.source = _read(urdf)
-        robot = _parsed(data, self.source)
+        data, source = _read(urdf)
+        robot = _parsed(data, source)
         links = [entry.get("name", "") for entry in robot.findall("link")]
         if link not in links:
-            raise ModelError(f"{self.source} has no link '{link}'; links: {', '.join(links)}.")
+            raise ModelError(f"{source} has no link '{link}'; links: {', '.join(links)}.")
         self.link = link
-        self._fixed = (np.eye(3), np.zeros(3)) if link not in _parents(robot) else None  # the root itself
         self._mimics = _mimics(robot)
-        self._torch = torch
-        self._chain = None
-        self.joints: tuple[str, ...] = ()
-        if self._fixed is None:
-            chain = pytorch_kinematics.build_serial_chain_from_urdf(data, link).to(dtype=torch.float64)
-            self._chain, self.joints = chain, tuple(chain.get_joint_parameter_names())
+        self._tensor = torch.from_numpy
+        chain = pytorch_kinematics.build_serial_chain_from_urdf(data, link)
+        self._chain = chain.to(dtype=torch.float64)
+        self.joints: tuple[str, ...] = tuple(self._chain.get_joint_parameter_names())
 
     def __repr__(self) -> str:
         return f"EndEffector({self.link!r}, {len(self.joints)} joints)"
 
     def pose(self, values: np.ndarray, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (T, 3), m, and rotations (T, 3, 3) at joint values (T, n), rad or m as the URDF has them.
+        """Positions (T, 3), m, and rotations (T, 3, 3) at joint values (T, n), rad or m as in the URDF.
 
-        Joints that do not move the link are ignored; a mimic joint without values of its own follows its leader.
+        Joints that do not move the link are ignored; a mimic joint without own values follows its leader.
 
-        Raises: ModelError when values and joints do not fit or a joint that moves the link has no value.
+        Raises: ModelError when values and joints do not fit, or a joint that moves the link has no values.
         """
         values = np.asarray(values, float)
         if values.ndim != 2 or values.shape[1] != len(joints):
-            raise ModelError(f"joint values have shape {values.shape}, but must be (T, {len(joints)}): one column a joint.")
-        given = {name: values[:, column] for column, name in enumerate(joints)}
-        columns = [self._values_of(name, given) for name in self.joints]
-        if self._chain is None or not columns:
-            values = np.zeros((len(values), 0))
-        else:
-            values = np.stack(columns, axis=1)
-        if self._fixed is not None:
-            rotation, position = self._fixed
-            return np.tile(position, (len(values), 1)), np.tile(rotation, (len(values), 1, 1))
-        matrix = self._matrix(values)
+            raise ModelError(
+                f"joint values have the shape {values.shape}, but these joints need (T, {len(joints)})"
+                " with one row for each time."
+            )
+        given = dict(zip(joints, values.T, strict=True))
+        columns = [self._values(name, given) for name in self.joints]
+        chain = np.stack(columns, axis=1) if columns else np.zeros((len(values), 0))
+        tip = self._chain.forward_kinematics(self._tensor(chain))
+        matrix = tip.get_matrix().numpy()  # pyright: ignore[reportAttributeAccessIssue]
         return matrix[:, :3, 3].copy(), matrix[:, :3, :3].copy()
+
+    def _values(self, name: str, given: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Values (T,) of a joint of the chain: its own, else its leader's."""
+        if name in given:
+            return given[name]
+        if name in self._mimics:
+            leader, gain, offset = self._mimics[name]
+            return gain * self._values(leader, given) + offset
+        raise ModelError(
+            f"joint '{name}' moves '{self.link}' but has no values; given are {', '.join(given) or 'none'}."
+        )
+
+
+def _pair(
+    given: np.ndarray, reference: np.ndarray, shape: tuple[int, ...], what: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Both as float arrays (T, *shape), T at least 1."""
+    a, b = np.asarray(given, float), np.asarray(reference, float)
+    if a.shape != b.shape or a.shape[1:] != shape or not len(a):
+        wanted = ", ".join(map(str, ("T", *shape)))
+        raise ModelError(
+            f"{what} have the shapes {a.shape} and {b.shape}, but both must be ({wanted}), with the same T."
+        )
+    return a, b
+
+
+def _read(urdf: str | Path) -> tuple[bytes, str]:
+    """Content of a URDF given as text or path, and what to call it in an error."""
+    if isinstance(urdf, str) and urdf.lstrip().startswith("<"):
+        return urdf.encode(), "the URDF"
+    path = Path(urdf)
+    if not path.is_file():
+        raise ModelError(f"URDF {path} does not exist.")
+    return path.read_bytes(), path.name
+
+
+def _parsed(data: bytes, source: str) -> ElementTree.Element:
+    try:
+        return ElementTree.fromstring(data)
+    except ElementTree.ParseError as error:
+        raise ModelError(f"{source} is no XML: {error}.") from error
+
+
+def _mimics(robot: ElementTree.Element) -> dict[str, tuple[str, float, float]]:
+    """Mimic joint -> (leader, multiplier, offset); pytorch-kinematics itself does not know them."""
+    return {
+        joint.get("name", ""): (
+            mimic.get("joint", ""), float(mimic.get("multiplier", 1.0)), float(mimic.get("offset", 0.0)),
+        )
+        for joint in robot.findall("joint")
+        for mimic in joint.findall("mimic")
+    }  # fmt: skip

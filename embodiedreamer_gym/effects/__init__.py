@@ -3,7 +3,7 @@
 from embodiedreamer_gym.effects.catalogue import CATALOGUE, find_effect, load_effects
 from embodiedreamer_gym.effects.effect import (
     Effect,
-    FrictionBudget,
+    TorqueBudget,
     JointState,
     Mechanics,
     MechanicsChange,
@@ -14,7 +14,7 @@ from embodiedreamer_gym.effects.effect import (
 __all__ = [
     "CATALOGUE",
     "Effect",
-    "FrictionBudget",
+    "TorqueBudget",
     "JointState",
     "Mechanics",
     "MechanicsChange",

@@ -13,7 +13,7 @@ from embodiedreamer_gym.effects.command_lowpass import CommandLowpass
 from embodiedreamer_gym.effects.command_rate_limit import CommandRateLimit
 from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
 from embodiedreamer_gym.effects.direction_dependent_friction import DirectionDependentFriction
-from embodiedreamer_gym.effects.effect import Effect, FrictionBudget, MechanicsChange, SignalLaw
+from embodiedreamer_gym.effects.effect import Effect, TorqueBudget, MechanicsChange, SignalLaw
 from embodiedreamer_gym.effects.encoder_offset import EncoderOffset
 from embodiedreamer_gym.effects.joint_spring import JointSpring
 from embodiedreamer_gym.effects.load_friction import LoadFriction
@@ -82,11 +82,11 @@ def load_effects(path: str | Path, catalogue: Catalogue = CATALOGUE) -> Catalogu
                 raise EffectError(f"effects file {path} defines '{value.name}', a name that is taken.")
             found[value.name] = value
     if not found:
-        raise EffectError(f"effects file {path} defines no effect (a subclass of SignalLaw, FrictionBudget or "
+        raise EffectError(f"effects file {path} defines no effect (a subclass of SignalLaw, TorqueBudget or "
                           "MechanicsChange with a name).")
     return {**catalogue, **found}
 
 
 def _is_effect(value: Any) -> bool:
-    kinds = (SignalLaw, FrictionBudget, MechanicsChange)
+    kinds = (SignalLaw, TorqueBudget, MechanicsChange)
     return isinstance(value, type) and issubclass(value, kinds) and value not in kinds and hasattr(value, "name")

@@ -1,9 +1,9 @@
 """Coulomb friction: a torque of constant size against the motion."""
 
-from embodiedreamer_gym.effects.effect import FrictionBudget, Parameter
+from embodiedreamer_gym.effects.effect import TorqueBudget, Parameter
 
 
-class CoulombFriction(FrictionBudget):
+class CoulombFriction(TorqueBudget):
     """Dry friction of constant size; the joint sticks while less torque than that acts on it."""
 
     name = "coulomb_friction"
@@ -13,6 +13,6 @@ class CoulombFriction(FrictionBudget):
     confused_with = ("stribeck_friction", "direction_dependent_friction", "load_friction", "servo_deadzone")
 
     @staticmethod
-    def budget(joint, p):
+    def friction(joint, p):
         """Constant torque (B, n) N m in both directions."""
         return p.torque, p.torque

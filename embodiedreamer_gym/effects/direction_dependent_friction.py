@@ -1,9 +1,9 @@
 """Direction-dependent friction: another level forward than backward."""
 
-from embodiedreamer_gym.effects.effect import FrictionBudget, Parameter
+from embodiedreamer_gym.effects.effect import TorqueBudget, Parameter
 
 
-class DirectionDependentFriction(FrictionBudget):
+class DirectionDependentFriction(TorqueBudget):
     """Dry friction with one level for positive and one for negative motion."""
 
     name = "direction_dependent_friction"
@@ -16,6 +16,6 @@ class DirectionDependentFriction(FrictionBudget):
     confused_with = ("coulomb_friction", "torque_bias", "load_friction")
 
     @staticmethod
-    def budget(joint, p):
+    def friction(joint, p):
         """Two constant levels (B, n) N m."""
         return p.forward, p.backward

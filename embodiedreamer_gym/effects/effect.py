@@ -81,7 +81,7 @@ class Mechanics:
 
 
 class Effect:
-    """A physical effect with its values; subclass one of SignalLaw, FrictionBudget or MechanicsChange.
+    """A physical effect with its values; subclass one of SignalLaw, TorqueBudget or MechanicsChange.
 
     values: parameter name -> joint (or arm) name -> number; what is not named is off.
     """
@@ -143,21 +143,24 @@ class SignalLaw(Effect):
         raise NotImplementedError
 
 
-class FrictionBudget(Effect):
-    """How much torque friction may take; all budgets are solved together over the coupled joints."""
+class TorqueBudget(Effect):
+    """How much torque friction may take or the drive may give; all are solved together over the coupled joints."""
 
-    kind = "friction"
+    kind = "budget"
     stage = "mechanics"
 
     @staticmethod
-    def budget(joint: JointState, p: SimpleNamespace) -> tuple[Array, Array]:
-        """Torque (B, n) N m, not negative, that friction may take of a forward and of a backward motion."""
-        zero = np.zeros_like(joint.velocity)
-        return zero, zero
+    def friction(joint: JointState, p: SimpleNamespace) -> tuple[Array, Array] | None:
+        """Torque (B, n) N m, not negative, that friction may take of a forward and of a backward motion, or None."""
+        return None
 
     @staticmethod
-    def speed_range(joint: JointState, p: SimpleNamespace) -> tuple[Array, Array] | None:
-        """Speeds (B, n) at which the resistance grows without bound: (lowest <= 0, highest >= 0), or None."""
+    def drive(joint: JointState, p: SimpleNamespace) -> tuple[Array, Array, Array, Array, Array] | None:
+        """What the drive can give: five arrays (B, n), np.inf where there is no limit, or None.
+
+        Highest torque forward and backward, N m; speeds forward and backward, rad/s, at which the torque of a motor
+        on a fixed voltage fades to nothing; that motor's torque at rest (stall torque), N m.
+        """
         return None
 
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from embodiedreamer_gym.effects.effect import FrictionBudget, Parameter
+from embodiedreamer_gym.effects.effect import TorqueBudget, Parameter
 
 
-class LoadFriction(FrictionBudget):
+class LoadFriction(TorqueBudget):
     """Gear friction in proportion to the transmitted torque."""
 
     name = "load_friction"
@@ -15,7 +15,7 @@ class LoadFriction(FrictionBudget):
     confused_with = ("coulomb_friction", "stribeck_friction", "direction_dependent_friction")
 
     @staticmethod
-    def budget(joint, p):
+    def friction(joint, p):
         """Share of the drive's torque (B, n) N m."""
         torque = p.coefficient * np.abs(joint.torque)
         return torque, torque

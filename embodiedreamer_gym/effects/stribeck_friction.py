@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from embodiedreamer_gym.effects.effect import FrictionBudget, Parameter
+from embodiedreamer_gym.effects.effect import TorqueBudget, Parameter
 
 
-class StribeckFriction(FrictionBudget):
+class StribeckFriction(TorqueBudget):
     """Dry friction that falls from a static to a sliding level, c + (s - c) exp(-(v/vs)^2)."""
 
     name = "stribeck_friction"
@@ -19,7 +19,7 @@ class StribeckFriction(FrictionBudget):
     confused_with = ("coulomb_friction", "direction_dependent_friction", "load_friction")
 
     @staticmethod
-    def budget(joint, p):
+    def friction(joint, p):
         """Torque (B, n) N m; Stribeck's curve with a Gaussian fall (Armstrong-Helouvry et al. 1994, eq. 12)."""
         torque = p.sliding + p.extra_static * np.exp(-((joint.velocity / p.speed) ** 2))
         return torque, torque

@@ -2,20 +2,20 @@
 
 import numpy as np
 
-from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
+from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
-class TorqueSaturation(SignalLaw):
-    """A highest torque of the drive, the same in both directions."""
+class TorqueSaturation(TorqueBudget):
+    """A highest torque of the drive, the same in both directions and at every speed."""
 
     name = "torque_saturation"
-    stage = "drive"
-    parameters = (Parameter("limit", "N m", off=20.0, low=0.1, high=20.0, typical=0.6, scale="torque"),)
+    parameters = (Parameter("limit", "N m", off=20.0, low=0.05, high=20.0, typical=0.6, scale="torque"),)
     symptom = "heavy or fast moves fall behind while small ones are followed well"
     reveals = "heavy fast moves"
     confused_with = ("velocity_limit", "command_rate_limit")
 
     @staticmethod
-    def law(signal, joint, memory, p):
-        """Clip the torque (B, n) N m."""
-        return np.clip(signal, -p.limit, p.limit), memory
+    def drive(joint, p):
+        """Highest torque (B, n) N m; no limit of speed."""
+        never = np.full_like(joint.velocity, np.inf)
+        return p.limit, p.limit, never, never, never

@@ -1,21 +1,25 @@
-"""Velocity limit: the drive cannot run faster than its voltage allows, in each direction."""
+"""Velocity limit: the drive's torque fades to nothing at a highest speed, one for each direction."""
 
-from embodiedreamer_gym.effects.effect import FrictionBudget, Parameter
+import numpy as np
+
+from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
-class VelocityLimit(FrictionBudget):
-    """A highest speed per direction, above which the resistance grows without bound."""
+class VelocityLimit(TorqueBudget):
+    """The torque-speed line of a motor on a fixed voltage: stall torque at rest, nothing at the highest speed."""
 
     name = "velocity_limit"
     parameters = (
         Parameter("forward", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),
         Parameter("backward", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),
+        Parameter("stall_torque", "N m", off=20.0, low=0.05, high=20.0, typical=2.0, scale="torque", shape=True),
     )
     symptom = "fast moves become ramps of constant slope, perhaps steeper in one direction"
     reveals = "large steps in both directions"
     confused_with = ("command_rate_limit", "torque_saturation")
 
     @staticmethod
-    def speed_range(joint, p):
-        """Lowest and highest speed (B, n)."""
-        return -p.backward, p.forward
+    def drive(joint, p):
+        """A line from the stall torque (B, n) N m at rest to nothing at the highest speed of each direction."""
+        never = np.full_like(joint.velocity, np.inf)
+        return never, never, p.forward, p.backward, p.stall_torque

@@ -1,7 +1,21 @@
 """Recordings of real and simulated robots: reading, writing, checking."""
 
+from embodiedreamer_gym.recordings.checks import Finding
 from embodiedreamer_gym.recordings.files import load_recordings, save_recording
 from embodiedreamer_gym.recordings.frames import FrameSource
+from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum
+from embodiedreamer_gym.recordings.preflight import Preflight, preflight
 from embodiedreamer_gym.recordings.recording import Recording, Recordings
 
-__all__ = ["FrameSource", "Recording", "Recordings", "load_recordings", "save_recording"]
+__all__ = [
+    "Finding",
+    "FrameSource",
+    "Preflight",
+    "Recording",
+    "Recordings",
+    "estimate_noise",
+    "estimate_quantum",
+    "load_recordings",
+    "preflight",
+    "save_recording",
+]

@@ -37,10 +37,10 @@ def read_aloha_hdf5(
     """Recording of an ALOHA-style HDF5 file; images stay in the file until a frame is asked for.
 
     rate: Hz, for files without `/timestamps`, in place of their attribute `rate`. joints: names, for files
-    without them; else 14 columns get the ALOHA names and others joint1, joint2, …. Without the attribute `units`
-    all joints are in rad, but an ALOHA gripper that stays within -0.2..1.2 in command and position is
-    normalised, "1". Velocity or effort that is zero throughout counts as absent; a file without `/action` has
-    no command.
+    without them; else 14 columns get the ALOHA names and others joint1, joint2, …. Without the attribute
+    `units` all joints are in rad, but of 14 joints the two grippers that stay within -0.2..1.2 in command and
+    position are normalised, "1". Velocity or effort that is zero throughout counts as absent; a file without
+    `/action` has no command.
 
     Raises: RecordingError where the file is missing, damaged or not of this layout.
     """
@@ -50,7 +50,9 @@ def read_aloha_hdf5(
     try:
         with h5py.File(path, "r") as file:
             return _read(file, path, rate, None if joints is None else tuple(joints))
-    except (OSError, RuntimeError, KeyError) as error:
+    except RecordingError:
+        raise
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:  # what h5py raises
         raise RecordingError(
             f"{path}: damaged, cut short or not an HDF5 file; record or copy it again"
         ) from error
@@ -88,7 +90,7 @@ def _read(file: h5py.File, path: Path, rate: float | None, joints: tuple[str, ..
         joints=names,
         time=_time(file, path, len(position), rate),
         units=tuple(str(u) for u in _listed(attributes.get("units"), path, "units"))
-        or _units(names, given, signals),
+        or _units(names, signals),
         frames=_frames(file, path),
         source=str(path),
         **signals,  # pyright: ignore[reportArgumentType]
@@ -101,15 +103,13 @@ def default_joints(count: int) -> tuple[str, ...]:
     return ALOHA_JOINTS if count == len(ALOHA_JOINTS) else tuple(f"joint{i + 1}" for i in range(count))
 
 
-def _units(
-    names: tuple[str, ...], given: list[Any], signals: Mapping[str, np.ndarray | None]
-) -> tuple[str, ...]:
-    """Units of a file that says none: "1" for an ALOHA gripper within 0..1, else rad."""
+def _units(names: tuple[str, ...], signals: Mapping[str, np.ndarray | None]) -> tuple[str, ...]:
+    """Units of a file that says none: "1" for the grippers of 14 joints where within 0..1, else rad."""
     units = ["rad"] * len(names)
-    if not given and len(names) == len(ALOHA_JOINTS):
-        for column in (6, 13):
+    if len(names) == len(ALOHA_JOINTS):
+        for column in (c for c in (6, 13) if "gripper" in names[c].lower()):
             found = [x[:, column] for x in (signals["position"], signals["command"]) if x is not None]
-            if all(NORMALISED[0] <= x.min() and x.max() <= NORMALISED[1] for x in found):
+            if all(np.all((x >= NORMALISED[0]) & (x <= NORMALISED[1])) for x in found):
                 units[column] = "1"
     return tuple(units)
 

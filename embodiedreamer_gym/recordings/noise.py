@@ -53,7 +53,7 @@ def _explains(gaps: np.ndarray, step: float, rounding: float) -> bool:
 def estimate_noise(time: np.ndarray, x: np.ndarray, quantum: float = 0.0) -> float:
     """Standard deviation of the white sensor noise of a signal (T,) beside its quantisation, in its unit.
 
-    High differences of the quietest quarter of the signal, outliers clipped, so that motion does not count;
+    High differences of the quieter half of the signal, outliers clipped, so that motion does not count;
     the step's own variance quantum^2 / 12 is taken off, and what is within 30 % of it counts as no noise.
     """
     x = np.asarray(x, dtype=float)
@@ -66,7 +66,7 @@ def estimate_noise(time: np.ndarray, x: np.ndarray, quantum: float = 0.0) -> flo
 
 
 def _quiet(time: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Samples (T,) bool of the quarter of the windows that drift least and have no gap in time.
+    """Samples (T,) bool of the half of the windows that drift least and have no gap in time.
 
     A window's drift is the difference of the means of its halves: it knows the motion and hardly the noise.
     """
@@ -81,7 +81,7 @@ def _quiet(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     )
     if not gap.all():
         drift[gap] = np.inf
-    keep = np.argsort(drift, kind="stable")[: max(4, count // 4)]
+    keep = np.argsort(drift, kind="stable")[: max(4, count // 2)]
     chosen = np.zeros(count, dtype=bool)
     chosen[keep] = True
     quiet = np.zeros(x.size, dtype=bool)

@@ -1,8 +1,8 @@
 """Plain CSV logs, one row a sample.
 
 Header: `time,<joint>.command,<joint>.position[,<joint>.velocity,<joint>.effort]`. Comment lines before it may
-say more, as `# name: value`: `command_hold: linear`, `units: rad` (one for all, or a JSON list), `kind: step`,
-`noise: [..]`, `quantum: [..]`. The column `<joint>.usable` (0 or 1) is optional too.
+say more, as `# name: value`: `command_hold: linear`, `units: rad` (one for all, or a JSON list), `kind:
+step`, `noise: [..]`, `quantum: [..]`. The column `<joint>.usable` (0 or 1) is optional too.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum
 UNITS = ("rad", "m", "1")
 COMMAND_HOLDS = ("linear", "hold", "unknown")
 FEWEST_SAMPLES = 10
+LARGEST = 1e9  # beyond it a value in rad, m or N m is a damaged log
 LONGEST_STEP = 10.0  # s; a longer one means the times are not in seconds
 
 
@@ -179,12 +180,12 @@ class Recording:
     def _check_signal(self, name: str) -> None:
         array = getattr(self, name)
         self._check_shape(name, array)
-        bad = np.argwhere(~np.isfinite(array))
+        bad = np.argwhere(~(np.abs(array) < LARGEST))  # catches NaN too
         if len(bad):
             row, column = bad[0]
             raise self._error(
                 f"{name} of {self.joints[column]} is {array[row, column]} at row {row} (counted from 0), "
-                f"one of {len(bad)} values that are not finite"
+                f"one of {len(bad)} values that are not finite, or beyond {LARGEST:g}"
             )
 
     def _fill_sensor(self) -> None:

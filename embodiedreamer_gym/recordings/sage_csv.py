@@ -65,9 +65,11 @@ def _read(path: Path, columns: tuple[str, ...], count: int) -> tuple[np.ndarray,
     if not rows:
         raise RecordingError(f"{path}: there is no row below the header")
     time = np.array([_seconds(row["timestamp"], path, number) for number, row in enumerate(rows, 2)])
-    if np.any(np.diff(time) <= 0):
-        row = int(np.flatnonzero(np.diff(time) <= 0)[0]) + 1
-        raise RecordingError(f"{path}: time runs backwards or repeats at row {row} (counted from 0)")
+    late = np.flatnonzero(~(np.diff(time, prepend=-np.inf) > 0))  # a NaN is not greater either
+    if late.size:
+        raise RecordingError(
+            f"{path}: time is not finite, repeats or runs backwards at row {late[0]} (counted from 0)"
+        )
     signals = {
         name: np.array([_numbers(row[name], count, path, name, number) for number, row in enumerate(rows, 2)])
         for name in columns

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.effects import Effect, FrictionBudget, JointState, Mechanics, MechanicsChange, SignalLaw
+from embodiedreamer_gym.effects import Effect, TorqueBudget, JointState, Mechanics, MechanicsChange, SignalLaw
 from embodiedreamer_gym.effects.effect import STAGES
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.model import GRAVITY, SERVO_GROUPS
 from embodiedreamer_gym.simulation.solve import solve_step
 
 TIME_STEP = 1.0 / 240.0  # s, the environment's own
+UNLIMITED = 1e12  # N m or rad/s
 Sets = Mapping[str, np.ndarray]  # group ("stiffness", "payload.mass") -> (P, joints or arms)
 
 
@@ -36,8 +37,9 @@ class Drive:
         self._servo = {g: np.tile(v, (rollouts, 1)) for g, v in servo.items()}
         tiled = [(e, SimpleNamespace(**{k: np.tile(v, (rollouts, 1)) for k, v in p.items()})) for e, p in values]
         self._laws = {s: [(e, p) for e, p in tiled if isinstance(e, SignalLaw) and e.stage == s] for s in STAGES}
-        self._budgets = [(e, p) for e, p in tiled if isinstance(e, FrictionBudget)]
+        self._budgets = [(e, p) for e, p in tiled if isinstance(e, TorqueBudget)]
         self._lower, self._upper = model.tree.lower, model.tree.upper
+        self._blocks = _blocks(model.tree.arm)
         self.batch = self.sets * rollouts
 
     def start(self, measured: np.ndarray, velocity: np.ndarray, command: np.ndarray) -> None:
@@ -71,7 +73,9 @@ class Drive:
         heard = self._pass("command", command, joint)
         error = self._pass("servo", heard - self.measured, joint)
         load = self._pass("load", np.zeros_like(position), joint)
-        forward, backward, slowest, fastest = self._limits(joint)
+        forward, backward, limits = self._budget(joint)
+        slowest = np.minimum((self._lower - position) / dt, 0.0)
+        fastest = np.maximum((self._upper - position) / dt, 0.0)
         mass, bias = self.model.bodies.mass_matrix_and_bias(position, velocity, self.mechanics)
         servo = self._servo
         pull = servo["stiffness"] * error
@@ -81,8 +85,8 @@ class Drive:
 
         def solve() -> None:
             solve_step(mass, bias, velocity, pull, servo["stiffness"], servo["damping"], servo["viscous_friction"],
-                       servo["rotor_inertia"], load, fixed, fixed_torque, forward, backward, slowest, fastest, dt,
-                       impulse, acceleration, torque)  # fmt: skip
+                       servo["rotor_inertia"], load, fixed, fixed_torque, limits, forward, backward, slowest, fastest,
+                       self._blocks, dt, impulse, acceleration, torque)  # fmt: skip
 
         solve()
         if self._laws["drive"]:
@@ -120,18 +124,18 @@ class Drive:
             signal, self._memory[i] = effect.law(signal, joint, self._memory[i], p)
         return signal
 
-    def _limits(self, joint: JointState):
-        forward = np.zeros_like(joint.position)
-        backward = np.zeros_like(joint.position)
-        slowest = np.minimum((self._lower - joint.position) / self.dt, 0.0)
-        fastest = np.maximum((self._upper - joint.position) / self.dt, 0.0)
+    def _budget(self, joint: JointState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Friction's torque forward and backward (B, n), and the drive's limits (5, B, n), of all budgets together."""
+        forward, backward = np.zeros_like(joint.position), np.zeros_like(joint.position)
+        limits = np.full((5, *joint.position.shape), UNLIMITED)
         for effect, p in self._budgets:
-            plus, minus = effect.budget(joint, p)
-            forward, backward = forward + plus, backward + minus
-            speeds = effect.speed_range(joint, p)
-            if speeds is not None:
-                slowest, fastest = np.maximum(slowest, speeds[0]), np.minimum(fastest, speeds[1])
-        return forward, backward, slowest, fastest
+            taken = effect.friction(joint, p)
+            if taken is not None:
+                forward, backward = forward + taken[0], backward + taken[1]
+            given = effect.drive(joint, p)
+            if given is not None:
+                limits = np.minimum(limits, np.stack(np.broadcast_arrays(*given)))
+        return forward, backward, limits
 
 
 def _values(effect: Effect, model: RobotModel, sets: Sets, count: int) -> dict[str, np.ndarray]:
@@ -145,6 +149,14 @@ def _values(effect: Effect, model: RobotModel, sets: Sets, count: int) -> dict[s
             own[names.index(name)] = value
         arrays[p.name] = np.array(np.broadcast_to(sets.get(f"{effect.name}.{p.name}", own), (count, len(names))))
     return arrays
+
+
+def _blocks(arm: np.ndarray) -> np.ndarray:
+    """First joint of each arm, then n; one block when the arms' joints are not in a row."""
+    starts = [0, *(np.flatnonzero(np.diff(arm)) + 1).tolist()]
+    if len(starts) > len(np.unique(arm)):
+        starts = [0]
+    return np.array([*starts, len(arm)], np.int64)
 
 
 def _mechanics(model: RobotModel, rotor_inertia: np.ndarray, values) -> Mechanics:

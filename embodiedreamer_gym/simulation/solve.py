@@ -1,4 +1,4 @@
-"""One step of the servo-driven joints: acceleration under half-step damping, dry friction and speed limits.
+"""One step of the servo-driven joints: acceleration under half-step damping, drive limits and dry friction.
 
 PyBullet integrates v += a dt, q += v dt, a leapfrog whose velocity belongs to t - dt/2. Damping is therefore taken
 at the mean of the old and the new velocity, (M + R + (d + b) dt/2) a = p e - (d + b) v - h + load - friction,
@@ -13,95 +13,155 @@ import numpy as np
 
 SWEEPS = 60
 SPEED_TOLERANCE = 1e-10  # rad/s
+PASSES = 4  # over the set of joints whose drive is at a limit
+FREE, FIXED, TOP, FAST, BOTTOM, BACK = 0, 1, 2, 3, 4, 5
+
+jit = nb.njit(cache=True, nogil=True, error_model="numpy")
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, load, fixed, fixed_torque,
-               budget_forward, budget_backward, slowest, fastest, dt, impulse, acceleration, torque):  # fmt: skip
+@jit
+def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, load, fixed, fixed_torque, limits,
+               budget_forward, budget_backward, slowest, fastest, blocks, dt, impulse, acceleration, torque):  # fmt: skip
     """Solve one step for a batch; arrays (B, n), mass (B, n, n).
 
-    pull: p * error, N m; fixed: joints whose torque is fixed_torque instead of the servo's; impulse: friction's
-    impulse of the last step on entry (a warm start), of this step on return; acceleration, torque: results, the
-    servo's torque at the mean velocity of the step.
+    pull: p * error, N m; fixed: joints whose torque is fixed_torque instead of the servo's; limits (5, B, n): the
+    drive's highest torque forward and backward, N m, the speeds at which it fades to nothing, rad/s, and its torque
+    at rest on that line, N m; blocks:
+    first joint of each independent arm, then n; impulse: friction's of the last step on entry (a warm start), of
+    this step on return; acceleration, torque: results, the drive's torque at the mean velocity of the step.
     """
     batch, n = velocity.shape
-    a = np.empty((n, n))
-    low = np.empty((n, n))
-    inverse = np.empty((n, n))
-    new, slack, soft = np.empty(n), np.empty(n), np.empty(n)
+    low, inverse = np.empty((n, n)), np.empty((n, n))
+    diagonal, right, new, work = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    give, slope, soft = np.empty(n), np.empty(n), np.empty(n)
+    state = np.empty(n, np.int64)
     for b in range(batch):
-        constrained = False
-        for i in range(n):
-            for j in range(n):
-                a[i, j] = mass[b, i, j]
-            d = 0.0 if fixed[b, i] else damping[b, i]
-            a[i, i] += rotor[b, i] + 0.5 * dt * (d + viscous[b, i])
-            stiff = 0.0 if fixed[b, i] else stiffness[b, i] * dt * dt
-            soft[i] = max(0.0, stiff - a[i, i])  # a mode faster than the step resolves is taken implicitly
-            a[i, i] += soft[i]
-            drive = fixed_torque[b, i] if fixed[b, i] else pull[b, i] - d * velocity[b, i]
-            new[i] = drive - (viscous[b, i] + soft[i] / dt) * velocity[b, i] - bias[b, i] + load[b, i]
-            if budget_forward[b, i] > 0.0 or budget_backward[b, i] > 0.0:
-                constrained = True
-        for i in range(n):  # Cholesky factor
-            for j in range(i + 1):
-                s = a[i, j]
-                for k in range(j):
-                    s -= low[i, k] * low[j, k]
-                low[i, j] = np.sqrt(max(s, 1e-300)) if i == j else s / low[j, j]
-        for i in range(n):
-            s = new[i]
-            for k in range(i):
-                s -= low[i, k] * slack[k]
-            slack[i] = s / low[i, i]
-        for i in range(n - 1, -1, -1):
-            s = slack[i]
-            for k in range(i + 1, n):
-                s -= low[k, i] * acceleration[b, k]
-            acceleration[b, i] = s / low[i, i]
-        for i in range(n):
-            new[i] = velocity[b, i] + dt * acceleration[b, i]
-            if new[i] > fastest[b, i] or new[i] < slowest[b, i] or impulse[b, i] != 0.0:
-                constrained = True
-        if constrained:
-            _invert(low, inverse, slack, n)
-            _friction(inverse, new, impulse[b], budget_forward[b], budget_backward[b], slowest[b], fastest[b], dt, n)
-            for i in range(n):
+        for k in range(len(blocks) - 1):
+            first, end = blocks[k], blocks[k + 1]
+            for i in range(first, end):
+                state[i] = FIXED if fixed[b, i] else FREE
+            for _ in range(PASSES):
+                constrained = False
+                for i in range(first, end):
+                    base = mass[b, i, i] + rotor[b, i] + 0.5 * dt * viscous[b, i]
+                    _drive(state[i], i, b, pull, damping, fixed_torque, limits, base / dt, give, slope)
+                    diagonal[i] = base + 0.5 * dt * slope[i]
+                    stiff = stiffness[b, i] * dt * dt if state[i] == FREE else 0.0
+                    soft[i] = max(0.0, stiff - diagonal[i])  # a mode faster than the step resolves: implicit
+                    diagonal[i] += soft[i]
+                    v = velocity[b, i]
+                    right[i] = give[i] - (slope[i] + viscous[b, i] + soft[i] / dt) * v - bias[b, i] + load[b, i]
+                _factor(mass[b], diagonal, low, first, end)
+                _substitute(low, right, new, work, first, end)
+                for i in range(first, end):
+                    new[i] = velocity[b, i] + dt * new[i]
+                    if new[i] > fastest[b, i] or new[i] < slowest[b, i] or impulse[b, i] != 0.0:
+                        constrained = True
+                    if budget_forward[b, i] > 0.0 or budget_backward[b, i] > 0.0:
+                        constrained = True
+                if constrained:
+                    _invert(low, inverse, work, first, end)
+                    _friction(inverse, new, impulse[b], budget_forward[b], budget_backward[b], slowest[b], fastest[b],
+                              dt, first, end)  # fmt: skip
+                changed = False
+                for i in range(first, end):
+                    mean = 0.5 * (velocity[b, i] + new[i])
+                    torque[b, i] = give[i] - slope[i] * mean - soft[i] * new[i] / dt
+                    if state[i] != FIXED:
+                        wanted = pull[b, i] - damping[b, i] * mean if state[i] != FREE else torque[b, i]
+                        base = (mass[b, i, i] + rotor[b, i] + 0.5 * dt * viscous[b, i]) / dt
+                        now = _limit_state(wanted, mean, i, b, limits, base)
+                        if now != state[i]:
+                            state[i] = now
+                            changed = True
+                if not changed:
+                    break
+            for i in range(first, end):
                 acceleration[b, i] = (new[i] - velocity[b, i]) / dt
-        for i in range(n):
-            if fixed[b, i]:
-                torque[b, i] = fixed_torque[b, i]
-            else:
-                mean = velocity[b, i] + 0.5 * dt * acceleration[b, i]
-                torque[b, i] = pull[b, i] - damping[b, i] * mean - soft[i] * new[i] / dt
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _invert(low, inverse, column, n):
-    """Inverse of low low^T, where `low` is a Cholesky factor."""
-    for c in range(n):
-        for i in range(n):
+@jit
+def _drive(state, i, b, pull, damping, fixed_torque, limits, steepest, give, slope):
+    """The drive's torque as give - slope * mean velocity, in each of its states."""
+    if state == FREE:
+        give[i], slope[i] = pull[b, i], damping[b, i]
+    elif state == FIXED:
+        give[i], slope[i] = fixed_torque[b, i], 0.0
+    elif state == TOP:
+        give[i], slope[i] = limits[0, b, i], 0.0
+    elif state == BOTTOM:
+        give[i], slope[i] = -limits[1, b, i], 0.0
+    elif state == FAST:
+        slope[i] = min(limits[4, b, i] / limits[2, b, i], steepest)
+        give[i] = slope[i] * limits[2, b, i]
+    else:
+        slope[i] = min(limits[4, b, i] / limits[3, b, i], steepest)
+        give[i] = -slope[i] * limits[3, b, i]
+
+
+@jit
+def _limit_state(wanted, mean, i, b, limits, steepest):
+    """Which limit of the drive a torque would break: the highest torque, or the line that falls with the speed."""
+    ahead = min(limits[4, b, i] / limits[2, b, i], steepest) * (limits[2, b, i] - mean)
+    behind = min(limits[4, b, i] / limits[3, b, i], steepest) * (limits[3, b, i] + mean)
+    if wanted > min(limits[0, b, i], ahead):
+        return TOP if limits[0, b, i] < ahead else FAST
+    if wanted < -min(limits[1, b, i], behind):
+        return BOTTOM if limits[1, b, i] < behind else BACK
+    return FREE
+
+
+@jit
+def _factor(mass, diagonal, low, first, end):
+    """Cholesky factor of one block of the mass matrix with this diagonal."""
+    for i in range(first, end):
+        for j in range(first, i + 1):
+            s = diagonal[i] if i == j else mass[i, j]
+            for k in range(first, j):
+                s -= low[i, k] * low[j, k]
+            low[i, j] = np.sqrt(max(s, 1e-300)) if i == j else s / low[j, j]
+
+
+@jit
+def _substitute(low, right, out, work, first, end):
+    for i in range(first, end):
+        s = right[i]
+        for k in range(first, i):
+            s -= low[i, k] * work[k]
+        work[i] = s / low[i, i]
+    for i in range(end - 1, first - 1, -1):
+        s = work[i]
+        for k in range(i + 1, end):
+            s -= low[k, i] * out[k]
+        out[i] = s / low[i, i]
+
+
+@jit
+def _invert(low, inverse, column, first, end):
+    """Inverse of low low^T on one block."""
+    for c in range(first, end):
+        for i in range(first, end):
             s = 1.0 if i == c else 0.0
-            for k in range(i):
+            for k in range(first, i):
                 s -= low[i, k] * column[k]
             column[i] = s / low[i, i]
-        for i in range(n - 1, -1, -1):
+        for i in range(end - 1, first - 1, -1):
             s = column[i]
-            for k in range(i + 1, n):
+            for k in range(i + 1, end):
                 s -= low[k, i] * inverse[k, c]
             inverse[i, c] = s / low[i, i]
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _friction(inverse, speed, impulse, forward, backward, slowest, fastest, dt, n):
-    """Projected Gauss-Seidel on the impulses: sticking, sliding or at a speed limit, each joint in turn."""
-    for i in range(n):
+@jit
+def _friction(inverse, speed, impulse, forward, backward, slowest, fastest, dt, first, end):
+    """Projected Gauss-Seidel on the impulses: sticking, sliding or at an end stop, each joint in turn."""
+    for i in range(first, end):
         if impulse[i] != 0.0:
-            for k in range(n):
+            for k in range(first, end):
                 speed[k] -= inverse[k, i] * impulse[i]
     for _ in range(SWEEPS):
         change = 0.0
-        for i in range(n):
+        for i in range(first, end):
             own = inverse[i, i]
             free = speed[i] + own * impulse[i]
             wanted = min(max(free / own, -dt * backward[i]), dt * forward[i])
@@ -113,7 +173,7 @@ def _friction(inverse, speed, impulse, forward, backward, slowest, fastest, dt, 
             step = wanted - impulse[i]
             if step != 0.0:
                 impulse[i] = wanted
-                for k in range(n):
+                for k in range(first, end):
                     speed[k] -= inverse[k, i] * step
                 change = max(change, abs(step * own))
         if change < SPEED_TOLERANCE:

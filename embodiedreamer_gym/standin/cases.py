@@ -1,11 +1,13 @@
-"""Blind cases: a robot drawn with one hidden effect or none, its recordings, and the model a user would start from.
+"""Blind cases: a robot with one hidden effect or none, its recordings, and the model a user starts from.
 
-What every case has beside the effect, so that a fault-free one is no perfect model either: link masses +-1.5 %,
-centres +-2 mm, gains +-5 %, viscous friction +-25 %, 12-bit encoders with 0.4 mrad noise, torque noise.
-Sizes of the effects are drawn log-uniformly between the ends given in SIZES, as shares of what the fault-free arm
-does in the training motions: "peak" its highest torque per joint, "top" its highest speed, "stiffness" its servo's,
-"mass" the moving mass. Friction, spring and bias act on one joint, on the heavier half or on all; delay, low-pass and
-rate limit on all joints alike; an encoder offset only where gravity can show it.
+Beside the effect every case has link masses +-1.5 %, centres +-2 mm, gains +-5 %, viscous friction +-25 %,
+torque noise, and 12-bit encoders with 0.4 mrad noise: a fault-free robot is no perfect model either.
+Sizes are drawn log-uniformly between the ends given in SIZES, some as shares of what the fault-free arm does
+in the training motions: "peak" its highest torque per joint, "load" the same but at least the servo's torque
+at 0.03 rad, "top" its highest speed, "stiffness" its servo's, "mass" all that moves. Delay, low-pass and rate
+limit act on all joints alike, an encoder offset only where gravity can show it, what else is per joint on one
+joint, on the half nearer to the base or on all. The same seed with another effect gives the same robot and
+motions otherwise.
 """
 
 from __future__ import annotations
@@ -42,23 +44,27 @@ SIZES: dict[str, dict[str, tuple[float, float, str]]] = {
     "command_rate_limit": {"rate": (0.25, 0.7, "top")},
     "servo_deadzone": {"width": (0.004, 0.02, "")},
     "torque_saturation": {"limit": (0.45, 0.8, "peak")},
-    "velocity_limit": {"forward": (0.3, 0.7, "top"), "backward": (0.3, 0.7, "top")},
-    "coulomb_friction": {"torque": (0.04, 0.16, "peak")},
+    "velocity_limit": {
+        "forward": (0.3, 0.7, "top"),
+        "backward": (0.3, 0.7, "top"),
+        "stall_torque": (1.5, 4.0, "peak shape"),
+    },
+    "coulomb_friction": {"torque": (0.04, 0.16, "load")},
     "stribeck_friction": {
-        "sliding": (0.02, 0.08, "peak"),
-        "extra_static": (0.05, 0.2, "peak"),
+        "sliding": (0.02, 0.08, "load"),
+        "extra_static": (0.05, 0.2, "load"),
         "speed": (0.05, 0.2, "shape"),
     },
     "load_friction": {"coefficient": (0.08, 0.3, "")},
-    "direction_dependent_friction": {"forward": (0.06, 0.2, "peak"), "backward": (0.01, 0.04, "peak")},
-    "torque_bias": {"torque": (0.05, 0.2, "peak")},
+    "direction_dependent_friction": {"forward": (0.06, 0.2, "load"), "backward": (0.01, 0.04, "load")},
+    "torque_bias": {"torque": (0.05, 0.2, "load")},
     "joint_spring": {"stiffness": (0.03, 0.12, "stiffness"), "angle": (0.1, 0.5, "shape")},
     "payload": {"mass": (0.03, 0.12, "mass")},
     "base_tilt": {"roll": (0.03, 0.12, ""), "pitch": (0.03, 0.12, "")},
     "encoder_offset": {"angle": (0.03, 0.12, "")},
     "quadratic_drag": {"coefficient": (0.05, 0.2, "drag")},
     "torque_ripple": {
-        "amplitude": (0.05, 0.15, "peak"),
+        "amplitude": (0.05, 0.15, "load"),
         "count": (6, 24, "shape"),
         "phase": (0.1, 6.2, "shape"),
     },
@@ -67,14 +73,19 @@ LIMITS = ("command_rate_limit", "torque_saturation", "velocity_limit")  # the sm
 SAME_FOR_ALL = ("command_delay", "command_lowpass", "command_rate_limit")
 EITHER_SIGN = ("torque_bias", "encoder_offset", "base_tilt")
 STRENGTHS = {"faint": 0.3, "plain": 1.0, "strong": 2.5}
-IMPERFECT = {"mass_error": 0.015, "com_error": 0.002, "gain_error": 0.05, "viscous_error": 0.25}
+IMPERFECT: dict[str, Any] = {
+    "mass_error": 0.015,
+    "com_error": 0.002,
+    "gain_error": 0.05,
+    "viscous_error": 0.25,
+}
 SENSOR = {"noise": 4e-4, "quantum": 2 * np.pi / 4096, "effort_noise": 0.02, "velocity_noise": 0.01}
 ALOHA_HOME = (0.0, 1.57, -1.3485, 0.0, 0.0, 0.0, 0.5)
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Recordings to learn from and to be judged by, the nominal model (JSON object), its URDF text, and the truth.
+    """Recordings to learn from and to be judged by, the nominal model (JSON), its URDF text, the truth.
 
     truth: {"effect": name or None, "values": {parameter: {joint or end effector: value}}, "servo": {...}}.
     """
@@ -112,27 +123,27 @@ def draw_case(
     rng: np.random.Generator,
     strength: Literal["faint", "plain", "strong"] = "plain",
     held_out: tuple[str, str] = ("teleoperation", "slow_ramps"),
+    seconds: float = 4.0,
     command_known: Literal["continuous", "linear", "hold"] = "linear",
     declare: str = "linear",
     **sensor: float,
 ) -> Case:
-    """One stand-in arm, 4 s each of multisine and fast point-to-point to learn from and two other motions held out.
+    """One arm: multisine and fast point-to-point to learn from, two other motions held out; `seconds` each.
 
     sensor: what replaces SENSOR or adds to it (jitter, rate, noise, ...).
 
     Raises: EffectError and ModelError for an unknown effect or arm.
     """
     urdf, joints, servo = arm_urdf(arm), arm_joints(arm), asdict(TRUTH[arm])
+    motion_rng, effect_rng, robot_rng = rng.spawn(3)
     span = span_of(urdf, joints, arm_home(arm))
-    learnt, judged = (
-        [f(span, rng) for f in (multisine, point_to_point)],
-        [MOTIONS[k](span, rng) for k in held_out],
-    )
-    nominal = StandIn(urdf, joints, **servo)
-    values = _draw_values(
-        effect, nominal, learnt, span, rng, STRENGTHS[strength], list(range(len(joints))), [0]
-    )
-    robot = StandIn(urdf, joints, **servo, effects={effect: values} if effect else {}, rng=rng, **IMPERFECT)
+    learnt = [make(span, motion_rng, seconds) for make in (multisine, point_to_point)]
+    judged = [MOTIONS[kind](span, motion_rng, seconds) for kind in held_out]
+    nominal = StandIn(urdf, joints, **servo, timestep=5e-4)
+    everywhere = list(range(len(joints)))
+    values = _draw_values(effect, nominal, learnt, span, effect_rng, STRENGTHS[strength], everywhere, [0])
+    effects = {effect: values} if effect else {}
+    robot = StandIn(urdf, joints, **servo, effects=effects, rng=robot_rng, **IMPERFECT)
     logging: dict[str, Any] = {**SENSOR, "command_known": command_known, "declare": declare, **sensor}
     train = Recordings([robot.record(m, name=f"{m.kind}-{i + 1}", **logging) for i, m in enumerate(learnt)])
     test = Recordings([robot.record(m, name=f"{m.kind}-{i + 3}", **logging) for i, m in enumerate(judged)])
@@ -155,7 +166,7 @@ def aloha_case(
     seconds: float = 10.0,
     command_known: Literal["continuous", "linear", "hold"] = "linear",
 ) -> Case:
-    """Teleoperated episodes of the ALOHA pair at 30 Hz, every other one held out; the effect is on one side's arm.
+    """Teleoperated episodes of the ALOHA pair at 30 Hz, every other one held out; one side has the effect.
 
     Raises: EffectError for an unknown effect, ModelError for a side that is neither left nor right.
     """
@@ -164,21 +175,19 @@ def aloha_case(
     assets = Path(str(resources.files("embodiedreamer_gym") / "assets"))
     model = json.loads((assets / "aloha.json").read_text())
     robot_json = model["robot"]
-    urdf, joints, tips = (
-        assets / "urdf" / "aloha.urdf",
-        tuple(robot_json["joints"]),
-        robot_json["end_effectors"],
-    )
+    urdf, joints, tips = assets / "urdf" / "aloha.urdf", robot_json["joints"], robot_json["end_effectors"]
     servo: dict[str, Any] = {**model["servo"], **{k: model[k] for k in ("rotor_inertia", "viscous_friction")}}
-    common = {"normalised": robot_json["normalised"], "end_effector_links": tips}
+    common: dict[str, Any] = {"normalised": robot_json["normalised"], "end_effector_links": tips}
     span = span_of(urdf, joints, np.array(ALOHA_HOME * 2), 0.5, 0.6, common["normalised"])
-    motions = [teleoperation(span, rng, seconds) for _ in range(episodes)]
+    motion_rng, effect_rng, robot_rng = rng.spawn(3)
+    motions = [teleoperation(span, motion_rng, seconds) for _ in range(episodes)]
     nominal = StandIn(urdf, joints, **servo, timestep=5e-4, **common)
-    hurt = [i for i, name in enumerate(joints) if name.startswith(side) and name not in common["normalised"]]
+    hurt = [i for i, name in enumerate(joints) if name.startswith(side)]
     arms = [i for i, tip in enumerate(tips) if tip.startswith(side)]
-    values = _draw_values(effect, nominal, motions[:1], span, rng, STRENGTHS[strength], hurt, arms)
+    values = _draw_values(effect, nominal, motions[:1], span, effect_rng, STRENGTHS[strength], hurt, arms)
     effects = {effect: values} if effect else {}
-    robot = StandIn(urdf, joints, **servo, effects=effects, rng=rng, timestep=2e-4, **common, **IMPERFECT)
+    faults = {"effects": effects, "rng": robot_rng, **IMPERFECT}
+    robot = StandIn(urdf, joints, **servo, timestep=2e-4, **common, **faults)
     gripper = np.array([name in common["normalised"] for name in joints])
     sensor = {**SENSOR, "quantum": np.where(gripper, 1e-3, SENSOR["quantum"]), "command_known": command_known}
     logs = [robot.record(m, rate=30.0, name=f"episode_{i}", **sensor) for i, m in enumerate(motions)]
@@ -213,13 +222,13 @@ def _draw_values(
     joints: list[int],
     arms: list[int],
 ) -> dict[str, Array]:
-    """Values of the effect's parameters (n,) or (arms,), in the sizes of SIZES; joints, arms: where it may act."""
+    """Values of the effect's parameters (n,) or (arms,); joints, arms: where it may act."""
     if effect is None:
         return {}
     if effect not in SIZES:
         raise EffectError(f"there are no cases of '{effect}'; there are {', '.join(SIZES)}.")
     if effect in ("payload", "base_tilt"):
-        where, size = arms, np.ones(len(arms) if len(nominal.joints) < 14 else 2)
+        where, size = arms, np.ones(len(nominal.end_effectors))
     else:
         where, size = _choose(effect, nominal, span, rng, joints), np.ones(len(nominal.joints))
     scales = _scales(nominal, motions)
@@ -228,11 +237,11 @@ def _draw_values(
         share = np.exp(rng.uniform(np.log(low), np.log(high), len(size)))
         if effect in SAME_FOR_ALL:
             share[:] = share[0]
-        if kind != "shape":
+        if "shape" not in kind:
             share = share ** min(strength, 1.5) if effect in LIMITS else share * strength
         if effect in EITHER_SIGN:
             share *= rng.choice([-1.0, 1.0], len(size))
-        whole = share * scales.get(kind, size)
+        whole = share * scales.get(kind.removesuffix("shape").strip(), size)
         values[name] = np.where(np.isin(np.arange(len(size)), where), whole, 0.0)
     return _adjust(effect, values, scales, span, rng)
 
@@ -240,12 +249,13 @@ def _draw_values(
 def _adjust(
     effect: str, values: dict[str, Array], scales: Mapping[str, Array], span: Span, rng: np.random.Generator
 ) -> dict[str, Array]:
-    """Per effect: a limit that still holds the arm up, a spring's rest angle near home, either friction the larger."""
-    if effect == "torque_saturation":
-        on = values["limit"] > 0
-        values["limit"] = np.where(on, np.maximum(values["limit"], 1.2 * scales["static"]), 0.0)
+    """A limit that still holds the arm up, a spring at rest near home, either direction the harder one."""
+    for name in {"limit", "stall_torque"} & set(values):
+        enough = np.maximum(values[name], 1.2 * scales["static"])
+        values[name] = np.where(values[name] > 0, enough, 0.0)
     if effect == "command_rate_limit":
-        values["rate"][:] = np.median(values["rate"])
+        on = values["rate"] > 0
+        values["rate"] = np.where(on, np.median(values["rate"][on]), 0.0)
     if effect == "joint_spring":
         values["angle"] = span.centre + values["angle"] * rng.choice([-1.0, 1.0], len(span.centre))
         values["angle"] *= values["stiffness"] > 0
@@ -261,7 +271,8 @@ def _choose(
 ) -> list[int]:
     """Joints that the effect acts on."""
     if effect in SAME_FOR_ALL:
-        return list(range(len(nominal.joints)))
+        return joints
+    joints = [j for j in joints if nominal.units[j] == "rad"]
     if effect == "encoder_offset":
         step = 0.05 * np.eye(len(nominal.joints))
         change = nominal.gravity_torque(span.centre + step) - nominal.gravity_torque(span.centre - step)
@@ -274,12 +285,13 @@ def _choose(
 
 
 def _scales(nominal: StandIn, motions: list[Motion]) -> dict[str, Array]:
-    """What the fault-free arm does in the motions: highest torque, speed and gravity torque (n,); its stiffness."""
+    """What the shares of SIZES refer to: numbers (n,) of the fault-free arm in the motions."""
     runs = [nominal.run(motion, motion.duration) for motion in motions]
-    position, speed, torque = (np.concatenate([run[i][::50] for run in runs]) for i in (1, 2, 3))
+    position, speed, torque = (np.concatenate([run[i][::10] for run in runs]) for i in (1, 2, 3))
     peak, top = np.abs(torque).max(0), np.abs(speed).max(0)
     return {
         "peak": peak,
+        "load": np.maximum(peak, 0.03 * nominal.true["stiffness"]),
         "top": top,
         "drag": peak / top**2,
         "static": np.abs(nominal.gravity_torque(position[::20])).max(0),

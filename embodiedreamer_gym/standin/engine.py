@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from embodiedreamer_gym.errors import SimulationError
-from embodiedreamer_gym.standin.hidden import Hidden, friction_law, shape_command
+from embodiedreamer_gym.standin.hidden import Hidden, friction_law, shape_command, torque_speed_line
 from embodiedreamer_gym.standin.plant import Plant, import_mujoco, rotation_quaternion
 
 Array = np.ndarray
-LIMIT_STEEPNESS = 100.0  # of the torque-speed line of velocity_limit, in servo dampings
+CREEP = 2e-3  # rad/s
 
 
 class Engine:
@@ -30,25 +30,17 @@ class Engine:
         timestep: float,
     ) -> None:
         self._mujoco = import_mujoco()
-        self._plant, self._hidden, self._zero, self._stroke, self.timestep = (
-            plant,
-            hidden,
-            zero,
-            stroke,
-            timestep,
-        )
+        self._plant, self._hidden, self.timestep = plant, hidden, timestep
+        self._zero, self._stroke = zero, stroke
         self._model, self._data = plant.model, self._mujoco.MjData(plant.model)
         self._kp, self._kd = servo["stiffness"] / stroke**2, servo["damping"] / stroke**2
         self._offset = hidden.get("encoder_offset", "angle")
         limit = hidden.get("torque_saturation", "limit")
         self._limit = np.where(limit > 0, limit, np.inf)
-        self._top, self._bottom = (
-            np.where(speed > 0, speed, np.inf)
-            for speed in (hidden.get("velocity_limit", side) for side in ("forward", "backward"))
-        )
-        self._speed_limited = np.isfinite(self._top) | np.isfinite(self._bottom)
+        self._line = torque_speed_line(hidden, self._kd)
         self._set_servo(servo["rotor_inertia"] / stroke**2, servo["viscous_friction"] / stroke**2)
         self._set_effects()
+        self._rest: dict[bytes, Array] = {}
 
     def _set_servo(self, rotor_inertia: Array, viscous: Array) -> None:
         model, dof = self._model, self._plant.dof
@@ -107,26 +99,24 @@ class Engine:
                 ctrl[:] -= np.minimum(np.maximum(error, -width), width)
 
             laws.append(shrink_error)
-        if self._speed_limited.any():
-            laws.append(self._speed_law())
+        if self._line is not None:
+            laws.append(self._speed_law(*self._line))
         return laws
 
-    def _speed_law(self) -> Callable[[], None]:
+    def _speed_law(self, top: Array, rise: Array, bottom: Array, fall: Array) -> Callable[[], None]:
         """Where the servo wants more than the torque-speed line allows, put the actuator on that line."""
         model, data, at, dof = self._model, self._data, self._plant.position, self._plant.dof
-        top, bottom = np.minimum(self._top, 1e6), np.minimum(self._bottom, 1e6)
-        slope, kp, kd = LIMIT_STEEPNESS * self._kd, self._kp, self._kd
-        gain, bias = model.actuator_gainprm, model.actuator_biasprm
+        gain, bias, kp, kd = model.actuator_gainprm, model.actuator_biasprm, self._kp, self._kd
 
         def limit_speed() -> None:
             v = data.qvel[dof]
             wanted = kp * (data.ctrl - data.qpos[at]) - kd * v
-            up, down = wanted > slope * (top - v), wanted < -slope * (bottom + v)
+            up, down = wanted > rise * (top - v), wanted < fall * (bottom - v)
             line = up | down
             gain[:, 0] = np.where(line, 0.0, kp)
-            bias[:, 0] = np.where(up, slope * top, np.where(down, -slope * bottom, 0.0))
+            bias[:, 0] = np.where(up, rise * top, np.where(down, fall * bottom, 0.0))
             bias[:, 1] = np.where(line, 0.0, -kp)
-            bias[:, 2] = np.where(line, -slope, -kd)
+            bias[:, 2] = np.where(up, -rise, np.where(down, -fall, -kd))
 
         return limit_speed
 
@@ -143,46 +133,59 @@ class Engine:
         )
         wanted -= self._offset
         self._settle(wanted[0])
-        q, v, torque = self._play(wanted)
-        middle = (v[:-1] + v[1:]) / 2  # the engine's velocity belongs half a step earlier
-        torque = torque[:-1]
-        free = (np.abs(torque) < self._limit) & ~self._speed_limited
-        torque = np.where(free, torque - self._kd * np.diff(v, axis=0) / 2, torque)
-        torque = np.clip(torque, -self._limit, self._limit)
-        position = (q[:-1] - self._zero) / self._stroke
-        return np.arange(steps - 1) * self.timestep, position, middle / self._stroke, torque * self._stroke
+        q, v, sent = self._play(wanted)
+        q, v = q[:-1], (v[:-1] + v[1:]) / 2  # the engine's velocity belongs half a step earlier
+        torque = self._drive(sent[:-1], q, v)
+        time = np.arange(steps - 1) * self.timestep
+        return time, (q - self._zero) / self._stroke, v / self._stroke, torque * self._stroke
 
-    def _settle(self, first: Array, longest: float = 8.0) -> None:
+    def _drive(self, sent: Array, q: Array, v: Array) -> Array:
+        """The actuator's torque (T, n) by its own law, at the speed of the middle of the step."""
+        torque = self._kp * (sent - q) - self._kd * v
+        if self._line is not None:
+            top, rise, bottom, fall = self._line
+            torque = np.clip(torque, fall * (bottom - v), rise * (top - v))
+        return np.clip(torque, -self._limit, self._limit)
+
+    def _settle(self, first: Array, longest: float = 4.0) -> None:
+        """Rest at a set point (n,); the pose found is kept for the next motion that starts there.
+
+        A creep below CREEP counts as rest in the end: inside a dead zone a joint may need minutes.
+        """
+        self._reset(self._plant.pose(first), first)
+        block = int(0.25 / self.timestep)
+        blocks = int(longest / 0.25)
+        for left in range(blocks, -1, -1):
+            if first.tobytes() in self._rest:
+                self._reset(self._rest[first.tobytes()], first)
+                return
+            _, v, _ = self._play(np.broadcast_to(first, (block, len(first))))
+            if np.abs(v[-block // 5 :] / self._stroke).max() < (1e-5 if left > 1 else CREEP):
+                self._rest[first.tobytes()] = self._data.qpos.copy()
+        raise SimulationError(f"the stand-in does not rest at its first command within {longest:g} s.")
+
+    def _reset(self, pose: Array, command: Array) -> None:
+        """Still at a pose (nq,) with the servo's torque, on which friction may depend, already there."""
         model, data = self._model, self._data
         self._mujoco.mj_resetData(model, data)
-        data.qpos[:] = self._plant.pose(first)
         data.qfrc_applied[self._plant.dof] = self._constant_torque
-        block = int(0.25 / self.timestep)
-        for _ in range(int(longest / 0.25)):
-            _, v, _ = self._play(np.broadcast_to(first, (block, len(first))))
-            if np.abs(v[-block // 5 :] / self._stroke).max() < 1e-4:
-                return
-        raise SimulationError(
-            f"the stand-in does not come to rest at its first command within {longest:g} s."
-        )
+        data.qpos[:], data.ctrl[:] = pose, command
+        self._mujoco.mj_forward(model, data)
 
     def _play(self, wanted: Array) -> tuple[Array, Array, Array]:
-        """Step through set points (k, n); position, velocity and torque (k, n) at the start of each step."""
+        """Step through set points (k, n); position, velocity and actuator input at the start of each."""
         model, data, step, laws = self._model, self._data, self._mujoco.mj_step, self._laws()
-        ctrl, force = data.ctrl, data.actuator_force
-        q = np.empty((len(wanted), model.nq))
-        v, torque = np.empty((len(wanted), model.nv)), np.empty(wanted.shape)
-        qpos, qvel = data.qpos, data.qvel
+        ctrl, qpos, qvel = data.ctrl, data.qpos, data.qvel
+        q, v, sent = np.empty((len(wanted), model.nq)), np.empty((len(wanted), model.nv)), np.array(wanted)
         for k in range(len(wanted)):
             ctrl[:] = wanted[k]
             for law in laws:
                 law()
-            q[k], v[k] = qpos, qvel
+            q[k], v[k], sent[k] = qpos, qvel, ctrl
             step(model, data)
-            torque[k] = force
         if any(warning.number for warning in data.warning) or not np.isfinite(qvel).all():
             raise SimulationError("the stand-in's engine diverged; use smaller gains or a shorter timestep.")
-        return q[:, self._plant.position], v[:, self._plant.dof], torque
+        return q[:, self._plant.position], v[:, self._plant.dof], sent
 
     @property
     def moving_mass(self) -> float:

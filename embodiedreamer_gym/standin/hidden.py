@@ -11,7 +11,7 @@ A log's effort is the actuator's torque: friction, springs, bias and ripple act 
 | torque_bias, torque_ripple, quadratic_drag | generalised force on the joint |
 | joint_spring | joint stiffness |
 | torque_saturation | force range of the actuator |
-| velocity_limit | torque-speed line, 100 times as steep as the servo's damping |
+| velocity_limit | torque-speed line from `stall_torque` at rest; without one, 100 times the servo's damping |
 | servo_deadzone, encoder_offset | the set point the actuator sees |
 | command_delay, command_lowpass, command_rate_limit | the command at every step, in this order |
 | payload, base_tilt | a ball welded to the end effector; the arm turned at its root |
@@ -28,6 +28,8 @@ from scipy.signal import lfilter
 from embodiedreamer_gym.errors import EffectError
 
 Array = np.ndarray
+NEVER = 1e6  # a speed that no joint reaches
+STEEP = 100.0  # slope of a torque-speed line without a stall torque, in servo dampings
 
 # parameter -> (per "joint" or "arm", power of the gripper's stroke that turns it into URDF units)
 EFFECTS: dict[str, dict[str, tuple[str, int]]] = {
@@ -36,7 +38,7 @@ EFFECTS: dict[str, dict[str, tuple[str, int]]] = {
     "command_rate_limit": {"rate": ("joint", 1), "tick": ("joint", 0), "step": ("joint", 1)},
     "servo_deadzone": {"width": ("joint", 1)},
     "torque_saturation": {"limit": ("joint", -1)},
-    "velocity_limit": {"forward": ("joint", 1), "backward": ("joint", 1)},
+    "velocity_limit": {"forward": ("joint", 1), "backward": ("joint", 1), "stall_torque": ("joint", -1)},
     "coulomb_friction": {"torque": ("joint", -1)},
     "stribeck_friction": {"sliding": ("joint", -1), "extra_static": ("joint", -1), "speed": ("joint", 1)},
     "load_friction": {"coefficient": ("joint", 0)},
@@ -146,3 +148,14 @@ def friction_law(hidden: Hidden) -> tuple[Array, Callable[[Array, Array], Array]
         return level + extra * np.exp(-scaled * scaled) + share * np.abs(torque)
 
     return level, varying
+
+
+def torque_speed_line(hidden: Hidden, damping: Array) -> tuple[Array, Array, Array, Array] | None:
+    """Highest speed, its slope, lowest speed, its slope (n,): torque lies between slope * (speed - v)."""
+    forward, backward = (hidden.get("velocity_limit", side) for side in ("forward", "backward"))
+    if not (forward.any() or backward.any()):
+        return None
+    stall = np.where((forward > 0) | (backward > 0), hidden.get("velocity_limit", "stall_torque"), 0.0)
+    top, bottom = (np.where(speed > 0, speed, NEVER) for speed in (forward, backward))
+    rise, fall = (np.where(stall > 0, stall / speed, STEEP * damping) for speed in (top, bottom))
+    return top, rise, -bottom, fall

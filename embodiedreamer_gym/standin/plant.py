@@ -114,7 +114,7 @@ def add_payload(root: ElementTree.Element, link: str, mass: float, com: Array) -
     """
     if not any(e.get("name") == link for e in root.iter("link")):
         raise ModelError(f"the URDF has no link '{link}' to carry a payload.")
-    name, moment = f"payload_on_{link}", repr(0.4 * mass * 1e-6)
+    name, moment = f"payload_on_{link}", repr(0.4e-6 * float(mass))
     body = ElementTree.SubElement(ElementTree.SubElement(root, "link", name=name), "inertial")
     ElementTree.SubElement(body, "mass", value=repr(float(mass)))
     ElementTree.SubElement(body, "inertia", ixx=moment, iyy=moment, izz=moment, ixy="0", ixz="0", iyz="0")
@@ -134,6 +134,7 @@ def build_plant(root: ElementTree.Element, joints: Sequence[str], timestep: floa
     """
     mujoco = import_mujoco()
     mimics = _simplify(root, joints)
+    ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler", fusestatic="true")
     try:
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
     except ValueError as error:

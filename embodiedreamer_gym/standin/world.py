@@ -76,7 +76,7 @@ class StandIn:
         self.effort_scale = EFFORT_SCALE_ANGLE * self.true["stiffness"]
         root = read_urdf(urdf)
         disturb_links(root, mass_error, com_error, self.rng)
-        tips = tuple(end_effector_links or end_effectors(root, self.joints))
+        self.end_effectors = tips = tuple(end_effector_links or end_effectors(root, self.joints))
         self._hidden = Hidden(effects or {}, self._stroke, len(tips))
         mass, com = self._hidden.get("payload", "mass"), [self._hidden.get("payload", axis) for axis in "xyz"]
         for arm in np.flatnonzero(mass):

@@ -1,0 +1,120 @@
+"""Refit: a model with one more effect, all parameters fitted again, judged on held-out recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
+from embodiedreamer_gym.diagnosis.screen import Screened
+from embodiedreamer_gym.effects import Effect
+from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+
+ITERATIONS = 12
+TOLERANCE = 2e-3
+RULES = ("linear", "hold")
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A refitted model: the effect added last, its fit, and how it does on the held-out recordings."""
+
+    kind: type[Effect]
+    model: RobotModel
+    problem: Problem
+    fit: Fit
+    held_out: HeldOut
+    rollouts: int
+
+    @property
+    def size(self) -> int:
+        """Number of parameters that the effect brings."""
+        return sum(row.group.split(".")[0] == self.kind.name for row in self.problem.rows)
+
+
+def refit(
+    base: RobotModel, screened: Screened, problem: Problem, train: Sequence[Recording], test: Sequence[Recording],
+    both_rules: bool,
+) -> Candidate:  # fmt: skip
+    """Fit base + effect from where the screening found it; under both rules between commands where none is known.
+
+    problem: the base model's own, whose weights per joint and rule are kept, so that costs compare.
+    """
+    trial = base.with_effect(screened.kind)
+    options = RULES if both_rules and screened.kind.stage == "command" else (problem.hold,)
+    found: list[Candidate] = []
+    for hold in options:
+        new = Problem(trial, train, hold=hold)
+        new.weight = problem.weight
+        fit = minimise(new, start_of(new, screened.start), ITERATIONS, TOLERANCE)
+        model = new.model_at(fit.x)
+        found.append(Candidate(screened.kind, model, new, fit, evaluate(model, test, hold), new.rollouts))
+    best = min(found, key=lambda c: c.fit.cost)
+    return replace(best, rollouts=sum(c.rollouts for c in found))
+
+
+def start_of(problem: Problem, start: dict[str, np.ndarray]) -> np.ndarray:
+    """Scaled start (m,) of a problem: the model's own values, but those of `start` (group -> values) where given."""
+    values = np.array(
+        [start[row.group][row.index] if row.group in start else row.value for row in problem.rows]
+    )
+    return np.clip(problem.scale(np.clip(values, *_bounds(problem))), problem.lower, problem.upper)
+
+
+def _bounds(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([row.low for row in problem.rows]), np.array([row.high for row in problem.rows])
+
+
+def prune(
+    candidate: Candidate, train: Sequence[Recording], test: Sequence[Recording], share: float = 0.1
+) -> Candidate:  # fmt: skip
+    """Keep the effect only on the joints (or arms) where switching it off costs held-out score, and refit.
+
+    A joint stays when switching it off alone loses more than `share` of what the dearest joint loses. The smaller
+    effect is taken unless it does worse on the held-out recordings.
+    """
+    kind, model = candidate.kind, candidate.model
+    effect = next(e for e in model.effects if e.name == kind.name)
+    places = sorted({place for values in effect.values.values() for place in values}, key=_order(model))
+    if len(places) < 2:
+        return candidate
+    losses = []
+    for place in places:
+        values = {}
+        for p in kind.parameters:
+            names = model.joints if p.per == "joint" else model.arms
+            low, high = model.parameter_bounds(p)
+            if place in names:
+                values[f"{kind.name}.{p.name}"] = {
+                    place: float(np.clip(p.off, low, high)[names.index(place)])
+                }
+        off = evaluate(model.with_values(values), test, candidate.problem.hold)
+        losses.append(off.score - candidate.held_out.score)
+    dearest = max(losses)
+    keep = [p for p, loss in zip(places, losses, strict=True) if loss > max(share * dearest, 0.02)]
+    spent = candidate.rollouts + len(places)
+    if not keep or len(keep) == len(places):
+        return replace(candidate, rollouts=spent)
+    smaller = kind(
+        **{k: {j: v for j, v in values.items() if j in keep} for k, values in effect.values.items()}
+    )
+    trimmed = model.with_(effects=(*(e for e in model.effects if e.name != kind.name), smaller))
+    new = Problem(trimmed, train, hold=candidate.problem.hold)
+    new.weight = candidate.problem.weight
+    fit = minimise(new, new.start, ITERATIONS, TOLERANCE)
+    fitted = new.model_at(fit.x)
+    held_out = evaluate(fitted, test, new.hold)
+    spent += new.rollouts
+    if held_out.score > candidate.held_out.score + 0.02 * len(places):
+        return replace(candidate, rollouts=spent)
+    return Candidate(kind, fitted, new, fit, held_out, spent)
+
+
+def _order(model: RobotModel):
+    names = (*model.joints, *model.arms)
+    return names.index

@@ -1,0 +1,324 @@
+"""compare: what models do when they hear the recordings' commands, against what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis.regimes import REGIMES, regimes
+from embodiedreamer_gym.diagnosis.tables import MILLI, finite, layout, number
+from embodiedreamer_gym.errors import RecordingError
+from embodiedreamer_gym.phys_aligner.problem import SMALLEST_SIGMA
+from embodiedreamer_gym.poses import EndEffector, rotation_error, translation_error
+from embodiedreamer_gym.recordings import Recording, estimate_noise, estimate_quantum
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation import Rollout, simulate_sets
+
+DIVERGED = 900.0  # rad/s; the simulation clips a little above
+
+
+@dataclass(frozen=True)
+class Row:
+    """Error of one model in one signal, joint and regime ("all" is every usable sample).
+
+    rms and noise in `unit`; chi2: mean square of the error in units of the noise; samples: how many.
+    """
+
+    model: str
+    signal: str
+    joint: str
+    regime: str
+    unit: str
+    rms: float
+    noise: float
+    chi2: float
+    samples: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison:
+    """How far models are from recordings; arrays have one row per model, in the order they were given.
+
+    labels: names of the models, each different; error (models,): mean over joints of each joint's root mean
+    square over all usable samples, rad (or the joint's own unit); noise: mean over joints of the sensor's sd;
+    joint_rms, joint_chi2 (models, n), nan where a joint has no usable sample; joint_noise (n,);
+    trajectory (models, 2): the paper's losses, translation error in m and rotation error in rad, averaged
+    over time and arms; end_effector_mm (models,): the former in mm; diverged (models,) bool;
+    table: one Row per model, signal, joint and regime; rollouts: [model][recording], arrays (T, n).
+    """
+
+    labels: tuple[str, ...]
+    models: tuple[RobotModel, ...]
+    recordings: tuple[Recording, ...]
+    rollouts: tuple[tuple[Rollout, ...], ...]
+    error: np.ndarray
+    noise: float
+    joint_rms: np.ndarray
+    joint_chi2: np.ndarray
+    joint_noise: np.ndarray
+    end_effector_mm: np.ndarray
+    trajectory: np.ndarray
+    diverged: np.ndarray
+    table: tuple[Row, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        sizes = f"{len(self.labels)} models, {len(self.recordings)} recordings, n={len(self.joint_noise)}"
+        return f"Comparison({sizes})"
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.models[0].joints
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint."""
+        return self.models[0].units
+
+    def rows(self, model: int = -1, signal: str = "position", regime: str | None = None) -> list[Row]:
+        """The table's rows of one model and signal, of all regimes or of one."""
+        wanted = (self.labels[model], signal)
+        return [r for r in self.table if (r.model, r.signal) == wanted and regime in (None, r.regime)]
+
+    def grid(self, model: int = -1, value: str = "chi2", signal: str = "position") -> np.ndarray:
+        """Values (n, 7) of one model by joint and regime, "all" first, nan where there is no sample."""
+        names = ("all", *REGIMES)
+        result = np.full((len(self.joints), len(names)), np.nan)
+        for row in self.rows(model, signal):
+            result[self.joints.index(row.joint), names.index(row.regime)] = getattr(row, value)
+        return result
+
+    def as_dict(self) -> dict[str, Any]:
+        """The comparison as JSON, with units."""
+        error = dict(zip(self.labels, self.error.tolist(), strict=True))
+        return {
+            "recordings": [r.name for r in self.recordings],
+            "models": list(self.labels),
+            "error": {"unit": "rad", "noise": self.noise, "of": error},
+            "end_effector_mm": {k: finite(v) for k, v in zip(self.labels, self.end_effector_mm, strict=True)},
+            "trajectory": {
+                k: {"translation_m": finite(m), "rotation_rad": finite(angle)}
+                for k, (m, angle) in zip(self.labels, self.trajectory, strict=True)
+            },
+            "diverged": [k for k, bad in zip(self.labels, self.diverged, strict=True) if bad],
+            "table": [{**vars(row)} for row in self.table],
+        }
+
+    def __str__(self) -> str:
+        parts = [self._summary()]
+        if len(self.labels) > 1:
+            parts.append(self._joints())
+        parts.append(self._regimes())
+        parts += [self._other(signal) for signal in ("velocity", "effort") if self.rows(signal=signal)]
+        return "\n\n".join(parts)
+
+    def _summary(self) -> str:
+        seconds = sum(r.duration for r in self.recordings)
+        rows = []
+        for i, label in enumerate(self.labels):
+            chi2 = number(float(np.nanmean(self.joint_chi2[i])))
+            errors = [f"{number(1e3 * value)} mrad" for value in (self.error[i], self.noise)]
+            name = f"{label} (diverges)" if self.diverged[i] else label
+            rows.append([name, *errors, chi2, f"{number(self.end_effector_mm[i])} mm"])
+        title = f"{len(self.recordings)} recordings, {seconds:.1f} s, {len(self.joints)} joints"
+        return title + "\n" + layout(["model", "error", "noise", "chi2/n", "end effector"], rows)
+
+    def _joints(self) -> str:
+        heads = [label if len(label) <= 20 else f"{label[:8]}…{label[-11:]}" for label in self.labels]
+        rows = []
+        for j, joint in enumerate(self.joints):
+            errors = [number(1e3 * value) for value in (*self.joint_rms[:, j], self.joint_noise[j])]
+            rows.append([joint, *errors, MILLI[self.units[j]]])
+        return layout(["joint (rms)", *heads, "noise", "unit"], rows)
+
+    def _regimes(self) -> str:
+        rms, chi2 = self.grid(value="rms"), self.grid()
+        rows = []
+        for j, joint in enumerate(self.joints):
+            errors = [number(1e3 * value) for value in (*rms[j], self.joint_noise[j])]
+            rows.append([joint, *errors, number(chi2[j, 0]), MILLI[self.units[j]]])
+        heads = ["all", "hold", "slow", "fast", "reversal", "accel.", "loaded", "noise", "chi2/n", "unit"]
+        return f"position error (rms) of {self.labels[-1]} by regime\n" + layout(["joint", *heads], rows)
+
+    def _other(self, signal: str) -> str:
+        found = self.rows(signal=signal, regime="all")
+        rows = [[r.joint, number(r.rms), number(r.noise), number(r.chi2), r.unit] for r in found]
+        note = ", the model's torque times a fitted scale" if signal == "effort" else ""
+        title = f"{signal} error (rms) of {self.labels[-1]}{note}"
+        return title + "\n" + layout(["joint", "rms", "noise", "chi2/n", "unit"], rows)
+
+
+def compare(
+    models: RobotModel | Sequence[RobotModel],
+    recordings: Sequence[Recording],
+    labels: Sequence[str] | None = None,
+) -> Comparison:
+    """Free-run every recording under each model and set the difference against the sensors' noise.
+
+    labels: what to call the models, all different; default their names and the effects that tell them apart.
+    Raises: SimulationError when a recording is not of this robot, RecordingError when nothing is to compare.
+    """
+    models = (models,) if isinstance(models, RobotModel) else tuple(models)
+    recordings = tuple(recordings)
+    if not models or not recordings:
+        raise RecordingError("there is nothing to compare; give at least one model and one recording.")
+    if not any(r.usable.any() for r in recordings):
+        raise RecordingError("no usable sample is left to compare: all of it is contact or faulty.")
+    rollouts = tuple(free_runs(model, recordings) for model in models)
+    labels = _labels(models) if labels is None else tuple(labels)
+    masks = [regimes(models[0], r) for r in recordings]
+    table: list[Row] = []
+    for label, model, runs in zip(labels, models, rollouts, strict=True):
+        for signal in _signals(model, recordings, runs):
+            table += _rows(label, model, signal, masks)
+    rms, chi2 = (np.full((len(models), models[0].n), np.nan) for _ in range(2))
+    for row in table:
+        if (row.signal, row.regime) == ("position", "all"):
+            place = labels.index(row.model), models[0].joints.index(row.joint)
+            rms[place], chi2[place] = row.rms, row.chi2
+    noise = np.sqrt(np.mean([r.sigma**2 for r in recordings], axis=0))
+    losses = [trajectory_losses(model, recordings, runs) for model, runs in zip(models, rollouts, strict=True)]
+    return Comparison(
+        labels, models, recordings, rollouts,
+        error=np.nanmean(rms, axis=1),
+        noise=float(noise.mean()),
+        joint_rms=rms,
+        joint_chi2=chi2,
+        joint_noise=noise,
+        trajectory=np.array(losses),
+        end_effector_mm=1e3 * np.array(losses)[:, 0],
+        diverged=np.array([any(np.abs(run.velocity).max() > DIVERGED for run in runs) for runs in rollouts]),
+        table=tuple(table),
+    )  # fmt: skip
+
+
+def free_runs(model: RobotModel, recordings: Sequence[Recording]) -> tuple[Rollout, ...]:
+    """Free-run recordings under one model; arrays (T, n)."""
+    runs = simulate_sets(model, recordings)
+    return tuple(Rollout(r.time, r.position[0], r.velocity[0], r.torque[0]) for r in runs)
+
+
+def sensor_sd(recording: Recording, signal: np.ndarray) -> np.ndarray:
+    """Standard deviation (n,) of the noise and rounding of any signal (T, n) of a recording."""
+    quantum = np.array([estimate_quantum(x) for x in signal.T])
+    pairs = zip(signal.T, quantum, strict=True)
+    noise = np.array([estimate_noise(recording.time, x, float(q)) for x, q in pairs])
+    return np.sqrt(noise**2 + quantum**2 / 12)
+
+
+def effort_scale(recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> np.ndarray:
+    """Effort per model torque (n,), least squares through the origin over the usable samples."""
+    pairs = [(r.effort * r.usable, run.torque * r.usable) for r, run in zip(recordings, rollouts, strict=True)
+             if r.effort is not None]  # fmt: skip
+    product = np.sum([(e * t).sum(axis=0) for e, t in pairs], axis=0)
+    power = np.sum([(t * t).sum(axis=0) for _, t in pairs], axis=0)
+    return np.where(power > 0, product / np.where(power > 0, power, 1.0), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Signal:
+    """One signal's errors (T, n) and noises (n,), per recording; None where a recording lacks it."""
+
+    name: str
+    units: tuple[str, ...]
+    errors: list[np.ndarray | None]
+    sigmas: list[np.ndarray | None]
+    usable: list[np.ndarray]
+
+
+def _signals(
+    model: RobotModel, recordings: Sequence[Recording], rollouts: Sequence[Rollout]
+) -> Iterator[_Signal]:
+    pairs = list(zip(recordings, rollouts, strict=True))
+    usable = [r.usable for r in recordings]
+    yield _Signal("position", model.units, [r.position - run.position for r, run in pairs],
+                  [np.maximum(r.sigma, SMALLEST_SIGMA) for r in recordings], usable)  # fmt: skip
+    if any(r.velocity is not None for r in recordings):
+        yield _Signal("velocity", tuple(f"{u}/s" for u in model.units),
+                      [None if r.velocity is None else r.velocity - run.velocity for r, run in pairs],
+                      [_floored(r, r.velocity) for r in recordings], usable)  # fmt: skip
+    if any(r.effort is not None for r in recordings):
+        scale = effort_scale(recordings, rollouts)
+        yield _Signal("effort", ("effort",) * model.n,
+                      [None if r.effort is None else r.effort - scale * run.torque for r, run in pairs],
+                      [_floored(r, r.effort) for r in recordings], usable)  # fmt: skip
+
+
+def _floored(recording: Recording, signal: np.ndarray | None) -> np.ndarray | None:
+    """The sensor's sd (n,), at least a hundred-thousandth of the signal's range."""
+    if signal is None:
+        return None
+    return np.maximum(sensor_sd(recording, signal), np.maximum(1e-5 * np.ptp(signal, axis=0), 1e-12))
+
+
+def _rows(
+    label: str, model: RobotModel, signal: _Signal, masks: Sequence[dict[str, np.ndarray]]
+) -> Iterator[Row]:
+    for regime in ("all", *REGIMES):
+        squares, chi2, noise, count = (np.zeros(model.n) for _ in range(4))
+        parts = zip(signal.errors, signal.sigmas, signal.usable, masks, strict=True)
+        for error, sigma, usable, mask in parts:
+            if error is None or sigma is None:
+                continue
+            keep = usable if regime == "all" else usable & mask[regime]
+            square = np.where(keep, error, 0.0) ** 2
+            squares += square.sum(axis=0)
+            chi2 += (square / sigma**2).sum(axis=0)
+            noise += keep.sum(axis=0) * sigma**2
+            count += keep.sum(axis=0)
+        for j in np.flatnonzero(count):
+            rms, sd = (float(np.sqrt(total[j] / count[j])) for total in (squares, noise))
+            yield Row(label, signal.name, model.joints[j], regime, signal.units[j], rms, sd,
+                      float(chi2[j] / count[j]), int(count[j]))  # fmt: skip
+
+
+def trajectory_losses(
+    model: RobotModel, recordings: Sequence[Recording], rollouts: Sequence[Rollout]
+) -> tuple[float, float]:
+    """Translation error, m, and rotation error, rad, means over time and arms; nan where none is usable."""
+    totals, weight = np.zeros(2), 0
+    for arm, link in enumerate(model.tree.tips):
+        end = EndEffector(model.urdf, link)
+        own = [j for j in range(model.n) if model.tree.arm[j] == model.tree.arm[_driver(model, arm)]]
+        for recording, run in zip(recordings, rollouts, strict=True):
+            keep = recording.usable[:, own].all(axis=1)
+            if not keep.any():
+                continue
+            measured, simulated = (_poses(end, model, q[keep]) for q in (recording.position, run.position))
+            errors = translation_error(simulated[0], measured[0]), rotation_error(simulated[1], measured[1])
+            totals, weight = totals + keep.sum() * np.array(errors), weight + int(keep.sum())
+    return tuple(totals / weight) if weight else (np.nan, np.nan)
+
+
+def _driver(model: RobotModel, tip: int) -> int:
+    """The driven joint nearest to an end effector."""
+    body = list(model.tree.tips.values())[tip][0]
+    return int(model.tree.coordinate[body])
+
+
+def _poses(end: EndEffector, model: RobotModel, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Poses of a link at joint positions (T, n) in the model's units; joints not driven stay at zero."""
+    values = position.copy()
+    for joint, (zero, one) in model.normalised.items():
+        column = model.joints.index(joint)
+        values[:, column] = zero + position[:, column] * (one - zero)
+    undriven = [j for j in end.joints if j not in model.tree.joint_names]
+    return end.pose(np.hstack([values, np.zeros((len(values), len(undriven)))]), (*model.joints, *undriven))
+
+
+def _labels(models: Sequence[RobotModel]) -> tuple[str, ...]:
+    """Names of the models; what they add to the first of that name tells those apart that share one."""
+    names = [m.name for m in models]
+    labels: list[str] = []
+    for i, model in enumerate(models):
+        label = model.name
+        first = names.index(model.name)
+        if i != first:
+            old = {e.name for e in models[first].effects}
+            label = " + ".join([label, *(e.name for e in model.effects if e.name not in old)])
+        again = (f"{label} ({k})" for k in range(2, len(models) + 2))
+        labels.append(label if label not in labels else next(k for k in again if k not in labels))
+    return tuple(labels)

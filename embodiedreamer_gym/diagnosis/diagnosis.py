@@ -1,0 +1,195 @@
+"""The answer of a diagnosis: verdict, effects, joints, parameters, errors, and what cannot be seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis.candidates import Candidate
+from embodiedreamer_gym.diagnosis.compare import compare, trajectory_losses
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, noise_of
+from embodiedreamer_gym.diagnosis.null import Null
+from embodiedreamer_gym.diagnosis.verdict import explained
+from embodiedreamer_gym.phys_aligner import Calibration
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation import Rollout
+
+LABELS = ("nominal", "calibrated", "with_effect", "noise")
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One refitted effect: mean held-out chi2, fall of the held-out score with its standard error, linear screening."""
+
+    effect: str
+    held_out_chi2: float
+    gain: float
+    gain_error: float
+    screening: float
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What a model lacks.
+
+    verdict: "nothing_missing", "missing", "ambiguous" or "unknown"; effects: names, first found first (both of a
+    tie); joints: effect -> joints or arms it acts on; parameters: effect -> joint -> value, low, high, unit; error
+    and end_effector_mm: nominal, calibrated, with_effect (None where none is named), noise; unexplained: joint ->
+    share of its excess error that is left; model: the better model; steps: (label, held-out error) of the staircase.
+    """
+
+    verdict: str
+    sentence: str
+    effects: tuple[str, ...]
+    joints: dict[str, tuple[str, ...]]
+    parameters: dict[str, dict[str, dict[str, Any]]]
+    ranking: tuple[Ranked, ...]
+    error: dict[str, float | None]
+    end_effector_mm: dict[str, float | None]
+    unobservable: tuple[str, ...]
+    unexplained: dict[str, float]
+    steps: tuple[tuple[str, float], ...]
+    p_value: float
+    rollouts: int
+    seconds: float
+    nominal: RobotModel
+    calibrated: RobotModel
+    model: RobotModel
+
+    @property
+    def best(self) -> str | None:
+        """Name of the effect found first, None where none is named."""
+        return self.effects[0] if self.effects else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """The answer as JSON."""
+        return {
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "effects": list(self.effects),
+            "joints": {k: list(v) for k, v in self.joints.items()},
+            "parameters": self.parameters,
+            "ranking": [
+                {
+                    "effect": r.effect,
+                    "held_out_chi2": r.held_out_chi2,
+                    "gain": r.gain,
+                    "gain_error": r.gain_error,
+                }
+                for r in self.ranking
+            ],
+            "error": {"unit": "rad", **self.error},
+            "end_effector_mm": self.end_effector_mm,
+            "unobservable": list(self.unobservable),
+            "unexplained": self.unexplained,
+            "steps": [list(step) for step in self.steps],
+            "p_value": self.p_value,
+            "rollouts": self.rollouts,
+            "seconds": self.seconds,
+        }
+
+    def __str__(self) -> str:
+        lines = [self.sentence, "", f"{'held-out error':<34} {'mrad':>10}"]
+        lines += [f"  {label:<32} {error * 1e3:>10.3f}" for label, error in self.steps]
+        lines.append(f"  {'noise floor':<32} {(self.error['noise'] or 0) * 1e3:>10.3f}")
+        if self.ranking:
+            lines += ["", f"{'rank  effect':<36} {'held-out chi2/n':>16} {'gain (log)':>18}"]
+            for k, r in enumerate(self.ranking, 1):
+                lines.append(
+                    f"{k:>4}  {r.effect:<30} {r.held_out_chi2:>16.2f} {r.gain:>10.2f} +- {r.gain_error:.2f}"
+                )
+        for effect, rows in self.parameters.items():
+            lines.append("")
+            for joint, row in rows.items():
+                spread = "" if row["low"] is None else f"  [{row['low']:.4g}, {row['high']:.4g}]"
+                lines.append(f"{effect} of {joint}: {row['value']:.4g} {row['unit']}{spread}")
+        if self.unobservable:
+            lines += ["", f"this motion and these sensors cannot show: {', '.join(self.unobservable)}"]
+        if self.unexplained:
+            left = ", ".join(f"{j} {100 * share:.0f} %" for j, share in self.unexplained.items())
+            lines.append(f"left unexplained of the excess error: {left}")
+        lines.append(f"{self.rollouts} rollouts, {self.seconds:.1f} s")
+        return "\n".join(lines)
+
+
+def summarise(
+    *, verdict: str, model: RobotModel, calibrated: Calibration, final: Calibration, steps: Sequence[Candidate],
+    tie: Sequence[Candidate], closest: Candidate | None, nominal: HeldOut, base: HeldOut, held: HeldOut, null: Null,
+    p_value: float, ranking: Sequence[Ranked], unobservable: tuple[str, ...], test: Sequence[Recording],
+    rollouts: int, seconds: float,
+) -> Diagnosis:  # fmt: skip
+    """Put a search's results into a Diagnosis."""
+    named = verdict in ("missing", "ambiguous")
+    better = final.model if named else calibrated.model
+    effects = tuple(c.kind.name for c in (tie if verdict == "ambiguous" else steps)) if named else ()
+    models = {"nominal": model, "calibrated": calibrated.model}
+    if named:
+        models["with_effect"] = better
+    error: dict[str, float | None] = {"nominal": nominal.error, "calibrated": base.error}
+    error |= {"with_effect": held.error if named else None, "noise": float(noise_of(test).mean())}
+    millimetres = _end_effector_mm(models, test)
+    share = explained(base, held if named else base, null.chi2)
+    unexplained = {
+        joint: float(1.0 - s)
+        for joint, s in zip(model.joints, share, strict=True)
+        if np.isfinite(s) and 1.0 - s > 0.1
+    }
+    stairs = [("nominal", nominal.error), ("calibrated", base.error)]
+    stairs += [(f"+ {c.kind.name}", c.held_out.error) for c in steps] if named else []
+    parameters = {c.kind.name: _parameters(better, c.kind.name) for c in steps} if named else {}
+    return Diagnosis(
+        verdict=verdict, sentence=_sentence(verdict, effects, parameters, closest, base, null, p_value),
+        effects=effects, joints={e: _places(rows) for e, rows in parameters.items()}, parameters=parameters,
+        ranking=tuple(ranking), error=error,
+        end_effector_mm={label: millimetres.get(label) for label in LABELS}, unobservable=unobservable,
+        unexplained=unexplained, steps=tuple(stairs), p_value=p_value, rollouts=rollouts, seconds=seconds,
+        nominal=model, calibrated=calibrated.model, model=better,
+    )  # fmt: skip
+
+
+def _end_effector_mm(models: dict[str, RobotModel], test: Sequence[Recording]) -> dict[str, float]:
+    """Mean translation error of the end effectors under each model, and what sensor noise alone makes of it."""
+    comparison = compare(list(models.values()), test, labels=list(models))
+    found = dict(zip(models, comparison.end_effector_mm.tolist(), strict=True))
+    rng = np.random.default_rng(0)
+    noisy = [
+        Rollout(r.time, r.position + r.sigma * rng.standard_normal(r.position.shape), r.position, r.position) for r in test
+    ]
+    found["noise"] = 1e3 * float(trajectory_losses(next(iter(models.values())), test, noisy)[0])
+    return found
+
+
+def _parameters(model: RobotModel, name: str) -> dict[str, dict[str, Any]]:
+    """joint -> value, low, high, unit of an effect's first parameter; "joint.parameter" for its others."""
+    rows: dict[str, dict[str, Any]] = {}
+    first = next(e for e in model.effects if e.name == name).parameters[0].name
+    for row in model.parameters().select(name):
+        parameter = row.group.split(".")[1]
+        low, high = row.interval or (None, None)
+        key = row.joint if parameter == first else f"{row.joint}.{parameter}"
+        rows[key] = {"value": row.value, "low": low, "high": high, "unit": row.unit, "parameter": parameter}
+    return rows
+
+
+def _places(rows: dict[str, dict[str, Any]]) -> tuple[str, ...]:
+    return tuple(k for k in rows if "." not in k)
+
+
+def _sentence(verdict, effects, parameters, closest, base: HeldOut, null: Null, p_value: float) -> str:
+    usual = f"a faultless robot whose masses are 2 % off scores as badly with p = {p_value:.3f}"
+    if verdict == "nothing_missing":
+        return f"Nothing is missing that these recordings could show ({usual})."
+    if verdict == "missing":
+        parts = [f"{e} on {', '.join(_places(parameters[e]))}" for e in effects]
+        return f"Missing: {'; then '.join(parts)}."
+    if verdict == "ambiguous":
+        return f"Ambiguous: {' or '.join(effects)}; this motion does not tell them apart."
+    if closest is None:
+        return f"Unknown: the model is wrong ({usual}), but no known effect lowers the held-out error."
+    share = float(np.nanmean(np.append(explained(base, closest.held_out, null.chi2), np.nan)))
+    share = 0.0 if not np.isfinite(share) else max(share, 0.0)
+    return f"Unknown: the model is wrong ({usual}); the closest, {closest.kind.name}, explains {100 * share:.0f} %."

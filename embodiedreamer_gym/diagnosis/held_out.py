@@ -1,0 +1,80 @@
+"""How a model does on recordings it was not fitted to: the only currency in which effects are compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from embodiedreamer_gym.phys_aligner.problem import SMALLEST_SIGMA
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation import simulate_sets
+
+BLOCKS = 24  # pieces of held-out time from which the spread of a difference is estimated
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Free-run errors of one model on held-out recordings.
+
+    chi2 (n,): mean square residual of each joint in sensor noises; rms (n,): in the joint's unit; blocks
+    (pieces, n), counts (pieces, n): sums of squares and samples of consecutive pieces of time.
+    """
+
+    chi2: np.ndarray
+    rms: np.ndarray
+    blocks: np.ndarray
+    counts: np.ndarray
+
+    @property
+    def error(self) -> float:
+        """Mean over joints of each joint's root-mean-square, in the joints' unit."""
+        return float(self.rms.mean())
+
+    @property
+    def score(self) -> float:
+        """Sum over joints of log chi2; below the noise nothing counts."""
+        return score(self.chi2)
+
+
+def score(chi2: np.ndarray) -> float:
+    """Sum over joints of log chi2 (n,), each at least the noise."""
+    return float(np.sum(np.log(np.maximum(chi2, 1.0))))
+
+
+def noise_of(recordings: Sequence[Recording]) -> np.ndarray:
+    """Sensor noise (n,) of recordings, in the joint's unit."""
+    return np.maximum(np.mean([r.sigma for r in recordings], axis=0), SMALLEST_SIGMA)
+
+
+def evaluate(model: RobotModel, recordings: Sequence[Recording], hold: str | None = None) -> HeldOut:
+    """Free-run the recordings and sum up the errors of their usable samples."""
+    sigma = noise_of(recordings)
+    runs = simulate_sets(model, recordings, hold=hold)
+    pieces = max(2, BLOCKS // len(recordings))
+    blocks, counts = [], []
+    for recording, run in zip(recordings, runs, strict=True):
+        e = np.where(recording.usable, (recording.position - run.position[0]) / sigma, 0.0)
+        e = np.clip(e, -1e6, 1e6)
+        for part in np.array_split(np.arange(len(e)), pieces):
+            blocks.append(np.sum(e[part] ** 2, axis=0))
+            counts.append(recording.usable[part].sum(axis=0))
+    total, number = np.sum(blocks, axis=0), np.maximum(np.sum(counts, axis=0), 1)
+    chi2 = total / number
+    return HeldOut(chi2, np.sqrt(chi2) * sigma, np.array(blocks), np.array(counts))
+
+
+def gain(before: HeldOut, after: HeldOut) -> tuple[float, float]:
+    """Fall of the score and its standard error, by a jackknife over pieces of the same held-out time."""
+    fall = before.score - after.score
+    pieces = len(before.blocks)
+    counts = before.counts.sum(axis=0) - before.counts
+    number = np.maximum(counts, 1)
+    without = [
+        score((before.blocks.sum(0) - before.blocks[k]) / number[k])
+        - score((after.blocks.sum(0) - after.blocks[k]) / number[k])
+        for k in range(pieces)
+    ]
+    return fall, float(np.sqrt((pieces - 1) / pieces * np.sum((np.array(without) - np.mean(without)) ** 2)))

@@ -1,0 +1,64 @@
+"""What a faultless robot would show: masses and centres of mass that the URDF does not have quite right.
+
+No parameter of a fit absorbs them, so a chi-square table would accuse almost every healthy robot. The residuals of
+such a robot are drawn from the linearised model: r = J_m m + J_p p, with p what a calibration would answer to m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from embodiedreamer_gym.effects.inertial_error import InertialError
+from embodiedreamer_gym.phys_aligner.least_squares import Fit
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+
+MASS = 0.02  # relative standard deviation of a link's mass
+CENTRE = 0.0025  # m, of each coordinate of its centre of mass
+DRAWS = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Null:
+    """Held-out chi2 (draws, n) of faultless robots whose masses are off, after calibration; rollouts spent."""
+
+    chi2: np.ndarray
+    rollouts: int
+
+    @property
+    def scores(self) -> np.ndarray:
+        """Scores (draws,)."""
+        return np.sum(np.log(np.maximum(self.chi2, 1.0)), axis=1)
+
+    def p_value(self, score: float) -> float:
+        """Share of faultless robots that score as badly, never zero (Davison and Hinkley 1997, eq. 4.11)."""
+        return float((1 + np.sum(self.scores >= score)) / (1 + len(self.scores)))
+
+
+def draw_null(
+    model: RobotModel, fit: Fit, problem: Problem, test: Sequence[Recording], rng: np.random.Generator
+) -> Null:  # fmt: skip
+    """Draw faultless robots like a calibrated model and score them on the held-out recordings."""
+    heavy = model.with_effect(InertialError)
+    hold = problem.hold
+    known = Problem(heavy, problem.recordings, ("inertial_error",), hold)
+    wrong_train = known.jacobian(known.start)[1]
+    unseen = Problem(heavy, test, ("inertial_error",), hold)
+    wrong_test = unseen.jacobian(unseen.start)[1]
+    calibrated = Problem(model, test, tuple({row.group for row in problem.rows}), hold)
+    answer_test = calibrated.jacobian(np.clip(fit.x, calibrated.lower, calibrated.upper))[1]
+    size = np.array([(MASS / 0.02) if row.group.endswith("mass") else CENTRE / 0.002 for row in known.rows])
+    weight = problem.weight[problem.joint_of][:, None]
+    answer = np.linalg.lstsq(fit.jacobian, -wrong_train * weight, rcond=1e-6)[0]
+    left = wrong_test + answer_test @ answer
+    draws = rng.standard_normal((DRAWS, len(size))) * size
+    residuals = left @ draws.T
+    chi2 = np.stack([
+        np.mean(residuals[unseen.joint_of == j] ** 2, axis=0) if np.any(unseen.joint_of == j) else np.zeros(DRAWS)
+        for j in range(model.n)
+    ], axis=1)  # fmt: skip
+    return Null(1.0 + chi2, known.rollouts + unseen.rollouts + calibrated.rollouts)

@@ -1,0 +1,173 @@
+"""Cheap screening: what each effect would do to the residuals, at a few sizes, beside what the servo's gains can do."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from embodiedreamer_gym.effects import Effect
+from embodiedreamer_gym.phys_aligner.least_squares import Fit
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation import simulate_sets
+
+SIZES = (0.1, 0.3, 1.0, 3.0)  # of a parameter that vanishes at zero, relative to its typical size
+LIMITS = (0.25, 0.5, 0.75, 0.95)  # of a limit, relative to the largest value seen
+SHAPES = (0.3, 1.0, 3.0)
+SEEN_SHARE = 0.5  # of the calibrated residual that an effect must change to be observable
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """One effect's screening: score (fall of the summed log residual, linear), where to start, how visible it is.
+
+    start: group -> (n or arms,) values; visible: the effect's change of the residuals at a typical size that the
+    servo's gains cannot mimic, relative to the calibrated residual of the joint where it is plainest.
+    """
+
+    kind: type[Effect]
+    score: float
+    start: dict[str, np.ndarray]
+    visible: float
+    rollouts: int
+
+
+def screen_effect(
+    model: RobotModel, kind: type[Effect], fit: Fit, problem: Problem, floor: np.ndarray
+) -> Screened:
+    """Screen one effect against a calibrated model's residuals on the training recordings.
+
+    floor (n,): root-mean-square residual, in sensor noises, below which a joint has nothing left to explain.
+    """
+    trial = model.with_effect(kind)
+    points = _points(trial, kind, problem)
+    runs = simulate_sets(trial, problem.recordings, points, hold=problem.hold)
+    changed = np.concatenate(
+        [
+            ((r.position - s.position) / problem.sigma)[:, r.usable]
+            for r, s in zip(problem.recordings, runs, strict=True)
+        ],
+        axis=1,
+    )
+    weight = problem.weight[problem.joint_of]
+    base = fit.residuals / weight
+    steps = np.clip(changed, -1e6, 1e6) - base  # (K, N)
+    falls, shares, visible = _joint_falls(model, problem, fit, base, steps, weight, floor)
+    per_arm = all(p.per == "arm" for p in kind.parameters)
+    start: dict[str, np.ndarray] = {}
+    if per_arm:
+        score = 0.0
+        best = np.zeros(len(model.arms), int)
+        for arm in range(model.tree.arms):
+            total = falls[:, model.tree.arm == arm].sum(axis=1)
+            best[arm] = int(np.argmax(total))
+            score += max(float(total.max()), 0.0)
+        share = np.ones(len(model.arms))
+    else:
+        best, columns = np.argmax(falls, axis=0), np.arange(model.n)
+        score = float(np.maximum(falls[best, columns], 0.0).sum())
+        share = np.where(falls[best, columns] > 0.02, shares[best, columns], 0.1)
+    for p in kind.parameters:
+        group = f"{kind.name}.{p.name}"
+        chosen = points[group][best, np.arange(len(best))]
+        low, high = trial.parameter_bounds(p)
+        scaled = chosen if p.shape or p.off != 0 else chosen * share
+        start[group] = np.clip(scaled, low, high)
+    return Screened(kind, score, start, visible, len(changed))
+
+
+def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[str, np.ndarray]:
+    """Parameter sets (K, joints or arms) that cover an effect's sizes, signs and shapes."""
+    choices = []
+    for p in kind.parameters:
+        low, high = model.parameter_bounds(p)
+        typical = p.typical * high / p.high
+        if p.shape:
+            spread = (-1.0, 0.0, 1.0) if p.low < 0 else SHAPES
+            choices.append([np.clip(f * typical, low, high) for f in spread])
+        elif p.off == p.high:
+            top = _top_torque(model, problem) if p.unit == "N m" else _top_speed(problem.recordings)
+            choices.append([np.clip(f * top, low, high) for f in LIMITS])
+        else:
+            signs = (1.0, -1.0) if p.low < 0 else (1.0,)
+            choices.append([np.clip(s * f * typical, low, high) for f in SIZES for s in signs])
+    sized = [i for i, p in enumerate(kind.parameters) if not p.shape]
+    if len(sized) > 1 and kind.parameters[sized[0]].low >= 0:  # several sizes move together, and each alone
+        table = [_together(kind, choices, sized, model)]
+        rows = list(itertools.chain.from_iterable(table))
+    else:
+        rows = list(itertools.product(*choices))
+    return {
+        f"{kind.name}.{p.name}": np.array([row[i] for row in rows]) for i, p in enumerate(kind.parameters)
+    }  # fmt: skip
+
+
+def _together(kind, choices, sized, model) -> list[tuple[np.ndarray, ...]]:
+    rows = []
+    shapes = [choices[i] if i not in sized else [None] for i in range(len(choices))]
+    off = [
+        np.clip(np.full_like(choices[i][0], p.off), *model.parameter_bounds(p))
+        for i, p in enumerate(kind.parameters)
+    ]
+    for shape in itertools.product(*shapes):
+        for k in range(len(choices[sized[0]])):
+            both = [choices[i][k] if i in sized else shape[i] for i in range(len(choices))]
+            rows.append(tuple(both))
+            for only in sized:
+                rows.append(
+                    tuple(both[i] if i == only or i not in sized else off[i] for i in range(len(choices)))
+                )
+    return rows
+
+
+def _joint_falls(model, problem, fit, base, steps, weight, floor):
+    """Fall of log mean square (K, n) when a joint's own gains and one step's share in [0, 1.5] are refitted."""
+    count = len(steps)
+    falls, shares, seen = np.zeros((count, model.n)), np.ones((count, model.n)), np.zeros((count, model.n))
+    for j in range(model.n):
+        rows = np.flatnonzero(problem.joint_of == j)
+        if len(rows) < 10:
+            continue
+        own = [m for m, row in enumerate(problem.rows) if row.index == j and row.joint == model.joints[j]]
+        gains = fit.jacobian[np.ix_(rows, own)] / weight[rows, None]
+        gains = gains[:, np.sum(gains**2, axis=0) > 0]
+        basis = np.linalg.qr(gains)[0] if gains.shape[1] else np.zeros((len(rows), 0))
+        r, d = base[rows], steps[:, rows]
+        r = r - basis @ (basis.T @ r)
+        d = d - (d @ basis) @ basis.T
+        power = np.sum(d**2, axis=1)
+        share = np.clip(-(d @ r) / np.maximum(power, 1e-300), 0.0, 1.5)
+        after = np.mean((r + share[:, None] * d) ** 2, axis=1)
+        lowest = floor[j] ** 2
+        falls[:, j] = np.log(max(np.mean(r**2), lowest)) - np.log(np.maximum(after, lowest))
+        shares[:, j] = share
+        seen[:, j] = np.sqrt(power / len(rows)) / max(floor[j], 1.0)
+    return falls, shares, float(np.median(seen, axis=0).max())
+
+
+def _top_speed(recordings: Sequence[Recording]) -> np.ndarray:
+    """Largest measured speed (n,), robust: the 99th percentile of slopes over three samples."""
+    slopes = [
+        np.abs((r.position[3:] - r.position[:-3]) / (r.time[3:] - r.time[:-3])[:, None]) for r in recordings
+    ]
+    return np.maximum(np.percentile(np.concatenate(slopes), 99, axis=0), 1e-3)
+
+
+def _top_torque(model: RobotModel, problem: Problem) -> np.ndarray:
+    """Largest torque (n,) of the calibrated model's servo, 99th percentile."""
+    runs = simulate_sets(model, problem.recordings, hold=problem.hold)
+    return np.maximum(np.percentile(np.concatenate([np.abs(r.torque[0]) for r in runs]), 99, axis=0), 1e-6)
+
+
+def screen(
+    model: RobotModel, catalogue: Mapping[str, type[Effect]], fit: Fit, problem: Problem, floor: np.ndarray, run
+) -> list[Screened]:  # fmt: skip
+    """Screen every effect that the model does not have yet, best first; `run` maps a function over a list."""
+    have = {e.name for e in model.effects}
+    kinds = [kind for name, kind in catalogue.items() if name not in have]
+    results = run(lambda kind: screen_effect(model, kind, fit, problem, floor), kinds)
+    return sorted(results, key=lambda s: -s.score)

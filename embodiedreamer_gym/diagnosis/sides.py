@@ -1,0 +1,135 @@
+"""On which side of the measured effort a model fails, and how late the robot is against its simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis.compare import sensor_sd
+from embodiedreamer_gym.diagnosis.regimes import smooth_motion, smoothing_gain
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation import Drive, Rollout
+
+EXPLAINED = (
+    0.5  # share of the effort's variance that one side must explain at least, or effort is something else
+)
+SIGNIFICANT = (
+    0.003  # share of the effort's variance that one side must leave open, or there is nothing to share out
+)
+LONGEST_LAG, LAG_STEP = 0.25, 0.01  # s
+NOISES = ("effort_noise", "position_noise", "speed_noise", "acceleration_noise")
+SIMILAR = 0.5  # correlation below which a lag between two motions means nothing
+
+
+def controller_share(model: RobotModel, recordings: Sequence[Recording]) -> np.ndarray:
+    """Share (n,) of the unexplained effort that lies between command and effort, not effort and motion.
+
+    The controller explains effort by a (command - position) + b velocity + c, the plant by
+    gain inverse dynamics + m acceleration + b velocity + c, both on signals smoothed alike; what each leaves
+    beyond the effort's own noise is its part. nan where there is no effort, where neither of them explains
+    half of it, or where both explain all of it.
+    """
+    share = np.full(model.n, np.nan)
+    logs = [r for r in recordings if r.effort is not None and r.command is not None]
+    if not logs:
+        return share
+    terms = [_terms(model, r) for r in logs]
+    for j in range(model.n):
+        effort, controller, plant = (
+            np.concatenate([t[name][r.usable[:, j]][..., j] for t, r in zip(terms, logs, strict=True)])
+            for name in ("effort", "controller", "plant")
+        )
+        noises = {name: np.mean([t[name][:, j] for t in terms], axis=0) for name in NOISES}
+        if len(effort) > 50 and np.var(effort) > 0:
+            share[j] = _share(effort, controller, plant, noises, float(model.inertia_scale[j]))
+    return share
+
+
+def _terms(model: RobotModel, recording: Recording) -> dict[str, np.ndarray]:
+    """Effort (T, n), regressors (T, k, n) of both sides, and the variances that noise leaves in the signals."""
+    effort, command = recording.effort, recording.command
+    if effort is None or command is None:
+        return {}
+    motion = smooth_motion(recording)
+    q, v, a = motion.position, motion.velocity, motion.acceleration
+    torque = model.bodies.inverse_dynamics(q, v, a, Drive(model).mechanics)[0]
+    heard = smooth_motion(recording, command).position
+    ones, gain = np.ones_like(q), smoothing_gain(recording)
+    sds = (sensor_sd(recording, effort) * gain, recording.sigma * gain, motion.speed_noise)
+    return {
+        "effort": smooth_motion(recording, effort).position,
+        "controller": np.stack([heard - q, v, ones], axis=1),
+        "plant": np.stack([torque, a, v, ones], axis=1),
+        **{name: sd[None] ** 2 for name, sd in zip(NOISES, (*sds, motion.acceleration_noise), strict=True)},
+    }
+
+
+def _share(
+    effort: np.ndarray,
+    controller: np.ndarray,
+    plant: np.ndarray,
+    noises: dict[str, np.ndarray],
+    inertia: float,
+) -> float:
+    """The controller's part of what both leave beyond the noise of the effort and of their own regressors."""
+    total = float(np.var(effort))
+    left_c, (p, d, _) = _least_squares(effort, controller)
+    left_p, (gain, m, b, _) = _least_squares(effort, plant)
+    of_effort, of_position, of_speed, of_bend = (float(noises[name][0]) for name in NOISES)
+    floor_c = of_effort + p**2 * of_position + d**2 * of_speed
+    floor_p = of_effort + (gain * inertia + m) ** 2 * of_bend + b**2 * of_speed
+    excess = [
+        left - floor if left > 2 * floor else 0.0 for left, floor in ((left_c, floor_c), (left_p, floor_p))
+    ]
+    if min(left_c, left_p) > (1 - EXPLAINED) * total or max(excess) < SIGNIFICANT * total:
+        return float("nan")
+    return excess[0] / (excess[0] + excess[1])
+
+
+def _least_squares(target: np.ndarray, regressors: np.ndarray) -> tuple[float, np.ndarray]:
+    """Mean square that regressors (T, k) leave of a target (T,), and their weights (k,)."""
+    size = np.sqrt(np.mean(regressors**2, axis=0))
+    size = np.where(size > 0, size, 1.0)
+    weights = np.linalg.lstsq(regressors / size, target, rcond=1e-8)[0] / size
+    return float(np.mean((target - regressors @ weights) ** 2)), weights
+
+
+def lags(recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> np.ndarray:
+    """Time (n,) in ms by which the measured motion is later than the simulated, nan where they are not alike.
+
+    The peak of the cross-correlation of both smoothed speeds, over all recordings, within 250 ms either way.
+    """
+    shifts = np.arange(-LONGEST_LAG, LONGEST_LAG + LAG_STEP / 2, LAG_STEP)
+    n = len(recordings[0].joints)
+    product, power, own = np.zeros((len(shifts), n)), np.zeros((len(shifts), n)), np.zeros(n)
+    for recording, run in zip(recordings, rollouts, strict=True):
+        inside = (recording.time >= recording.time[0] + LONGEST_LAG) & (
+            recording.time <= recording.time[-1] - LONGEST_LAG
+        )
+        if inside.sum() < 10:
+            continue
+        measured = smooth_motion(recording).velocity
+        simulated = smooth_motion(recording, run.position).velocity
+        for j in range(n):
+            rows = inside & recording.usable[:, j]
+            x, at = measured[rows, j], recording.time[rows]
+            for k, shift in enumerate(shifts):
+                y = np.interp(at - shift, recording.time, simulated[:, j])
+                product[k, j] += x @ y
+                power[k, j] += y @ y
+            own[j] += x @ x
+    size = np.sqrt(power * own)
+    likeness = np.where(size > 0, product / np.where(size > 0, size, 1.0), 0.0)
+    return np.array([1e3 * _peak(shifts, column) for column in likeness.T])
+
+
+def _peak(shifts: np.ndarray, likeness: np.ndarray) -> float:
+    """Place of the highest likeness, by a parabola through three points; nan at an end or when too low."""
+    k = int(np.argmax(likeness))
+    if likeness[k] < SIMILAR or k in (0, len(shifts) - 1):
+        return float("nan")
+    before, top, after = likeness[k - 1 : k + 2]
+    bend = before - 2 * top + after
+    return float(shifts[k] + (0.5 * (before - after) / bend * LAG_STEP if bend < 0 else 0.0))

@@ -1,0 +1,42 @@
+"""Tables of text for a terminal: the first column wraps, the others stand right."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+WIDTH = 110  # columns of a terminal
+MILLI = {"rad": "mrad", "m": "mm", "1": "1e-3"}  # a joint's unit -> a thousandth of it
+
+
+def layout(headers: Sequence[str], rows: Sequence[Sequence[str]], width: int = WIDTH) -> str:
+    """Text table of headers and rows, at most `width` columns wide; a first cell that is too long wraps."""
+    sizes = [max(len(row[i]) for row in (headers, *rows)) for i in range(1, len(headers))]
+    first = max(len(row[0]) for row in (headers, *rows))
+    first = max(8, min(first, width - sum(sizes) - 2 * len(sizes)))
+    lines = []
+    for row in (headers, *rows):
+        parts = wrapped(row[0], first)
+        cells = "".join(f"  {cell:>{size}}" for cell, size in zip(row[1:], sizes, strict=True))
+        lines += [(f"{parts[0]:<{first}}" + cells).rstrip(), *parts[1:]]
+    return "\n".join(lines)
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Text cut into lines of at most `width` characters, also inside a long name."""
+    return [text[i : i + width] for i in range(0, len(text), width)] or [""]
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number with that many significant digits, without an exponent where it can be read; "-" for none."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    if value != 0 and not 1e-3 <= abs(value) < 1e6:
+        return f"{value:.{digits - 1}e}"
+    decimals = digits - 1 - math.floor(math.log10(abs(value))) if value else 0
+    return f"{value:.{min(max(decimals, 0), 6)}f}"
+
+
+def finite(value: float) -> float | None:
+    """The number for JSON; None where it is not finite."""
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,58 @@
+"""From refitted candidates to one of four verdicts: nothing missing, missing, ambiguous, unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis.candidates import Candidate
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, gain
+
+VERDICTS = ("nothing_missing", "missing", "ambiguous", "unknown")
+ALARM = 0.01  # p-value below which a model is called wrong
+SMALLEST_GAIN = 0.1  # fall of the summed log chi2 that an effect must bring to be worth naming
+SURE = 2.5  # standard errors of the gain
+TIE = 0.1  # difference of scores below which two effects are not told apart
+EXPLAINED = 0.5  # share of the excess error that the effects together must explain, else "unknown"
+NESTED = {  # the simpler effect is a special case of the richer one
+    "coulomb_friction": ("stribeck_friction", "direction_dependent_friction"),
+    "torque_saturation": ("velocity_limit",),
+    "torque_bias": ("joint_spring",),
+}
+
+
+def pays(before: HeldOut, after: HeldOut) -> bool:
+    """Whether an effect's fall of the held-out score is worth naming and no accident of these recordings."""
+    fall, error = gain(before, after)
+    return fall > max(SMALLEST_GAIN, SURE * error)
+
+
+def contenders(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates that held-out error cannot tell from the best, the one to prefer first.
+
+    Among them a special case goes before the richer law that contains it.
+    """
+    ranked = sorted(candidates, key=lambda c: c.held_out.score)
+    best = ranked[0]
+    close = [c for c in ranked if not _worse(best.held_out, c.held_out)]
+    names = {c.kind.name for c in close}
+    richer = {rich for simple in names for rich in NESTED.get(simple, ())}
+    plain = [c for c in close if c.kind.name not in richer]
+    return plain or close
+
+
+def _worse(best: HeldOut, other: HeldOut) -> bool:
+    fall, error = gain(other, best)
+    return fall > max(TIE, 2.0 * error)
+
+
+def explained(before: HeldOut, after: HeldOut, null: np.ndarray) -> np.ndarray:
+    """Share (n,) of each joint's excess mean square that is gone; NaN where there was no excess.
+
+    null (draws, n): chi2 of faultless robots.
+    """
+    usual, most = np.median(null, axis=0), np.quantile(null, 0.95, axis=0)
+    excess = before.chi2 - usual
+    share = np.clip((before.chi2 - after.chi2) / np.maximum(excess, 1e-12), -1.0, 1.0)
+    return np.where(before.chi2 > most, share, np.nan)

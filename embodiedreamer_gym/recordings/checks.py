@@ -1,0 +1,194 @@
+"""Checks of a recording, one fault each; every check returns findings and, where samples suffer, a mask."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from embodiedreamer_gym.recordings.recording import Recording
+from embodiedreamer_gym.recordings.tracking import Tracking, runs
+
+SEVERITIES = ("error", "warning", "info")
+LOWEST_RATE = 29.0  # Hz; the 30 Hz of ALOHA logs, measured with some jitter
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One remark: severity "error", "warning" or "info", a code, the joints concerned, one sentence."""
+
+    severity: str
+    code: str
+    joints: tuple[str, ...]
+    message: str
+
+
+def time_base(recording: Recording) -> Iterator[Finding]:
+    """Irregular steps, gaps and a low rate."""
+    step = np.diff(recording.time)
+    median = float(np.median(step))
+    gap = step > 1.6 * median
+    jitter = float(np.percentile(np.abs(step[~gap] - median), 95)) / median
+    if jitter > 0.2:
+        yield Finding(
+            "warning",
+            "irregular-time",
+            (),
+            f"the time step varies by {jitter:.0%} of its {1e3 * median:.1f} ms; log the time of each sample",
+        )
+    if gap.any():
+        lost = int(np.round(step[gap] / median - 1).sum())
+        yield Finding(
+            "warning",
+            "dropped-samples",
+            (),
+            f"about {lost} samples are missing in {int(gap.sum())} gaps, the longest {step.max():.3f} s at "
+            f"{recording.time[int(step.argmax())] - recording.time[0]:.2f} s",
+        )
+    if recording.rate < LOWEST_RATE:
+        yield Finding(
+            "warning",
+            "low-rate",
+            (),
+            f"{recording.rate:.1f} Hz is below 30 Hz: delays and friction will hardly be told apart",
+        )
+
+
+def channels(recording: Recording) -> Iterator[Finding]:
+    """Signals that the log does not have."""
+    if recording.command is None:
+        message = (
+            "there is no command, so nothing can be simulated against it; log what was sent to the servos"
+        )
+        yield Finding("error", "no-command", (), message)
+    if recording.effort is None:
+        yield Finding("info", "no-effort", (), "there is no effort: torque limits show only in the motion")
+    if recording.velocity is None:
+        yield Finding("info", "no-velocity", (), "there is no velocity: it is taken from the position")
+
+
+def clipped(
+    recording: Recording, tracking: Tracking, limits: Mapping[str, tuple[float, float]]
+) -> tuple[list[Finding], np.ndarray]:
+    """Joints pinned for 0.1 s or longer, at their extreme or a limit, while the command goes on beyond.
+
+    At an extreme it must have stopped twice or more, and followed well until it stopped and from where it
+    left: a joint that friction, a dead zone or gravity keeps short of its command comes or goes with a lag.
+    """
+    mask = np.zeros(recording.position.shape, dtype=bool)
+    findings: list[Finding] = []
+    for j, joint in enumerate(recording.joints):
+        usual = 3 * float(np.percentile(np.abs(tracking.error[:, j]), 25))
+        beyond = max(2 * tracking.small[j], 0.05 * tracking.span[j], usual)
+        near = max(1.5 * recording.quantum[j] + 8 * recording.noise[j], 1e-9)
+        low, high = limits.get(joint, (-np.inf, np.inf))
+        for sign, limit in ((1, high), (-1, -low)):
+            x, u = sign * recording.position[:, j], sign * tracking.expected[:, j]
+            ends = list(_pressed(recording.time, x >= x.max() - near, u - x.max(), beyond))
+            if sum(_followed(x, u, run, recording.rate) for run in ends) > 1 and _mostly_follows(x, u):
+                for run in ends:
+                    mask[run, j] = True
+            if np.isfinite(limit):
+                for run in _pressed(recording.time, x >= limit - 0.5 * tracking.small[j], u - limit, beyond):
+                    mask[run, j] = True
+        if mask[:, j].any():
+            at = recording.position[mask[:, j], j]
+            message = (
+                f"{joint} stands at {at.min():.4g}..{at.max():.4g} for {at.size} samples while the command "
+                "goes on: a joint limit or the sensor's end, left out"
+            )
+            findings.append(Finding("warning", "clipped", (joint,), message))
+    return findings, mask
+
+
+def _pressed(time: np.ndarray, pinned: np.ndarray, over: np.ndarray, beyond: float) -> Iterator[slice]:
+    """Stretches of 0.1 s or longer of a pinned joint whose command goes beyond by enough."""
+    for run in runs(pinned):
+        out = over[run][over[run] > 0]
+        lasts = time[run.stop - 1] - time[run.start] >= 0.1
+        if out.size >= 5 and lasts and np.percentile(out, 90) > beyond:
+            yield run
+
+
+def _followed(x: np.ndarray, u: np.ndarray, run: slice, rate: float) -> bool:
+    """Whether a joint was near its command 0.1 s before and after a stretch, and the command turned in it."""
+    before, after = run.start - max(1, round(0.1 * rate)), run.stop - 1 + max(1, round(0.1 * rate))
+    if before < 0 or after >= x.size:
+        return False
+    far = float(np.max(u[run] - x[run]))
+    aside = max(float(abs(u[k] - x[k])) for k in (before, after))
+    return float(np.ptp(u[run])) > 0.5 * far and aside < 0.35 * far
+
+
+def _mostly_follows(x: np.ndarray, u: np.ndarray) -> bool:
+    """Whether a joint moves by most of what it is told: one that friction holds has no end to stop at."""
+    return bool(np.ptp(np.percentile(x, [1, 99])) > 0.4 * np.ptp(np.percentile(u, [1, 99])))
+
+
+def mixed_up(recording: Recording, tracking: Tracking) -> tuple[list[Finding], set[int]]:
+    """Joints that follow each other's command, joints that move against theirs; and their columns."""
+    x, u, n = recording.position, tracking.expected, len(recording.joints)
+    moves = np.ptp(x, axis=0)
+    still = (tracking.span < 3 * tracking.small, moves < 3 * tracking.small)
+    zu, zx = _standard(u, ~still[0]), _standard(x, ~still[1])
+    c = zu.T @ zx / len(x)  # command of the row, position of the column
+    c *= moves[None, :] > 0.3 * tracking.span[:, None]  # a coupled joint follows too, but little
+    findings: list[Finding] = []
+    columns: set[int] = set()
+    for i in range(n):
+        for j in range(i + 1, n):
+            quiet = (still[0][j] and still[1][i], still[0][i] and still[1][j])
+            crossed = (abs(c[i, j]) > 0.8 or quiet[1]) and (abs(c[j, i]) > 0.8 or quiet[0])
+            if crossed and max(abs(c[i, j]), abs(c[j, i])) > 0.8 and max(abs(c[i, i]), abs(c[j, j])) < 0.5:
+                pair = (recording.joints[i], recording.joints[j])
+                message = (
+                    f"{pair[0]} and {pair[1]} follow each other's command: columns or cables are swapped"
+                )
+                findings.append(Finding("error", "swapped", pair, message))
+                columns |= {i, j}
+    for j in range(n):
+        if c[j, j] < -0.8 and j not in columns:
+            joint = recording.joints[j]
+            message = f"{joint} moves against its command: turn its sign round in the log or in the URDF"
+            findings.append(Finding("error", "sign-flipped", (joint,), message))
+            columns.add(j)
+    return findings, columns
+
+
+def _standard(x: np.ndarray, live: np.ndarray) -> np.ndarray:
+    """Columns with mean 0 and sd 1; zero where a column does not move."""
+    centred = x - x.mean(axis=0)
+    sd = centred.std(axis=0)
+    return np.where(live & (sd > 0), centred / np.where(sd > 0, sd, 1), 0.0)
+
+
+def frozen(recording: Recording, tracking: Tracking, skip: set[int]) -> tuple[list[Finding], np.ndarray]:
+    """Joints whose position does not change although they are commanded to move."""
+    moves = np.ptp(recording.position, axis=0)
+    least = np.maximum(2.5 * recording.quantum, 10 * recording.noise)
+    mask = np.zeros(recording.position.shape, dtype=bool)
+    findings: list[Finding] = []
+    for j, joint in enumerate(recording.joints):
+        if j not in skip and moves[j] <= least[j] and tracking.span[j] > 3 * tracking.small[j]:
+            mask[:, j] = True
+            message = (
+                f"{joint} does not move, though its command spans {tracking.span[j]:.3g}: off, or not read"
+            )
+            findings.append(Finding("error", "frozen", (joint,), message))
+    return findings, mask
+
+
+def offset(recording: Recording, tracking: Tracking, skip: set[int]) -> Iterator[Finding]:
+    """Joints as far from their rising as from their falling command: not lag, friction or backlash."""
+    speed = np.gradient(tracking.expected, recording.time, axis=0)
+    for j, joint in enumerate(recording.joints):
+        moving = np.abs(speed[:, j]) > 0.05 * np.abs(speed[:, j]).max()
+        rising, falling = moving & (speed[:, j] > 0), moving & (speed[:, j] < 0)
+        if j in skip or tracking.span[j] < 3 * tracking.small[j] or min(rising.sum(), falling.sum()) < 10:
+            continue
+        up, down = (float(np.median(tracking.error[way, j])) for way in (rising, falling))
+        middle = 0.5 * (up + down)
+        if abs(middle) > tracking.small[j] and abs(up - down) < 0.5 * abs(middle):
+            message = f"{joint} stays {middle:+.4g} from its command: an encoder offset, or gravity"
+            yield Finding("warning", "offset", (joint,), message)

@@ -1,0 +1,81 @@
+"""When an arm touches something: samples a fit of the free arm must not use.
+
+Two rules, meant to stay silent on ordinary lag, delay, friction and gravity sag, not to find everything:
+
+* held: a gripper is commanded further closed (to smaller values) and stands still well short of that for
+  0.3 s or longer. A gripper of unit "1" below 0.05, or at its lower limit, is closed on nothing. Without
+  limits, an empty gripper in rad commanded past its end stop counts as held: that costs samples, not truth.
+* pushed: no joint of the arm has been commanded to move for 0.5 s, all stood still for 0.3 s, and then one
+  moves by 40 mrad or more within 0.2 s: a force from outside. A push during a motion is not found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from embodiedreamer_gym.recordings.recording import Recording
+from embodiedreamer_gym.recordings.tracking import Tracking, arms, is_gripper, runs, samples, trailing_range
+
+HELD_FOR = 0.3  # s; longer than any delay and rise of a free gripper
+STANDING, SETTLED, SUDDEN = 0.5, 0.3, 0.2  # s
+CLOSED = 0.05  # of a normalised gripper
+
+
+def held(recording: Recording, tracking: Tracking, limits: Mapping[str, tuple[float, float]]) -> np.ndarray:
+    """Samples (T, n) at which a gripper holds something, in the gripper's own column."""
+    found = np.zeros(recording.position.shape, dtype=bool)
+    still = trailing_range(recording.position, samples(recording, SUDDEN))
+    for j, joint in enumerate(recording.joints):
+        if not is_gripper(joint, recording.units[j]):
+            continue
+        x, error = recording.position[:, j], tracking.error[:, j]
+        short = max(0.1 * tracking.span[j], 2.5 * tracking.small[j]) + float(np.percentile(np.abs(error), 10))
+        low = limits.get(
+            joint, (CLOSED - tracking.small[j] if recording.units[j] == "1" else -np.inf, np.inf)
+        )[0]
+        mask = (error > short) & (still[:, j] < 0.5 * tracking.small[j]) & (x > low + tracking.small[j])
+        for run in runs(mask):
+            if recording.time[run.stop - 1] - recording.time[run.start] >= HELD_FOR - SUDDEN:
+                found[max(0, run.start - samples(recording, SUDDEN)) : run.stop, j] = True
+    return found
+
+
+def pushed(recording: Recording, tracking: Tracking, command: np.ndarray) -> np.ndarray:
+    """Samples (T, n) at which a joint was moved from outside while its whole arm was to stand still."""
+    x, back = recording.position, samples(recording, SUDDEN) - 1
+    found = np.zeros(x.shape, dtype=bool)
+    standing = trailing_range(command, samples(recording, STANDING + SUDDEN)) < 0.25 * tracking.small
+    settled = trailing_range(x, samples(recording, SETTLED)) < 0.5 * tracking.small
+    for arm in arms(recording.joints):
+        calm = np.asarray(standing[:, arm].all(axis=1))
+        before = np.roll(settled[:, arm].all(axis=1), back)
+        before[:back] = False
+        for j in arm:
+            moved = np.abs(x[:, j] - np.roll(x[:, j], back)) > 2 * tracking.small[j]
+            for stretch in runs(calm):
+                starts = np.flatnonzero((moved & before)[stretch]) + stretch.start
+                if starts.size:
+                    rest = x[starts[0] - back, j]
+                    away = np.abs(x[starts[0] : stretch.stop, j] - rest) > tracking.small[j]
+                    last = starts[0] + int(np.flatnonzero(away)[-1]) + 1 if away.any() else starts[0] + 1
+                    found[starts[0] - back : last, j] = True
+    return found
+
+
+def whole_arm(recording: Recording, mask: np.ndarray, margin: float = 0.2) -> np.ndarray:
+    """The mask (T, n) spread to every joint of the same arm and by a margin in s to both sides."""
+    result = np.zeros(mask.shape, dtype=bool)
+    for arm in arms(recording.joints):
+        result[:, arm] = widened(recording, np.asarray(mask[:, arm].any(axis=1)), margin)[:, None]
+    return result
+
+
+def widened(recording: Recording, mask: np.ndarray, margin: float = 0.2) -> np.ndarray:
+    """The mask (T,) with each stretch longer by a margin in s on both sides."""
+    result = mask.copy()
+    for run in runs(mask):
+        first, last = recording.time[run.start] - margin, recording.time[run.stop - 1] + margin
+        result |= (recording.time >= first) & (recording.time <= last)
+    return result
