@@ -1,0 +1,69 @@
+"""Close the gap between a real robot arm and its simulation; names are loaded when they are first used."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose, where
+    from embodiedreamer_gym.diagnosis.report import write_report
+    from embodiedreamer_gym.effects import CATALOGUE
+    from embodiedreamer_gym.errors import EmbodieDreamerError
+    from embodiedreamer_gym.phys_aligner import calibrate
+    from embodiedreamer_gym.recordings import (
+        Recording,
+        Recordings,
+        load_recordings,
+        preflight,
+        save_recording,
+    )
+    from embodiedreamer_gym.robot import RobotModel, built_in_robots
+    from embodiedreamer_gym.simulation import simulate
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "CATALOGUE",
+    "EmbodieDreamerError",
+    "Recording",
+    "Recordings",
+    "RobotModel",
+    "__version__",
+    "add_effect",
+    "built_in_robots",
+    "calibrate",
+    "compare",
+    "diagnose",
+    "load_recordings",
+    "preflight",
+    "save_recording",
+    "simulate",
+    "where",
+    "write_report",
+]
+
+_HOMES = {
+    "diagnosis": ("add_effect", "compare", "diagnose", "where"),
+    "diagnosis.report": ("write_report",),
+    "effects": ("CATALOGUE",),
+    "errors": ("EmbodieDreamerError",),
+    "phys_aligner": ("calibrate",),
+    "recordings": ("Recording", "Recordings", "load_recordings", "preflight", "save_recording"),
+    "robot": ("RobotModel", "built_in_robots"),
+    "simulation": ("simulate",),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from the package that defines it."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

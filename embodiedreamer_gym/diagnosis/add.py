@@ -10,7 +10,7 @@ import numpy as np
 
 from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, start_of
 from embodiedreamer_gym.diagnosis.compare import Comparison, compare
-from embodiedreamer_gym.diagnosis.screen import screen_effect
+from embodiedreamer_gym.diagnosis.screen import grounds, screen_effect
 from embodiedreamer_gym.effects import find_effect
 from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
@@ -44,7 +44,7 @@ def add_effect(
     problem, fit = fit_least_squares(model, train, progress=progress)
     before = finish(problem, fit, time.perf_counter() - begun)
     begun = time.perf_counter()
-    found = screen_effect(before.model, kind, fit, problem, np.ones(model.n))
+    found = screen_effect(kind, grounds(problem, fit, model), problem, np.ones(model.n))
     richer = before.model.with_effect(kind)
     new = Problem(richer, train, hold=problem.hold)
     new.weight = problem.weight

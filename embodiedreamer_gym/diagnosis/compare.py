@@ -180,7 +180,7 @@ def compare(
             place = labels.index(row.model), models[0].joints.index(row.joint)
             rms[place], chi2[place] = row.rms, row.chi2
     noise = np.sqrt(np.mean([r.sigma**2 for r in recordings], axis=0))
-    losses = [trajectory_losses(model, recordings, runs) for model, runs in zip(models, rollouts, strict=True)]
+    losses = [trajectory_losses(m, recordings, runs) for m, runs in zip(models, rollouts, strict=True)]
     return Comparison(
         labels, models, recordings, rollouts,
         error=np.nanmean(rms, axis=1),

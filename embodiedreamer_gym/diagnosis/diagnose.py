@@ -13,8 +13,8 @@ from embodiedreamer_gym.diagnosis.candidates import Candidate, prune, refit
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, Ranked, summarise
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain
 from embodiedreamer_gym.diagnosis.null import Null, draw_null
-from embodiedreamer_gym.diagnosis.screen import SEEN_SHARE, Screened, screen
-from embodiedreamer_gym.diagnosis.verdict import ALARM, EXPLAINED, contenders, explained, pays
+from embodiedreamer_gym.diagnosis.screen import SEEN_SHARE, Screened, grounds, screen
+from embodiedreamer_gym.diagnosis.verdict import ALARM, EXPLAINED, contenders, pays, total_explained
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner import Calibration
@@ -32,6 +32,7 @@ Progress = Callable[[str, int, float], None]
 class Search:
     """A diagnosis under way: what is fixed, and what each step has left behind."""
 
+    nominal: RobotModel
     train: Sequence[Recording]
     test: Sequence[Recording]
     catalogue: Mapping[str, type[Effect]]
@@ -70,7 +71,7 @@ def diagnose(
             "no held-out recording is given; an effect is only named on motion it was not fitted to."
         )
     both = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in train)
-    search = Search(train, test, catalogue or model.catalogue, jobs, progress or (lambda *_: None), both,
+    search = Search(model, train, test, catalogue or model.catalogue, jobs, progress or (lambda *_: None), both,
                     rng or np.random.default_rng(0))  # fmt: skip
     problem, fit = fit_least_squares(model, train, progress=search.progress)
     calibrated = finish(problem, fit, 0.0)
@@ -117,8 +118,10 @@ def _candidates(
     """Screen the catalogue, refit the best of it and all that they are confused with."""
     floor = np.sqrt(np.median(null.chi2, axis=0))
     search.progress("screening", 0, held.error)
-    screened = screen(model, search.catalogue, fit, problem, floor, search.map)
-    search.rollouts += sum(s.rollouts for s in screened)
+    before = problem.rollouts
+    around = grounds(problem, fit, search.nominal)
+    screened = screen(search.catalogue, around, problem, floor, search.map)
+    search.rollouts += problem.rollouts - before + sum(s.rollouts for s in screened)
     if first:
         search.unobservable = tuple(sorted(s.kind.name for s in screened if s.visible < SEEN_SHARE))
     chosen = _shortlist(screened)
@@ -157,8 +160,7 @@ def _verdict(p_value, base, held, null, steps, tie) -> str:
         return "nothing_missing"
     if not steps:
         return "unknown"
-    share = explained(base, held, null.chi2)
-    if np.nanmean(share) < EXPLAINED:
+    if total_explained(base, held, null.chi2) < EXPLAINED:
         return "unknown"
     return "ambiguous" if tie else "missing"
 

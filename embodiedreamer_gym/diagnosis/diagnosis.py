@@ -12,7 +12,7 @@ from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.compare import compare, trajectory_losses
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, noise_of
 from embodiedreamer_gym.diagnosis.null import Null
-from embodiedreamer_gym.diagnosis.verdict import explained
+from embodiedreamer_gym.diagnosis.verdict import explained, total_explained
 from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
@@ -190,6 +190,5 @@ def _sentence(verdict, effects, parameters, closest, base: HeldOut, null: Null, 
         return f"Ambiguous: {' or '.join(effects)}; this motion does not tell them apart."
     if closest is None:
         return f"Unknown: the model is wrong ({usual}), but no known effect lowers the held-out error."
-    share = float(np.nanmean(np.append(explained(base, closest.held_out, null.chi2), np.nan)))
-    share = 0.0 if not np.isfinite(share) else max(share, 0.0)
+    share = max(total_explained(base, closest.held_out, null.chi2), 0.0)
     return f"Unknown: the model is wrong ({usual}); the closest, {closest.kind.name}, explains {100 * share:.0f} %."

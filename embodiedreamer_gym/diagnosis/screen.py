@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,11 +22,38 @@ SEEN_SHARE = 0.5  # of the calibrated residual that an effect must change to be 
 
 
 @dataclass(frozen=True, eq=False)
+class Ground:
+    """Parameters around which effects are tried: a model, scaled x (m,), residuals (N,), Jacobian (N, m)."""
+
+    model: RobotModel
+    x: np.ndarray
+    residuals: np.ndarray
+    jacobian: np.ndarray
+
+
+def grounds(problem: Problem, fit: Fit, nominal: RobotModel) -> list[Ground]:
+    """The fitted parameters, and the fitted ones with the servo's gains as they were given.
+
+    A fit without the missing effect can bend the gains so far that the effect no longer shows around them.
+    """
+    found = [Ground(problem.model_at(fit.x), fit.x, fit.residuals, fit.jacobian)]
+    gains = [i for i, row in enumerate(problem.rows) if "." not in row.group]
+    values = problem.values(fit.x)
+    for i in gains:
+        values[i] = getattr(nominal, problem.rows[i].group)[problem.rows[i].index]
+    x = np.clip(problem.scale(values), problem.lower, problem.upper)
+    if np.abs(x - fit.x).max() > 0.3:
+        found.append(Ground(problem.model_at(x), x, *problem.jacobian(x)))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
 class Screened:
     """One effect's screening: score (fall of the summed log residual, linear), where to start, how visible it is.
 
-    start: group -> (n or arms,) values; visible: the effect's change of the residuals at a typical size that the
-    servo's gains cannot mimic, relative to the calibrated residual of the joint where it is plainest.
+    start: group -> (n or arms,) values, of the effect and of the servo's gains; visible: the effect's change of the
+    residuals at a typical size that the gains cannot mimic, relative to the calibrated residual of the joint where
+    it is plainest.
     """
 
     kind: type[Effect]
@@ -36,48 +63,60 @@ class Screened:
     rollouts: int
 
 
-def screen_effect(
-    model: RobotModel, kind: type[Effect], fit: Fit, problem: Problem, floor: np.ndarray
-) -> Screened:
+def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem, floor: np.ndarray) -> Screened:
     """Screen one effect against a calibrated model's residuals on the training recordings.
 
     floor (n,): root-mean-square residual, in sensor noises, below which a joint has nothing left to explain.
     """
-    trial = model.with_effect(kind)
-    points = _points(trial, kind, problem)
-    runs = simulate_sets(trial, problem.recordings, points, hold=problem.hold)
-    changed = np.concatenate(
-        [
-            ((r.position - s.position) / problem.sigma)[:, r.usable]
-            for r, s in zip(problem.recordings, runs, strict=True)
-        ],
-        axis=1,
-    )
+    model = around[0].model
     weight = problem.weight[problem.joint_of]
-    base = fit.residuals / weight
-    steps = np.clip(changed, -1e6, 1e6) - base  # (K, N)
-    falls, shares, visible = _joint_falls(model, problem, fit, base, steps, weight, floor)
-    per_arm = all(p.per == "arm" for p in kind.parameters)
+    before = _mean_squares(problem, around[0].residuals / weight, floor)
+    falls, shares, visible, spent = [], [], 0.0, 0
+    for k, ground in enumerate(around):
+        trial = ground.model.with_effect(kind)
+        points = _points(trial, kind, problem)
+        changed = _changed(trial, points, problem)
+        spent += len(changed)
+        base = ground.residuals / weight
+        after, share, seen = _refitted(model, problem, ground.jacobian, base, changed - base, weight, floor)
+        falls.append(np.log(before) - np.log(after))
+        shares.append(share)
+        visible = seen if k == 0 else visible
+    fall, share = np.concatenate(falls), np.concatenate(shares)
     start: dict[str, np.ndarray] = {}
-    if per_arm:
-        score = 0.0
-        best = np.zeros(len(model.arms), int)
-        for arm in range(model.tree.arms):
-            total = falls[:, model.tree.arm == arm].sum(axis=1)
-            best[arm] = int(np.argmax(total))
-            score += max(float(total.max()), 0.0)
-        share = np.ones(len(model.arms))
+    if all(p.per == "arm" for p in kind.parameters):
+        totals = np.stack([fall[:, model.tree.arm == a].sum(axis=1) for a in range(model.tree.arms)], axis=1)
+        best = np.argmax(totals, axis=0)
+        score = float(np.maximum(totals.max(axis=0), 0.0).sum())
+        part = np.ones(len(best))
+        ground_of = (best // len(falls[0]))[model.tree.arm]
     else:
-        best, columns = np.argmax(falls, axis=0), np.arange(model.n)
-        score = float(np.maximum(falls[best, columns], 0.0).sum())
-        share = np.where(falls[best, columns] > 0.02, shares[best, columns], 0.1)
+        best, columns = np.argmax(fall, axis=0), np.arange(model.n)
+        score = float(np.maximum(fall[best, columns], 0.0).sum())
+        plain = fall[best, columns] > 0.02
+        part = np.where(plain, share[best, columns], 0.1)
+        ground_of = np.where(plain, best // len(falls[0]), 0)
     for p in kind.parameters:
         group = f"{kind.name}.{p.name}"
-        chosen = points[group][best, np.arange(len(best))]
-        low, high = trial.parameter_bounds(p)
-        scaled = chosen if p.shape or p.off != 0 else chosen * share
-        start[group] = np.clip(scaled, low, high)
-    return Screened(kind, score, start, visible, len(changed))
+        chosen = points[group][best % len(falls[0]), np.arange(len(best))]
+        low, high = model.with_effect(kind).parameter_bounds(p)
+        start[group] = np.clip(chosen if p.shape or p.off != 0 else chosen * part, low, high)
+    for group in {row.group for row in problem.rows if "." not in row.group}:
+        start[group] = np.array([getattr(around[g].model, group)[j] for j, g in enumerate(ground_of)])
+    return Screened(kind, score, start, visible, spent)
+
+
+def _changed(trial: RobotModel, points: dict[str, np.ndarray], problem: Problem) -> np.ndarray:
+    """Residuals (K, N) in sensor noises under K sizes of an effect."""
+    runs = simulate_sets(trial, problem.recordings, points, hold=problem.hold)
+    parts = [((r.position - s.position) / problem.sigma)[:, r.usable] for r, s in zip(problem.recordings, runs, strict=True)]
+    return np.clip(np.concatenate(parts, axis=1), -1e6, 1e6)
+
+
+def _mean_squares(problem: Problem, r: np.ndarray, floor: np.ndarray) -> np.ndarray:
+    """Mean square (n,) of residuals (N,) in sensor noises, at least the floor's."""
+    count = np.maximum(np.bincount(problem.joint_of, minlength=len(floor)), 1)
+    return np.maximum(np.bincount(problem.joint_of, r**2, minlength=len(floor)) / count, floor**2)
 
 
 def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[str, np.ndarray]:
@@ -124,16 +163,16 @@ def _together(kind, choices, sized, model) -> list[tuple[np.ndarray, ...]]:
     return rows
 
 
-def _joint_falls(model, problem, fit, base, steps, weight, floor):
-    """Fall of log mean square (K, n) when a joint's own gains and one step's share in [0, 1.5] are refitted."""
+def _refitted(model, problem, jacobian, base, steps, weight, floor):
+    """Mean square (K, n) left when a joint's own gains and one step's share in [0, 1.5] are refitted; the shares."""
     count = len(steps)
-    falls, shares, seen = np.zeros((count, model.n)), np.ones((count, model.n)), np.zeros((count, model.n))
+    left, shares, seen = np.ones((count, model.n)), np.ones((count, model.n)), np.zeros((count, model.n))
     for j in range(model.n):
         rows = np.flatnonzero(problem.joint_of == j)
         if len(rows) < 10:
             continue
         own = [m for m, row in enumerate(problem.rows) if row.index == j and row.joint == model.joints[j]]
-        gains = fit.jacobian[np.ix_(rows, own)] / weight[rows, None]
+        gains = jacobian[np.ix_(rows, own)] / weight[rows, None]
         gains = gains[:, np.sum(gains**2, axis=0) > 0]
         basis = np.linalg.qr(gains)[0] if gains.shape[1] else np.zeros((len(rows), 0))
         r, d = base[rows], steps[:, rows]
@@ -141,12 +180,10 @@ def _joint_falls(model, problem, fit, base, steps, weight, floor):
         d = d - (d @ basis) @ basis.T
         power = np.sum(d**2, axis=1)
         share = np.clip(-(d @ r) / np.maximum(power, 1e-300), 0.0, 1.5)
-        after = np.mean((r + share[:, None] * d) ** 2, axis=1)
-        lowest = floor[j] ** 2
-        falls[:, j] = np.log(max(np.mean(r**2), lowest)) - np.log(np.maximum(after, lowest))
+        left[:, j] = np.maximum(np.mean((r + share[:, None] * d) ** 2, axis=1), floor[j] ** 2)
         shares[:, j] = share
         seen[:, j] = np.sqrt(power / len(rows)) / max(floor[j], 1.0)
-    return falls, shares, float(np.median(seen, axis=0).max())
+    return left, shares, float(np.median(seen, axis=0).max())
 
 
 def _top_speed(recordings: Sequence[Recording]) -> np.ndarray:
@@ -164,10 +201,11 @@ def _top_torque(model: RobotModel, problem: Problem) -> np.ndarray:
 
 
 def screen(
-    model: RobotModel, catalogue: Mapping[str, type[Effect]], fit: Fit, problem: Problem, floor: np.ndarray, run
+    catalogue: Mapping[str, type[Effect]], around: Sequence[Ground], problem: Problem, floor: np.ndarray,
+    run: Callable[[Callable[[type[Effect]], Screened], list[type[Effect]]], list[Screened]],
 ) -> list[Screened]:  # fmt: skip
     """Screen every effect that the model does not have yet, best first; `run` maps a function over a list."""
-    have = {e.name for e in model.effects}
+    have = {e.name for e in around[0].model.effects}
     kinds = [kind for name, kind in catalogue.items() if name not in have]
-    results = run(lambda kind: screen_effect(model, kind, fit, problem, floor), kinds)
+    results = run(lambda kind: screen_effect(kind, around, problem, floor), kinds)
     return sorted(results, key=lambda s: -s.score)

@@ -48,7 +48,7 @@ def controller_share(model: RobotModel, recordings: Sequence[Recording]) -> np.n
 
 
 def _terms(model: RobotModel, recording: Recording) -> dict[str, np.ndarray]:
-    """Effort (T, n), regressors (T, k, n) of both sides, and the variances that noise leaves in the signals."""
+    """Effort (T, n), regressors (T, k, n) of both sides, and the variances (1, n) of what noise adds."""
     effort, command = recording.effort, recording.command
     if effort is None or command is None:
         return {}

@@ -56,3 +56,13 @@ def explained(before: HeldOut, after: HeldOut, null: np.ndarray) -> np.ndarray:
     excess = before.chi2 - usual
     share = np.clip((before.chi2 - after.chi2) / np.maximum(excess, 1e-12), -1.0, 1.0)
     return np.where(before.chi2 > most, share, np.nan)
+
+
+def total_explained(before: HeldOut, after: HeldOut, null: np.ndarray) -> float:
+    """Share of the excess error that is gone, over the joints that had any, weighted by how bad they were (log)."""
+    share = explained(before, after, null)
+    bad = np.isfinite(share)
+    if not bad.any():
+        return 0.0
+    weight = np.log(np.maximum(before.chi2 / np.median(null, axis=0), 1.0 + 1e-9))[bad]
+    return float(np.sum(weight * share[bad]) / np.sum(weight))

@@ -37,6 +37,7 @@ STRONG = 0.4  # share of the error's variance that must go with something to say
 ASIDE = 0.8  # share of a joint's error that must be its mean to call it steady
 MORE = 1.3  # times the joint's whole error, to call a regime the worst
 ENOUGH = 30  # samples of a regime to speak of it
+READABLE = 6  # joints in a sentence
 LATE = 5.0  # ms; less than the smoothing can tell at the rates of logs
 
 
@@ -240,8 +241,12 @@ def _profile_sentences(
 
 
 def _joints(comparison: Comparison, columns: Sequence[int]) -> str:
-    return _list([comparison.joints[j] for j in columns])
+    names = [comparison.joints[j] for j in columns]
+    return f"All {len(names)} joints" if len(names) == len(comparison.joints) > 2 else _list(names)
 
 
 def _list(names: Sequence[str]) -> str:
+    """Names as the beginning of a sentence; of many only the ends."""
+    if len(names) > READABLE:
+        return f"{len(names)} joints ({names[0]} … {names[-1]})"
     return f"Joint {names[0]}" if len(names) == 1 else f"Joints {', '.join(names)}"

@@ -49,7 +49,8 @@ class Problem:
         if not self.rows:
             raise CalibrationError(f"model {model.name} has no free parameter in {groups}.")
         for row in self.rows:
-            if not row.low * (1 - 1e-9) - 1e-12 <= row.value <= row.high * (1 + 1e-9) + 1e-12:
+            slack = 1e-9 * (row.high - row.low)
+            if not row.low - slack <= row.value <= row.high + slack:
                 raise CalibrationError(f"{row.name} starts at {row.value:g}, outside its bounds {row.low:g} .. {row.high:g}.")
         self._log = np.array([row.low > 0 for row in self.rows])
         self._size = np.array([1.0 if log else _typical(model, row) for row, log in zip(self.rows, self._log, strict=True)])
@@ -98,9 +99,8 @@ class Problem:
         name, key = group.split(".")
         effect = next(e for e in self.model.effects if e.name == name)
         parameter = next(p for p in effect.parameters if p.name == key)
-        low, high = self.model.parameter_bounds(parameter)
         names = self.model.joints if parameter.per == "joint" else self.model.arms
-        own = np.clip(np.full(len(names), parameter.off), low, high)
+        own = self.model.parameter_off(parameter).copy()
         for name, value in effect.values[key].items():
             own[names.index(name)] = value
         return own

@@ -79,7 +79,8 @@ class RobotModel:
                     f"model {self.name}: effect {effect.name} names '{joint}'; its {parameter.per}s are {', '.join(allowed)}."
                 )
             i = allowed.index(joint)
-            if not low[i] * (1 - 1e-9) - 1e-12 <= value <= high[i] * (1 + 1e-9) + 1e-12:
+            slack = 1e-9 * (high[i] - low[i])
+            if not low[i] - slack <= value <= high[i] + slack:
                 raise ModelError(
                     f"model {self.name}: {effect.name}.{parameter.name} of {joint} is {value:g} {parameter.unit}, "
                     f"outside its bounds {low[i]:g} .. {high[i]:g}."
@@ -127,10 +128,10 @@ class RobotModel:
             kind = find_effect(effect, self.catalogue) if isinstance(effect, str) else effect
             values = {}
             for p in kind.parameters:
-                low, high = self.parameter_bounds(p)
+                off = self.parameter_off(p)
                 names = self.joints if p.per == "joint" else self.arms
                 keep = [i for i, name in enumerate(names) if joints is None or p.per == "arm" or name in joints]
-                values[p.name] = {names[i]: float(np.clip(p.off, low[i], high[i])) for i in keep}
+                values[p.name] = {names[i]: float(off[i]) for i in keep}
             effect = kind(**values)
         return replace(self, effects=(*self.effects, effect), catalogue={**self.catalogue, effect.name: type(effect)})
 
@@ -188,9 +189,16 @@ class RobotModel:
 
     def parameter_bounds(self, parameter) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest value of an effect's parameter, per joint or arm (n,) or (arms,)."""
-        count = self.n if parameter.per == "joint" else len(self.arms)
-        factor = self.torque_scale if parameter.scale == "torque" and parameter.per == "joint" else np.ones(count)
+        factor = self._parameter_scale(parameter)
         return parameter.low * factor, parameter.high * factor
+
+    def parameter_off(self, parameter) -> np.ndarray:
+        """Value (n,) or (arms,) at which an effect's parameter vanishes."""
+        return parameter.off * self._parameter_scale(parameter)
+
+    def _parameter_scale(self, parameter) -> np.ndarray:
+        count = self.n if parameter.per == "joint" else len(self.arms)
+        return self.torque_scale if parameter.scale == "torque" and parameter.per == "joint" else np.ones(count)
 
     def parameters(self) -> ParameterTable:
         """Every number of the model as a table: servo, rotor inertia, viscous friction, then the effects'."""
@@ -207,11 +215,11 @@ class RobotModel:
         for effect in self.effects:
             for p in effect.parameters:
                 names = self.joints if p.per == "joint" else self.arms
-                low, high = self.parameter_bounds(p)
+                (low, high), off = self.parameter_bounds(p), self.parameter_off(p)
                 for joint, value in effect.values[p.name].items():
                     i = names.index(joint)
                     row = ParameterRow(f"{effect.name}.{p.name}", joint, i, value, low[i], high[i], p.unit,
-                                       float(np.clip(p.off, low[i], high[i])))  # fmt: skip
+                                       float(off[i]))  # fmt: skip
                     rows.append(replace(row, interval=self.intervals.get(row.name)))
         return ParameterTable(tuple(rows))
 

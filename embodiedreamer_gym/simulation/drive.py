@@ -143,8 +143,7 @@ def _values(effect: Effect, model: RobotModel, sets: Sets, count: int) -> dict[s
     arrays = {}
     for p in effect.parameters:
         names = model.joints if p.per == "joint" else model.arms
-        low, high = model.parameter_bounds(p)
-        own = np.clip(np.full(len(names), p.off), low, high)
+        own = model.parameter_off(p).copy()
         for name, value in effect.values[p.name].items():
             own[names.index(name)] = value
         arrays[p.name] = np.array(np.broadcast_to(sets.get(f"{effect.name}.{p.name}", own), (count, len(names))))

@@ -2,12 +2,8 @@
 
 Beside the effect every case has link masses +-1.5 %, centres +-2 mm, gains +-5 %, viscous friction +-25 %,
 torque noise, and 12-bit encoders with 0.4 mrad noise: a fault-free robot is no perfect model either.
-Sizes are drawn log-uniformly between the ends given in SIZES, some as shares of what the fault-free arm does
-in the training motions: "peak" its highest torque per joint, "load" the same but at least the servo's torque
-at 0.03 rad, "top" its highest speed, "stiffness" its servo's, "mass" all that moves. Delay, low-pass and rate
-limit act on all joints alike, an encoder offset only where gravity can show it, what else is per joint on one
-joint, on the half nearer to the base or on all. The same seed with another effect gives the same robot and
-motions otherwise.
+`sizes` says how large an effect is drawn. The same seed with another effect gives the same robot and motions
+otherwise.
 """
 
 from __future__ import annotations
@@ -22,57 +18,21 @@ from typing import Any, Literal
 import h5py
 import numpy as np
 
-from embodiedreamer_gym.errors import EffectError, ModelError
+from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.recordings import Recording, Recordings, save_recording
 from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
 from embodiedreamer_gym.standin.motions import (
     MOTIONS,
-    Motion,
-    Span,
     multisine,
     point_to_point,
     span_of,
     teleoperation,
 )
+from embodiedreamer_gym.standin.sizes import STRENGTHS, draw_values
 from embodiedreamer_gym.standin.world import StandIn
 
 Array = np.ndarray
 
-SIZES: dict[str, dict[str, tuple[float, float, str]]] = {
-    "command_delay": {"seconds": (0.01, 0.05, "")},
-    "command_lowpass": {"time_constant": (0.01, 0.05, "")},
-    "command_rate_limit": {"rate": (0.25, 0.7, "top")},
-    "servo_deadzone": {"width": (0.004, 0.02, "")},
-    "torque_saturation": {"limit": (0.45, 0.8, "peak")},
-    "velocity_limit": {
-        "forward": (0.3, 0.7, "top"),
-        "backward": (0.3, 0.7, "top"),
-        "stall_torque": (1.5, 4.0, "peak shape"),
-    },
-    "coulomb_friction": {"torque": (0.04, 0.16, "load")},
-    "stribeck_friction": {
-        "sliding": (0.02, 0.08, "load"),
-        "extra_static": (0.05, 0.2, "load"),
-        "speed": (0.05, 0.2, "shape"),
-    },
-    "load_friction": {"coefficient": (0.08, 0.3, "")},
-    "direction_dependent_friction": {"forward": (0.06, 0.2, "load"), "backward": (0.01, 0.04, "load")},
-    "torque_bias": {"torque": (0.05, 0.2, "load")},
-    "joint_spring": {"stiffness": (0.03, 0.12, "stiffness"), "angle": (0.1, 0.5, "shape")},
-    "payload": {"mass": (0.03, 0.12, "mass")},
-    "base_tilt": {"roll": (0.03, 0.12, ""), "pitch": (0.03, 0.12, "")},
-    "encoder_offset": {"angle": (0.03, 0.12, "")},
-    "quadratic_drag": {"coefficient": (0.05, 0.2, "drag")},
-    "torque_ripple": {
-        "amplitude": (0.05, 0.15, "load"),
-        "count": (6, 24, "shape"),
-        "phase": (0.1, 6.2, "shape"),
-    },
-}
-LIMITS = ("command_rate_limit", "torque_saturation", "velocity_limit")  # the smaller, the stronger
-SAME_FOR_ALL = ("command_delay", "command_lowpass", "command_rate_limit")
-EITHER_SIGN = ("torque_bias", "encoder_offset", "base_tilt")
-STRENGTHS = {"faint": 0.3, "plain": 1.0, "strong": 2.5}
 IMPERFECT: dict[str, Any] = {
     "mass_error": 0.015,
     "com_error": 0.002,
@@ -141,7 +101,7 @@ def draw_case(
     judged = [MOTIONS[kind](span, motion_rng, seconds) for kind in held_out]
     nominal = StandIn(urdf, joints, **servo, timestep=5e-4)
     everywhere = list(range(len(joints)))
-    values = _draw_values(effect, nominal, learnt, span, effect_rng, STRENGTHS[strength], everywhere, [0])
+    values = draw_values(effect, nominal, learnt, span, effect_rng, STRENGTHS[strength], everywhere, [0])
     effects = {effect: values} if effect else {}
     robot = StandIn(urdf, joints, **servo, effects=effects, rng=robot_rng, **IMPERFECT)
     logging: dict[str, Any] = {**SENSOR, "command_known": command_known, "declare": declare, **sensor}
@@ -184,7 +144,7 @@ def aloha_case(
     nominal = StandIn(urdf, joints, **servo, timestep=5e-4, **common)
     hurt = [i for i, name in enumerate(joints) if name.startswith(side)]
     arms = [i for i, tip in enumerate(tips) if tip.startswith(side)]
-    values = _draw_values(effect, nominal, motions[:1], span, effect_rng, STRENGTHS[strength], hurt, arms)
+    values = draw_values(effect, nominal, motions[:1], span, effect_rng, STRENGTHS[strength], hurt, arms)
     effects = {effect: values} if effect else {}
     faults = {"effects": effects, "rng": robot_rng, **IMPERFECT}
     robot = StandIn(urdf, joints, **servo, timestep=2e-4, **common, **faults)
@@ -210,94 +170,6 @@ def write_agilex(recording: Recording, path: str | Path) -> None:
         for key, array in data.items():
             if array is not None:
                 file.create_dataset(key, data=array.astype(np.float32))
-
-
-def _draw_values(
-    effect: str | None,
-    nominal: StandIn,
-    motions: list[Motion],
-    span: Span,
-    rng: np.random.Generator,
-    strength: float,
-    joints: list[int],
-    arms: list[int],
-) -> dict[str, Array]:
-    """Values of the effect's parameters (n,) or (arms,); joints, arms: where it may act."""
-    if effect is None:
-        return {}
-    if effect not in SIZES:
-        raise EffectError(f"there are no cases of '{effect}'; there are {', '.join(SIZES)}.")
-    if effect in ("payload", "base_tilt"):
-        where, size = arms, np.ones(len(nominal.end_effectors))
-    else:
-        where, size = _choose(effect, nominal, span, rng, joints), np.ones(len(nominal.joints))
-    scales = _scales(nominal, motions)
-    values: dict[str, Array] = {}
-    for name, (low, high, kind) in SIZES[effect].items():
-        share = np.exp(rng.uniform(np.log(low), np.log(high), len(size)))
-        if effect in SAME_FOR_ALL:
-            share[:] = share[0]
-        if "shape" not in kind:
-            share = share ** min(strength, 1.5) if effect in LIMITS else share * strength
-        if effect in EITHER_SIGN:
-            share *= rng.choice([-1.0, 1.0], len(size))
-        whole = share * scales.get(kind.removesuffix("shape").strip(), size)
-        values[name] = np.where(np.isin(np.arange(len(size)), where), whole, 0.0)
-    return _adjust(effect, values, scales, span, rng)
-
-
-def _adjust(
-    effect: str, values: dict[str, Array], scales: Mapping[str, Array], span: Span, rng: np.random.Generator
-) -> dict[str, Array]:
-    """A limit that still holds the arm up, a spring at rest near home, either direction the harder one."""
-    for name in {"limit", "stall_torque"} & set(values):
-        enough = np.maximum(values[name], 1.2 * scales["static"])
-        values[name] = np.where(values[name] > 0, enough, 0.0)
-    if effect == "command_rate_limit":
-        on = values["rate"] > 0
-        values["rate"] = np.where(on, np.median(values["rate"][on]), 0.0)
-    if effect == "joint_spring":
-        values["angle"] = span.centre + values["angle"] * rng.choice([-1.0, 1.0], len(span.centre))
-        values["angle"] *= values["stiffness"] > 0
-    if effect == "direction_dependent_friction" and rng.random() < 0.5:
-        values = {"forward": values["backward"], "backward": values["forward"]}
-    if effect == "torque_ripple":
-        values["count"] = np.round(values["count"])
-    return values
-
-
-def _choose(
-    effect: str, nominal: StandIn, span: Span, rng: np.random.Generator, joints: list[int]
-) -> list[int]:
-    """Joints that the effect acts on."""
-    if effect in SAME_FOR_ALL:
-        return joints
-    joints = [j for j in joints if nominal.units[j] == "rad"]
-    if effect == "encoder_offset":
-        step = 0.05 * np.eye(len(nominal.joints))
-        change = nominal.gravity_torque(span.centre + step) - nominal.gravity_torque(span.centre - step)
-        slope = np.abs(np.diag(change)) / 0.1 / nominal.true["stiffness"]
-        joints = [j for j in joints if slope[j] >= 0.3 * slope[joints].max()]
-    draw = rng.random()
-    if draw < 0.45:
-        return [int(rng.choice(joints))]
-    return joints[: (len(joints) + 1) // 2] if draw < 0.75 else joints
-
-
-def _scales(nominal: StandIn, motions: list[Motion]) -> dict[str, Array]:
-    """What the shares of SIZES refer to: numbers (n,) of the fault-free arm in the motions."""
-    runs = [nominal.run(motion, motion.duration) for motion in motions]
-    position, speed, torque = (np.concatenate([run[i][::10] for run in runs]) for i in (1, 2, 3))
-    peak, top = np.abs(torque).max(0), np.abs(speed).max(0)
-    return {
-        "peak": peak,
-        "load": np.maximum(peak, 0.03 * nominal.true["stiffness"]),
-        "top": top,
-        "drag": peak / top**2,
-        "static": np.abs(nominal.gravity_torque(position[::20])).max(0),
-        "stiffness": nominal.true["stiffness"],
-        "mass": np.array(nominal.moving_mass),
-    }
 
 
 def _truth(effect: str | None, values: Mapping[str, Array], joints, tips, robot: StandIn) -> dict[str, Any]:

@@ -57,11 +57,12 @@ class Engine:
         model, at, dof, get = self._model, self._plant.position, self._plant.dof, self._hidden.get
         model.jnt_stiffness[model.dof_jntid[dof]] = get("joint_spring", "stiffness")
         model.qpos_spring[at] = self._zero + get("joint_spring", "angle")
+        self._mujoco.mj_forward(model, self._data)
         tilts = zip(self._plant.arm_root, get("base_tilt", "roll"), get("base_tilt", "pitch"), strict=True)
         for body, roll, pitch in tilts:
-            turned = np.empty(4)
-            self._mujoco.mju_mulQuat(turned, rotation_quaternion(roll, pitch), model.body_quat[body])
-            model.body_quat[body] = turned
+            mount = self._data.xquat[model.body_parentid[body]]
+            tilt = rotation_quaternion(roll, pitch)
+            model.body_quat[body] = self._turn(mount * (1, -1, -1, -1), tilt, mount, model.body_quat[body])
         level, self._varying = friction_law(self._hidden)
         model.dof_frictionloss[dof] = level
         uneven = get("direction_dependent_friction", "backward") - get(
@@ -69,6 +70,13 @@ class Engine:
         )
         self._constant_torque = get("torque_bias", "torque") + uneven / 2
         self._mujoco.mj_setConst(model, self._data)
+
+    def _turn(self, *quaternions: Array) -> Array:
+        """Product (4,) of quaternions (4,), w first."""
+        product = np.array([1.0, 0.0, 0.0, 0.0])
+        for factor in quaternions:
+            self._mujoco.mju_mulQuat(product, product.copy(), np.array(factor, float))
+        return product
 
     def _laws(self) -> list[Callable[[], None]]:
         """What must be set anew before each step."""
@@ -189,8 +197,8 @@ class Engine:
 
     @property
     def moving_mass(self) -> float:
-        """Mass of all links but the world's, kg (fixed links are part of the world)."""
-        return float(self._model.body_mass[1:].sum())
+        """Mass of all links that are not fixed to the world, kg."""
+        return float(self._model.body_mass[self._model.body_weldid != 0].sum())
 
     def gravity_torque(self, position: Array) -> Array:
         """Torque (T, n) N m that holds the arm still at measured positions (T, n)."""

@@ -134,7 +134,6 @@ def build_plant(root: ElementTree.Element, joints: Sequence[str], timestep: floa
     """
     mujoco = import_mujoco()
     mimics = _simplify(root, joints)
-    ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler", fusestatic="true")
     try:
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
     except ValueError as error:

@@ -6,8 +6,9 @@ import pytest
 
 from embodiedreamer_gym.errors import EffectError, ModelError
 from embodiedreamer_gym.recordings import load_recordings
-from embodiedreamer_gym.standin.cases import SIZES, aloha_case, draw_case
+from embodiedreamer_gym.standin.cases import aloha_case, draw_case
 from embodiedreamer_gym.standin.hidden import EFFECTS
+from embodiedreamer_gym.standin.sizes import SIZES
 
 SECONDS = 1.2
 

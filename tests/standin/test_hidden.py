@@ -6,6 +6,7 @@ import pytest
 from embodiedreamer_gym.errors import EffectError
 from embodiedreamer_gym.standin.arms import arm_home
 from embodiedreamer_gym.standin.hidden import EFFECTS, Hidden, shape_command
+from embodiedreamer_gym.standin.motions import multisine
 
 WEIGHT = 1.0 * 9.81 * 0.15  # N m at the horizontal: 1 kg, centre at 0.15 m
 STIFFNESS = 40.0  # N m/rad of the pendulum
@@ -23,8 +24,6 @@ def resistance(recording, sample=70):
 
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_at_zero_an_effect_is_absent(build, span, effect):
-    from embodiedreamer_gym.standin.motions import multisine
-
     motion = multisine(span(), np.random.default_rng(0), duration=0.3)
     zeros = {name: 0.0 for name in EFFECTS[effect]}
     plain, off = build("arm6").record(motion), build("arm6", effects={effect: zeros}).record(motion)

@@ -105,7 +105,7 @@ def heat_map(comparison: Comparison) -> Figure:
         figure.subplots(1, len(models), squeeze=False)[0], models, grids, strict=True
     ):
         shown = np.clip(values, 1.0, None)
-        image = axes.imshow(shown, norm=LogNorm(1.0, top), cmap="YlOrRd", aspect="auto")
+        axes.imshow(shown, norm=LogNorm(1.0, top), cmap="YlOrRd", aspect="auto")
         for (row, column), value in np.ndenumerate(values):
             if np.isfinite(value):
                 dark = np.log(max(value, 1.0)) > 0.6 * np.log(top)
@@ -117,7 +117,9 @@ def heat_map(comparison: Comparison) -> Figure:
         axes.set_title(short(comparison.labels[model], 44), fontsize=9, loc="left")
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
-    figure.colorbar(image, ax=figure.axes, label="chi²/n  (1 = sensor noise)", shrink=0.9, pad=0.01)
+    figure.colorbar(
+        figure.axes[0].images[0], ax=figure.axes, label="chi²/n  (1 = sensor noise)", shrink=0.9, pad=0.01
+    )
     return figure
 
 
@@ -137,7 +139,7 @@ def staircase(steps: Sequence[tuple[str, float]], noise: float) -> Figure:
     log = bool(positive) and max(positive) > 8 * min(positive)
     bottom = 0.6 * min(positive) if log else 0.0
     last = len(levels) - 1
-    for k, ((label, _), level) in enumerate(zip(steps, levels, strict=True)):
+    for k, level in enumerate(levels):
         color = BEFORE if k == 0 and last else AFTER
         axes.fill_between([k, k + 0.92], bottom, level, color=color, alpha=0.16, lw=0)
         axes.plot([k, k + 0.92], [level, level], color=color, lw=2.6, solid_capstyle="butt")
@@ -147,7 +149,7 @@ def staircase(steps: Sequence[tuple[str, float]], noise: float) -> Figure:
     axes.axhspan(bottom, floor, color=BAND, lw=0, zorder=0)
     axes.axhline(floor, color=GREY, lw=1.0, ls="--")
     axes.annotate(f"sensor noise {number(floor)} mrad", (0.0, floor), xytext=(4, -11), fontsize=8.5,
-                  textcoords="offset points", color="#555b63")  # fmt: skip
+                  textcoords="offset points", color="#3b4048")  # fmt: skip
     axes.set_xticks(
         [k + 0.46 for k in range(len(levels))], [short(label, 34) for label, _ in steps], fontsize=9.5
     )
@@ -182,7 +184,8 @@ def ranking(entries: Sequence[Mapping], named: Sequence[str], most: int = 15) ->
     axes.invert_yaxis()
     if values and max(values) > 30 * max(min(values), 1e-12):
         axes.set_xscale("log")
-        axes.set_xlim(0.6 * max(min(values), 1e-12), 2 * max(values))
+        axes.set_xlim(0.6 * max(min(*values, 1.0), 1e-12), 2 * max(values))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.margins(x=0.12)
     axes.axvline(1.0, color=GREY, lw=1.0, ls="--")
     axes.set_xlabel("held-out chi²/n with this effect added (dashed: sensor noise)", fontsize=9)
@@ -212,7 +215,12 @@ def forest(rows: Sequence[ParameterRow], columns: int = 3) -> Figure:
         name = group.replace("_", " ").replace(".", ": ")
         axes.set_title(f"{short(name, 40)} [{members[0].unit}]", fontsize=9, loc="left")
         axes.grid(axis="x", color="#eceef0", lw=0.7)
-        axes.locator_params(axis="x", nbins=5)
+        ends = [v for m in members for v in (m.value, *(m.interval or ()))]
+        if min(ends) > 0 and max(ends) > 20 * min(ends):
+            axes.set_xscale("log")
+            axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        else:
+            axes.locator_params(axis="x", nbins=5)
         tidy(axes)
     for axes in panels[len(groups) :]:
         axes.set_axis_off()

@@ -1,0 +1,248 @@
+"""The command `embodiedreamer`: parses, calls, prints."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose, where
+from embodiedreamer_gym.diagnosis.progress import Progress
+from embodiedreamer_gym.diagnosis.report import write_report
+from embodiedreamer_gym.effects import CATALOGUE, load_effects
+from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
+from embodiedreamer_gym.phys_aligner import METHODS, calibrate
+from embodiedreamer_gym.recordings import Finding, Recording, Recordings, load_recordings, preflight
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.files import write_json
+
+MEANINGLESS = ("swapped", "sign-flipped")  # a fit would bend the model to a fault of the log
+T = TypeVar("T")
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose complaints are errors like any other."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise the complaint as one sentence."""
+        raise EmbodieDreamerError(f"{message}; see {self.prog} --help.")
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the command's parser; each verb sets `verb` to the function that does it."""
+    parser = Parser(prog="embodiedreamer", description="Hold a robot model against recordings of the robot.")
+    verbs = parser.add_subparsers(required=True, metavar="VERB")
+    common = Parser(add_help=False)
+    common.add_argument("--effects", metavar="FILE.py", help="your own effects; the file is executed")
+    common.add_argument("--rate", type=_positive, metavar="HZ", help="of logs without time stamps")
+    common.add_argument(
+        "--hold", choices=("linear", "hold"), help="how the controller gets to the next command"
+    )
+    common.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
+    common.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="threads")
+    common.add_argument("--quiet", action="store_true", help="no progress")
+    common.add_argument("--json", type=Path, metavar="FILE", help="write the answer as JSON")
+    common.add_argument(
+        "--report", type=Path, metavar="DIR", help="write the answer as a page, DIR/index.html"
+    )
+
+    def verb(name: str, function: Callable, text: str, out: str | None = None, split: bool = False) -> Any:
+        """Add a verb with the options it shares with others."""
+        one = verbs.add_parser(name, parents=[common], help=text, description=text)
+        one.set_defaults(verb=function)
+        one.add_argument("--model", required=True, metavar="M", help="JSON file or built-in robot",
+                         action="append" if name == "compare" else "store")  # fmt: skip
+        if out:
+            one.add_argument(
+                "--out", type=Path, required=out == "required", metavar="FILE.json", help="better model"
+            )
+        for option in ("--train", "--test") if split else ():
+            one.add_argument(
+                option, nargs="+", required=True, metavar="REC", help="files, folders, quoted globs"
+            )
+        if not split:
+            one.add_argument("recordings", nargs="+", metavar="REC", help="files, folders, quoted globs")
+        return one
+
+    verb("compare", _compare, "error of a model (or several) against the noise floor")
+    verb("where", _where, "in which joints and regimes, on which side a model fails")
+    fit = verb("calibrate", _calibrate, "fit a model's parameters", out="required")
+    fit.add_argument("--method", choices=METHODS, default=METHODS[0], help="default: %(default)s")
+    verb(
+        "diagnose", _diagnose, "calibrate, then find the effects that are missing", out="optional", split=True
+    )
+    add = verb("add", _add, "add an effect and fit again", out="required", split=True)
+    add.add_argument("effect", metavar="EFFECT", help=f"one of {', '.join(CATALOGUE)}, or of --effects")
+    demo = verbs.add_parser("demo", help="from recordings with a hidden effect to a model that has it")
+    demo.set_defaults(verb=_demo)
+    demo.add_argument(
+        "folder", nargs="?", type=Path, default=Path("embodiedreamer-demo"), help="default: %(default)s"
+    )
+    demo.add_argument("--quiet", action="store_true", help="no progress")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns 0, 2 after a user's mistake, 130 when interrupted."""
+    try:
+        arguments = build_parser().parse_args(argv)
+        progress = Progress(arguments.quiet)
+        try:
+            arguments.verb(arguments, progress)
+        finally:
+            progress.close()
+    except EmbodieDreamerError as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of a pipe has enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    return 0
+
+
+def _compare(a: argparse.Namespace, progress: Progress) -> None:
+    _check_outputs(a)
+    models = [_model(a, source) for source in a.model]
+    found = compare(models, _recordings(a, models[0], a.recordings))
+    _answer(a, found, lambda: write_report(a.report, comparison=found))
+
+
+def _where(a: argparse.Namespace, progress: Progress) -> None:
+    _check_outputs(a)
+    model = _model(a, a.model)
+    found = where(model, _recordings(a, model, a.recordings))
+    _answer(a, found, lambda: write_report(a.report, where=found))
+
+
+def _calibrate(a: argparse.Namespace, progress: Progress) -> None:
+    _check_outputs(a)
+    model = _model(a, a.model)
+    recordings = _recordings(a, model, a.recordings, fit=True)
+    found = calibrate(model, recordings, a.method, rng=np.random.default_rng(a.seed), progress=progress)
+    progress.close()
+    labels = ("before", "calibrated")
+    _answer(a, found, lambda: write_report(
+        a.report, calibration=found, comparison=compare([model, found.model], recordings, labels)
+    ))  # fmt: skip
+    found.model.save(a.out)
+
+
+def _diagnose(a: argparse.Namespace, progress: Progress) -> None:
+    _check_outputs(a)
+    model = _model(a, a.model)
+    train, test = (_recordings(a, model, part, fit=True) for part in (a.train, a.test))
+    rng = np.random.default_rng(a.seed)
+    found = diagnose(model, train, test, jobs=a.jobs, rng=rng, progress=progress)
+    progress.close()
+    _answer(a, found, lambda: write_report(
+        a.report, diagnosis=found, where=where(found.calibrated, test), recordings=test
+    ))  # fmt: skip
+    if a.out:
+        found.model.save(a.out)
+
+
+def _add(a: argparse.Namespace, progress: Progress) -> None:
+    _check_outputs(a)
+    model = _model(a, a.model)
+    richer = model.with_effect(a.effect)  # complains about an unknown effect before any log is read
+    train, test = (_recordings(a, richer, part, fit=True) for part in (a.train, a.test))
+    found = add_effect(model, a.effect, train, test, progress=progress)
+    progress.close()
+    print(f"{found.after}\n")
+    _answer(a, found.comparison, lambda: write_report(
+        a.report, calibration=found.after, comparison=found.comparison
+    ), {"effect": a.effect, "calibration": found.after.as_dict(), "comparison": found.comparison.as_dict()})  # fmt: skip
+    found.after.model.save(a.out)
+
+
+def _demo(a: argparse.Namespace, progress: Progress) -> None:
+    raise EmbodieDreamerError("the demo is not part of this version.")
+
+
+def _answer(
+    a: argparse.Namespace, found: Any, report: Callable[[], Path], data: dict[str, Any] | None = None
+) -> None:
+    """Print the answer and write what was asked for."""
+    print(found)
+    if a.report:
+        print(f"\nreport: {report()}")
+    if a.json:
+        write_json(data or found.as_dict(), a.json)
+
+
+def _model(a: argparse.Namespace, source: str) -> RobotModel:
+    catalogue = load_effects(a.effects) if a.effects else CATALOGUE
+    return _readable(f"model {source}", lambda: RobotModel.load(source, catalogue))
+
+
+def _recordings(
+    a: argparse.Namespace, model: RobotModel, patterns: Sequence[str], fit: bool = False
+) -> Recordings:
+    """Load recordings, print what is wrong with them, and leave the bad samples out."""
+    load = lambda: load_recordings(*patterns, rate=a.rate, joints=model.joints, command_hold=a.hold)  # noqa: E731
+    ends = zip(model.joints, model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True)
+    limits = {joint: (low, high) for joint, low, high in ends}
+    checked = [preflight(r.with_(units=model.units), limits) for r in _readable("a recording", load)]
+    seen: dict[tuple[str, str, tuple[str, ...]], list[tuple[Recording, Finding]]] = {}
+    for one in checked:
+        for finding in one.findings:
+            seen.setdefault((finding.severity, finding.code, finding.joints), []).append(
+                (one.recording, finding)
+            )
+            if fit and finding.code in MEANINGLESS:
+                raise RecordingError(f"{one.recording.source or one.recording.name}: {finding.message}.")
+    for (severity, *_), found in seen.items():
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        print(f"{severity}: {found[0][0].name}{more}: {found[0][1].message}", file=sys.stderr)
+    left_out = sum(sum(one.excluded.values()) for one in checked)
+    total = sum(one.recording.position.size for one in checked)
+    print(f"{len(checked)} recordings, {left_out} of {total} joint samples left out", file=sys.stderr)
+    return Recordings(one.recording for one in checked)
+
+
+def _readable(what: str, load: Callable[[], T]) -> T:
+    """Load a user's file; whatever a library finds wrong with it becomes one sentence."""
+    try:
+        return load()
+    except EmbodieDreamerError:
+        raise
+    except Exception as error:
+        raise EmbodieDreamerError(f"{what} cannot be read: {type(error).__name__}: {error}.") from error
+
+
+def _check_outputs(a: argparse.Namespace) -> None:
+    """Complain about outputs that cannot be written before the long work begins."""
+    for path in filter(None, (getattr(a, "out", None), a.json, a.report)):
+        parent = path.absolute().parent
+        if not parent.is_dir():
+            raise EmbodieDreamerError(
+                f"{path} cannot be written: folder {parent} does not exist; make it first."
+            )
+        if path.is_dir() != (path == a.report) and path.exists():
+            raise EmbodieDreamerError(
+                f"{path} cannot be written: it is {'a folder' if path.is_dir() else 'a file'}."
+            )
+        if not os.access(path if path.is_dir() else parent, os.W_OK):
+            raise EmbodieDreamerError(f"{path} cannot be written: no permission to write into its folder.")
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < np.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
+    return value
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a count of at least 1")
+    return value
