@@ -157,9 +157,9 @@ def _add(a: argparse.Namespace, progress: Progress) -> None:
     found = add_effect(model, a.effect, train, test, progress=progress)
     progress.close()
     print(f"{found.after}\n")
-    _answer(a, found.comparison, lambda: write_report(
-        a.report, calibration=found.after, comparison=found.comparison
-    ), {"effect": a.effect, "calibration": found.after.as_dict(), "comparison": found.comparison.as_dict()})  # fmt: skip
+    parts = {"calibration": found.after, "comparison": found.comparison}
+    data = {"effect": a.effect, **{key: part.as_dict() for key, part in parts.items()}}
+    _answer(a, found.comparison, lambda: write_report(a.report, **parts), data)
     found.after.model.save(a.out)
 
 

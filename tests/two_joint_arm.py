@@ -1,4 +1,4 @@
-"""A two-joint arm and its recordings, made with the package's own simulation: what is hidden in them is known."""
+"""A two-joint arm and recordings of it, made with the package's own simulation: their truth is known."""
 
 from __future__ import annotations
 
@@ -60,9 +60,15 @@ def wave(seconds: float = 5.0, seed: int = 0) -> np.ndarray:
     return command * np.clip(t - 1.0, 0.0, 1.0)[:, None]
 
 
-def record(model: RobotModel, name: str = "wave_1", noise: float = 0.0, command: np.ndarray | None = None,
-           seed: int = 0, effort: bool = True) -> Recording:  # fmt: skip
-    """What the model does, as a log that starts settled, with white noise (sd in rad) and effort = 2 x torque."""
+def record(
+    model: RobotModel,
+    name: str = "wave_1",
+    noise: float = 0.0,
+    command: np.ndarray | None = None,
+    seed: int = 0,
+    effort: bool = True,
+) -> Recording:
+    """What the model does, as a log that starts settled; noise: sd in rad; effort is twice the torque."""
     command = wave(seed=seed) if command is None else command
     rest = int(2 * RATE)
     command = np.concatenate([np.repeat(command[:1], rest, axis=0), command])

@@ -47,7 +47,6 @@ def add_effect(
     found = screen_effect(kind, grounds(problem, fit, model), problem, np.ones(model.n))
     richer = before.model.with_effect(kind)
     new = Problem(richer, train, hold=problem.hold)
-    new.weight = problem.weight
     after = finish(
         new,
         minimise(new, start_of(new, found.start), ITERATIONS, progress=progress),

@@ -16,7 +16,7 @@ from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
 ITERATIONS = 12
-TOLERANCE = 2e-3
+TOLERANCE = 1e-3
 RULES = ("linear", "hold")
 
 
@@ -30,6 +30,11 @@ class Candidate:
     fit: Fit
     held_out: HeldOut
     rollouts: int
+
+    @property
+    def trained(self) -> np.ndarray:
+        """chi2 (n,) on the training recordings."""
+        return self.problem.joint_rms(self.fit.residuals)[0] ** 2
 
     @property
     def size(self) -> int:
@@ -50,7 +55,6 @@ def refit(
     found: list[Candidate] = []
     for hold in options:
         new = Problem(trial, train, hold=hold)
-        new.weight = problem.weight
         fit = minimise(new, start_of(new, screened.start), ITERATIONS, TOLERANCE)
         model = new.model_at(fit.x)
         found.append(Candidate(screened.kind, model, new, fit, evaluate(model, test, hold), new.rollouts))
@@ -105,7 +109,6 @@ def prune(
     )
     trimmed = model.with_(effects=(*(e for e in model.effects if e.name != kind.name), smaller))
     new = Problem(trimmed, train, hold=candidate.problem.hold)
-    new.weight = candidate.problem.weight
     fit = minimise(new, new.start, ITERATIONS, TOLERANCE)
     fitted = new.model_at(fit.x)
     held_out = evaluate(fitted, test, new.hold)

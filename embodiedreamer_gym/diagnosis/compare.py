@@ -179,7 +179,7 @@ def compare(
         if (row.signal, row.regime) == ("position", "all"):
             place = labels.index(row.model), models[0].joints.index(row.joint)
             rms[place], chi2[place] = row.rms, row.chi2
-    noise = np.sqrt(np.mean([r.sigma**2 for r in recordings], axis=0))
+    noise = noise_floor([r.sigma for r in recordings])
     losses = [trajectory_losses(m, recordings, runs) for m, runs in zip(models, rollouts, strict=True)]
     return Comparison(
         labels, models, recordings, rollouts,
@@ -209,6 +209,13 @@ def sensor_sd(recording: Recording, signal: np.ndarray) -> np.ndarray:
     return np.sqrt(noise**2 + quantum**2 / 12)
 
 
+def noise_floor(sigmas: Sequence[np.ndarray]) -> np.ndarray:
+    """Sensor's sd (n,) from that of each recording: their rms, but a joint that stands still shows none."""
+    squares = np.array(sigmas) ** 2
+    shown = np.maximum((squares > SMALLEST_SIGMA**2).sum(axis=0), 1)
+    return np.maximum(np.sqrt(squares.sum(axis=0) / shown), SMALLEST_SIGMA)
+
+
 def effort_scale(recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> np.ndarray:
     """Effort per model torque (n,), least squares through the origin over the usable samples."""
     pairs = [(r.effort * r.usable, run.torque * r.usable) for r, run in zip(recordings, rollouts, strict=True)
@@ -220,12 +227,12 @@ def effort_scale(recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -
 
 @dataclass(frozen=True, eq=False)
 class _Signal:
-    """One signal's errors (T, n) and noises (n,), per recording; None where a recording lacks it."""
+    """One signal's errors (T, n) per recording, None where a recording lacks it, and its noise (n,)."""
 
     name: str
     units: tuple[str, ...]
     errors: list[np.ndarray | None]
-    sigmas: list[np.ndarray | None]
+    sigma: np.ndarray
     usable: list[np.ndarray]
 
 
@@ -234,45 +241,39 @@ def _signals(
 ) -> Iterator[_Signal]:
     pairs = list(zip(recordings, rollouts, strict=True))
     usable = [r.usable for r in recordings]
-    yield _Signal("position", model.units, [r.position - run.position for r, run in pairs],
-                  [np.maximum(r.sigma, SMALLEST_SIGMA) for r in recordings], usable)  # fmt: skip
+    errors: list[np.ndarray | None] = [r.position - run.position for r, run in pairs]
+    yield _Signal("position", model.units, errors, noise_floor([r.sigma for r in recordings]), usable)
     if any(r.velocity is not None for r in recordings):
-        yield _Signal("velocity", tuple(f"{u}/s" for u in model.units),
-                      [None if r.velocity is None else r.velocity - run.velocity for r, run in pairs],
-                      [_floored(r, r.velocity) for r in recordings], usable)  # fmt: skip
+        units = tuple(f"{u}/s" for u in model.units)
+        errors = [None if r.velocity is None else r.velocity - run.velocity for r, run in pairs]
+        yield _Signal("velocity", units, errors, _sensor_sds(recordings, "velocity"), usable)
     if any(r.effort is not None for r in recordings):
         scale = effort_scale(recordings, rollouts)
-        yield _Signal("effort", ("effort",) * model.n,
-                      [None if r.effort is None else r.effort - scale * run.torque for r, run in pairs],
-                      [_floored(r, r.effort) for r in recordings], usable)  # fmt: skip
+        errors = [None if r.effort is None else r.effort - scale * run.torque for r, run in pairs]
+        yield _Signal("effort", ("effort",) * model.n, errors, _sensor_sds(recordings, "effort"), usable)
 
 
-def _floored(recording: Recording, signal: np.ndarray | None) -> np.ndarray | None:
-    """The sensor's sd (n,), at least a hundred-thousandth of the signal's range."""
-    if signal is None:
-        return None
-    return np.maximum(sensor_sd(recording, signal), np.maximum(1e-5 * np.ptp(signal, axis=0), 1e-12))
+def _sensor_sds(recordings: Sequence[Recording], signal: str) -> np.ndarray:
+    """Sd (n,) of another signal's noise, at least a hundred-thousandth of the signal's range."""
+    pairs = [(r, getattr(r, signal)) for r in recordings if getattr(r, signal) is not None]
+    least = 1e-5 * np.max([np.ptp(x, axis=0) for _, x in pairs], axis=0)
+    return np.maximum(noise_floor([sensor_sd(r, x) for r, x in pairs]), least)
 
 
 def _rows(
     label: str, model: RobotModel, signal: _Signal, masks: Sequence[dict[str, np.ndarray]]
 ) -> Iterator[Row]:
     for regime in ("all", *REGIMES):
-        squares, chi2, noise, count = (np.zeros(model.n) for _ in range(4))
-        parts = zip(signal.errors, signal.sigmas, signal.usable, masks, strict=True)
-        for error, sigma, usable, mask in parts:
-            if error is None or sigma is None:
-                continue
-            keep = usable if regime == "all" else usable & mask[regime]
-            square = np.where(keep, error, 0.0) ** 2
-            squares += square.sum(axis=0)
-            chi2 += (square / sigma**2).sum(axis=0)
-            noise += keep.sum(axis=0) * sigma**2
-            count += keep.sum(axis=0)
+        squares, count = np.zeros(model.n), np.zeros(model.n, int)
+        for error, usable, mask in zip(signal.errors, signal.usable, masks, strict=True):
+            if error is not None:
+                keep = usable if regime == "all" else usable & mask[regime]
+                squares += (np.where(keep, error, 0.0) ** 2).sum(axis=0)
+                count += keep.sum(axis=0)
         for j in np.flatnonzero(count):
-            rms, sd = (float(np.sqrt(total[j] / count[j])) for total in (squares, noise))
-            yield Row(label, signal.name, model.joints[j], regime, signal.units[j], rms, sd,
-                      float(chi2[j] / count[j]), int(count[j]))  # fmt: skip
+            mean, sigma = float(squares[j] / count[j]), float(signal.sigma[j])
+            yield Row(label, signal.name, model.joints[j], regime, signal.units[j], float(np.sqrt(mean)), sigma,
+                      mean / sigma**2, int(count[j]))  # fmt: skip
 
 
 def trajectory_losses(

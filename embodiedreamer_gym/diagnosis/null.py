@@ -52,8 +52,8 @@ def draw_null(
     calibrated = Problem(model, test, tuple({row.group for row in problem.rows}), hold)
     answer_test = calibrated.jacobian(np.clip(fit.x, calibrated.lower, calibrated.upper))[1]
     size = np.array([(MASS / 0.02) if row.group.endswith("mass") else CENTRE / 0.002 for row in known.rows])
-    weight = problem.weight[problem.joint_of][:, None]
-    answer = np.linalg.lstsq(fit.jacobian, -wrong_train * weight, rcond=1e-6)[0]
+    weight = fit.weight[:, None]
+    answer = np.linalg.lstsq(fit.jacobian * weight, -wrong_train * weight, rcond=1e-6)[0]
     left = wrong_test + answer_test @ answer
     draws = rng.standard_normal((DRAWS, len(size))) * size
     residuals = left @ draws.T

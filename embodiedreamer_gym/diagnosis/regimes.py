@@ -95,19 +95,23 @@ def regimes(model: RobotModel, recording: Recording) -> dict[str, np.ndarray]:
         "hold": ~moving,
         "slow": moving & ~fast,
         "fast": fast,
-        "reversal": _reversals(recording.time, motion.velocity, still),
+        "reversal": _reversals(recording, motion, still),
         "accelerating": bend > np.maximum(0.4 * highest, CERTAIN * motion.acceleration_noise),
         "loaded": (torque > 0.7 * heaviest) & (heaviest > 0.05 * model.torque_scale),
     }
 
 
-def _reversals(time: np.ndarray, velocity: np.ndarray, still: np.ndarray) -> np.ndarray:
+def _reversals(recording: Recording, motion: Motion, still: np.ndarray) -> np.ndarray:
     """Samples (T, n) between a motion one way and the next motion the other way, and a little beside."""
-    mask = np.zeros(velocity.shape, bool)
-    for j, v in enumerate(velocity.T):
+    time, mask = recording.time, np.zeros(motion.velocity.shape, bool)
+    least = np.maximum(0.01 * np.ptp(motion.position, axis=0), CERTAIN * recording.sigma)
+    for j, (x, v) in enumerate(zip(motion.position.T, motion.velocity.T, strict=True)):
         moved = np.flatnonzero(np.abs(v) > still[j])
-        turns = np.flatnonzero(np.diff(np.sign(v[moved])) != 0)
-        for before, after in zip(moved[turns], moved[turns + 1], strict=True):
-            if time[after] - time[before] <= PAUSE:
+        ends = np.flatnonzero(np.diff(np.sign(v[moved])) != 0)
+        firsts, lasts = moved[np.append(0, ends + 1)[: len(moved)]], moved[np.append(ends, -1)[: len(moved)]]
+        far = np.abs(x[lasts] - x[firsts]) > least[j]  # the smoothing rings beside a sharp corner
+        firsts, lasts = firsts[far], lasts[far]
+        for before, after in zip(lasts[:-1], firsts[1:], strict=True):
+            if v[before] * v[after] < 0 and time[after] - time[before] <= PAUSE:
                 mask[:, j] |= (time >= time[before] - BESIDE) & (time <= time[after] + BESIDE)
     return mask

@@ -16,8 +16,9 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import simulate_sets
 
 SIZES = (0.1, 0.3, 1.0, 3.0)  # of a parameter that vanishes at zero, relative to its typical size
-LIMITS = (0.25, 0.5, 0.75, 0.95)  # of a limit, relative to the largest value seen
+LIMITS = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.3, 1.7)  # of a limit, relative to the largest value seen
 SHAPES = (0.3, 1.0, 3.0)
+PLAIN = 0.02  # fall of a joint's log mean square from which an effect is started there
 SEEN_SHARE = 0.5  # of the calibrated residual that an effect must change to be observable
 
 
@@ -69,16 +70,14 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
     floor (n,): root-mean-square residual, in sensor noises, below which a joint has nothing left to explain.
     """
     model = around[0].model
-    weight = problem.weight[problem.joint_of]
-    before = _mean_squares(problem, around[0].residuals / weight, floor)
+    before = _mean_squares(problem, around[0].residuals, floor)
     falls, shares, visible, spent = [], [], 0.0, 0
     for k, ground in enumerate(around):
         trial = ground.model.with_effect(kind)
         points = _points(trial, kind, problem)
         changed = _changed(trial, points, problem)
         spent += len(changed)
-        base = ground.residuals / weight
-        after, share, seen = _refitted(model, problem, ground.jacobian, base, changed - base, weight, floor)
+        after, share, seen = _refitted(model, problem, ground, changed, floor)
         falls.append(np.log(before) - np.log(after))
         shares.append(share)
         visible = seen if k == 0 else visible
@@ -88,19 +87,22 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
         totals = np.stack([fall[:, model.tree.arm == a].sum(axis=1) for a in range(model.tree.arms)], axis=1)
         best = np.argmax(totals, axis=0)
         score = float(np.maximum(totals.max(axis=0), 0.0).sum())
-        part = np.ones(len(best))
+        part, plain = np.ones(len(best)), totals.max(axis=0) > PLAIN
         ground_of = (best // len(falls[0]))[model.tree.arm]
     else:
         best, columns = np.argmax(fall, axis=0), np.arange(model.n)
         score = float(np.maximum(fall[best, columns], 0.0).sum())
-        plain = fall[best, columns] > 0.02
+        plain = fall[best, columns] > PLAIN
         part = np.where(plain, share[best, columns], 0.1)
         ground_of = np.where(plain, best // len(falls[0]), 0)
     for p in kind.parameters:
         group = f"{kind.name}.{p.name}"
         chosen = points[group][best % len(falls[0]), np.arange(len(best))]
-        low, high = model.with_effect(kind).parameter_bounds(p)
-        start[group] = np.clip(chosen if p.shape or p.off != 0 else chosen * part, low, high)
+        low, high = model.parameter_bounds(p)
+        if p.off == p.high:  # a limit that bites where nothing is limited would have to be unlearnt
+            start[group] = np.where(plain, chosen, model.parameter_off(p))
+        else:
+            start[group] = np.clip(chosen if p.shape else chosen * part, low, high)
     for group in {row.group for row in problem.rows if "." not in row.group}:
         start[group] = np.array([getattr(around[g].model, group)[j] for j, g in enumerate(ground_of)])
     return Screened(kind, score, start, visible, spent)
@@ -135,7 +137,7 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[str
             signs = (1.0, -1.0) if p.low < 0 else (1.0,)
             choices.append([np.clip(s * f * typical, low, high) for f in SIZES for s in signs])
     sized = [i for i, p in enumerate(kind.parameters) if not p.shape]
-    if len(sized) > 1 and kind.parameters[sized[0]].low >= 0:  # several sizes move together, and each alone
+    if len(sized) > 1 and kind.parameters[sized[0]].low >= 0:  # several sizes move together, small ones also alone
         table = [_together(kind, choices, sized, model)]
         rows = list(itertools.chain.from_iterable(table))
     else:
@@ -156,26 +158,27 @@ def _together(kind, choices, sized, model) -> list[tuple[np.ndarray, ...]]:
         for k in range(len(choices[sized[0]])):
             both = [choices[i][k] if i in sized else shape[i] for i in range(len(choices))]
             rows.append(tuple(both))
-            for only in sized:
+            alone = sized if kind.parameters[sized[0]].off == kind.parameters[sized[0]].low else []
+            for only in alone:
                 rows.append(
                     tuple(both[i] if i == only or i not in sized else off[i] for i in range(len(choices)))
                 )
     return rows
 
 
-def _refitted(model, problem, jacobian, base, steps, weight, floor):
+def _refitted(model: RobotModel, problem: Problem, ground: Ground, changed: np.ndarray, floor: np.ndarray):
     """Mean square (K, n) left when a joint's own gains and one step's share in [0, 1.5] are refitted; the shares."""
-    count = len(steps)
+    count = len(changed)
     left, shares, seen = np.ones((count, model.n)), np.ones((count, model.n)), np.zeros((count, model.n))
     for j in range(model.n):
         rows = np.flatnonzero(problem.joint_of == j)
         if len(rows) < 10:
             continue
         own = [m for m, row in enumerate(problem.rows) if row.index == j and row.joint == model.joints[j]]
-        gains = jacobian[np.ix_(rows, own)] / weight[rows, None]
+        gains = ground.jacobian[np.ix_(rows, own)]
         gains = gains[:, np.sum(gains**2, axis=0) > 0]
         basis = np.linalg.qr(gains)[0] if gains.shape[1] else np.zeros((len(rows), 0))
-        r, d = base[rows], steps[:, rows]
+        r, d = ground.residuals[rows], changed[:, rows] - ground.residuals[rows]
         r = r - basis @ (basis.T @ r)
         d = d - (d @ basis) @ basis.T
         power = np.sum(d**2, axis=1)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.candidates import Candidate
-from embodiedreamer_gym.diagnosis.held_out import HeldOut, gain
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, gain, score
 
 VERDICTS = ("nothing_missing", "missing", "ambiguous", "unknown")
 ALARM = 0.01  # p-value below which a model is called wrong
@@ -35,16 +35,20 @@ def contenders(candidates: Sequence[Candidate]) -> list[Candidate]:
     """
     ranked = sorted(candidates, key=lambda c: c.held_out.score)
     best = ranked[0]
-    close = [c for c in ranked if not _worse(best.held_out, c.held_out)]
+    close = [c for c in ranked if not _worse(best, c)]
     names = {c.kind.name for c in close}
     richer = {rich for simple in names for rich in NESTED.get(simple, ())}
     plain = [c for c in close if c.kind.name not in richer]
     return plain or close
 
 
-def _worse(best: HeldOut, other: HeldOut) -> bool:
-    fall, error = gain(other, best)
-    return fall > max(TIE, 2.0 * error)
+def _worse(best: Candidate, other: Candidate) -> bool:
+    """Whether held-out motion tells two candidates apart, or training motion does and held-out does not object."""
+    fall, error = gain(other.held_out, best.held_out)
+    if fall > max(TIE, 2.0 * error):
+        return True
+    trained = score(other.trained) - score(best.trained)
+    return fall > 0.0 and trained > 3.0 * TIE
 
 
 def explained(before: HeldOut, after: HeldOut, null: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.intervals import spread
-from embodiedreamer_gym.phys_aligner.least_squares import Fit, Progress, joint_scale, minimise
+from embodiedreamer_gym.phys_aligner.least_squares import Fit, Progress, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
@@ -64,7 +64,7 @@ def fit_least_squares(
     model: RobotModel, recordings: Sequence[Recording], groups: Sequence[str] | None = None, scan: bool = True,
     iterations: int = 30, tolerance: float = 1e-4, progress: Progress | None = None, budget: int | None = None,
 ) -> tuple[Problem, Fit]:  # fmt: skip
-    """Least squares with a scan of starts, then passes that weigh each joint by its own leftover.
+    """Least squares with a scan of starts.
 
     The rule between two commands is fitted too where neither the model nor the recordings state it.
     """
@@ -77,17 +77,8 @@ def fit_least_squares(
         held.rollouts = problem.rollouts
         other = minimise(held, fit.x, iterations, tolerance, progress, budget)
         problem.rollouts = held.rollouts
-        if _log_cost(held, other) < _log_cost(problem, fit):
+        if other.cost < fit.cost:
             problem, fit = held, other
-    for _ in range(2):  # weigh each joint by what no parameter explains, so that one bad joint does not rule the others
-        scale = joint_scale(problem, fit.residuals)
-        if np.all(scale < 1.5):
-            break
-        change = np.abs(np.log(scale)).max()
-        problem.weight = problem.weight / scale
-        if change < 0.2:
-            break
-        fit = minimise(problem, fit.x, iterations, tolerance, progress, budget)
     return problem, fit
 
 
@@ -149,7 +140,7 @@ def calibrate(
 
 def finish(problem: Problem, fit: Fit, seconds: float) -> Calibration:
     """A least-squares fit as a Calibration: values, intervals, what is not determined."""
-    known = spread(problem, fit.x, fit.residuals, fit.jacobian)
+    known = spread(problem, fit.x, fit.residuals * fit.weight, fit.jacobian * fit.weight[:, None])
     low, high = problem.values(fit.x - known.half_width), problem.values(fit.x + known.half_width)
     intervals, undetermined = dict(problem.model.intervals), []
     for i, row in enumerate(problem.rows):
@@ -168,10 +159,6 @@ def finish(problem: Problem, fit: Fit, seconds: float) -> Calibration:
 
 def _error(problem: Problem, residuals: np.ndarray) -> float:
     return float(np.mean(problem.joint_rms(residuals)[0] * problem.sigma))
-
-
-def _log_cost(problem: Problem, fit: Fit) -> float:
-    return float(np.mean(np.log(np.maximum(problem.joint_rms(fit.residuals)[0], 0.3))))
 
 
 def _search(model, recordings, method, groups, rng, progress, options) -> tuple[Problem, np.ndarray]:

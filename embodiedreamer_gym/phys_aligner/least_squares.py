@@ -1,4 +1,9 @@
-"""Bounded Levenberg-Marquardt on free runs, robust to outliers and to a joint that no parameter can explain."""
+"""Bounded Levenberg-Marquardt on free runs, robust to outliers and to a joint that no parameter can explain.
+
+The cost is the mean over joints of log(1 + chi2 of the joint), the likelihood of residuals whose size is unknown joint
+by joint but never below the sensor's noise: a joint with an effect that the model lacks does not rule the others, and
+a joint that is nearly right is still worth getting right.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +21,17 @@ Progress = Callable[[str, int, float], None]
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Where a minimisation ended: scaled parameters (m,), cost (mean square residual), Jacobian (N, m), residuals."""
+    """Where a minimisation ended.
+
+    x (m,): scaled parameters; cost: mean over joints of log(1 + chi2); residuals (N,), jacobian (N, m): in sensor
+    noises; weight (N,): square root of what each residual counts.
+    """
 
     x: np.ndarray
     cost: float
-    jacobian: np.ndarray
     residuals: np.ndarray
+    jacobian: np.ndarray
+    weight: np.ndarray
     converged: bool
 
 
@@ -29,23 +39,24 @@ def minimise(
     problem: Problem, start: np.ndarray, iterations: int = 30, tolerance: float = 1e-4, progress: Progress | None = None,
     budget: int | None = None,
 ) -> Fit:  # fmt: skip
-    """Minimise the mean Huber loss of a problem's residuals inside its bounds from scaled parameters (m,).
+    """Minimise a problem's cost inside its bounds from scaled parameters (m,).
 
     Each iteration spends one rollout per parameter (per pair, with two arms) on the Jacobian and three on steps.
-    Stops when the relative fall of the cost is below the tolerance, or when the next iteration would pass `budget`.
+    Stops when the fall of the cost is below the tolerance, or when the next iteration would pass `budget`.
     """
     x, damping = np.clip(start, problem.lower, problem.upper), 1e-2
     r, jacobian = problem.jacobian(x)
-    limit = HUBER * joint_scale(problem, r)[problem.joint_of]  # kept for the whole minimisation
-    cost, converged = _cost(r, limit), False
+    converged = False
     for iteration in range(iterations):
+        limit = HUBER * np.maximum(problem.joint_rms(r)[0], 1.0)[problem.joint_of]
+        cost = _cost(problem, r, limit)
         if progress is not None:
             progress("least squares", iteration, cost)
-        accepted = False
+        weight, accepted = _weight(problem, r, limit), False
         for _ in range(4):
-            trials = np.stack([_step(problem, x, r, jacobian, limit, d * damping) for d in DAMPINGS])
+            trials = np.stack([_step(problem, x, r, jacobian, weight, d * damping) for d in DAMPINGS])
             residuals = problem.residuals(trials)
-            costs = [_cost(row, limit) for row in residuals]
+            costs = [_cost(problem, row, limit) for row in residuals]
             best = int(np.argmin(costs))
             if costs[best] < cost:
                 accepted = True
@@ -54,32 +65,37 @@ def minimise(
         if not accepted:
             converged = True
             break
-        fall = (cost - costs[best]) / max(cost, 1e-300)
         moved = np.abs(trials[best] - x).max()
-        x, cost = trials[best], costs[best]
+        x = trials[best]
         damping = float(np.clip(damping * DAMPINGS[best], 1e-8, 1e8))
-        converged = fall < tolerance or moved < 1e-6
+        converged = cost - costs[best] < tolerance or moved < 1e-6
         spent = budget is not None and problem.rollouts + len(x) + 4 > budget
         r, jacobian = problem.jacobian(x) if not spent else (residuals[best], jacobian)
         if converged or spent:
             break
-    return Fit(x, cost, jacobian, r, converged)
+    limit = HUBER * np.maximum(problem.joint_rms(r)[0], 1.0)[problem.joint_of]
+    return Fit(x, _cost(problem, r, limit), r, jacobian, _weight(problem, r, limit), converged)
 
 
-def joint_scale(problem: Problem, r: np.ndarray) -> np.ndarray:
-    """Robust size (n,) of the weighted residuals of each joint, never below the sensor's noise."""
-    return np.maximum(problem.joint_rms(r)[0], 1.0) * problem.weight
-
-
-def _cost(r: np.ndarray, limit: np.ndarray) -> float:
-    """Mean Huber loss, r^2 inside the limit and linear outside."""
+def _cost(problem: Problem, r: np.ndarray, limit: np.ndarray) -> float:
+    """Mean over joints of log(1 + mean Huber loss): r^2 inside the limit, linear outside."""
     size = np.abs(r)
-    return float(np.mean(np.where(size <= limit, r**2, limit * (2 * size - limit))))
+    loss = np.where(size <= limit, r**2, limit * (2 * size - limit))
+    return float(np.mean(np.log1p(problem.joint_mean(loss)[problem.joint_counts > 0])))
 
 
-def _step(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray, limit: np.ndarray, damping: float):
+def _weight(problem: Problem, r: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Square root of each residual's weight (N,): Huber's, and one over its joint's size."""
+    size = np.abs(r)
+    loss = np.where(size <= limit, r**2, limit * (2 * size - limit))
+    joint = 2.0 / (1.0 + problem.joint_mean(loss))
+    return np.sqrt(np.minimum(1.0, limit / np.maximum(size, 1e-300)) * joint[problem.joint_of])
+
+
+def _step(
+    problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray, w: np.ndarray, damping: float
+) -> np.ndarray:  # fmt: skip
     """A damped Gauss-Newton step kept inside the bounds: parameters that would leave are fixed there, one pass each."""
-    w = np.sqrt(np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)))
     j, e = jacobian * w[:, None], r * w
     normal, gradient = j.T @ j, j.T @ e
     diagonal = np.maximum(np.diag(normal), 1e-12 * max(np.diag(normal).max(), 1e-300))

@@ -1,4 +1,4 @@
-"""What a calibration minimises: weighted residuals of free runs, over the free parameters of a model."""
+"""What a calibration minimises: residuals of free runs, over the free parameters of a model."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Problem:
     """Residuals of free runs as a function of scaled parameters x (m,).
 
     A parameter with a positive lower bound is scaled by its logarithm, any other by a typical size, so that a step
-    of one is a large step in each. Residuals are (position - simulated) / sigma over the usable samples, weighted
-    per joint. rollouts counts parameter sets simulated over all recordings.
+    of one is a large step in each. Residuals are (position - simulated) / sigma over the usable samples.
+    rollouts counts parameter sets simulated over all recordings.
     """
 
     def __init__(
@@ -58,9 +58,9 @@ class Problem:
         self.upper = self.scale(np.array([row.high for row in self.rows]))
         self.start = np.clip(self.scale(np.array([row.value for row in self.rows])), self.lower, self.upper)
         self.sigma = np.maximum(np.mean([r.sigma for r in recordings], axis=0), SMALLEST_SIGMA)
-        self.weight = np.ones(model.n)
         self.rollouts = 0
         self.joint_of = np.concatenate([np.nonzero(r.usable)[1] for r in self.recordings])
+        self.joint_counts = np.bincount(self.joint_of, minlength=model.n)
         self.run_of = np.concatenate([np.full(int(r.usable.sum()), i) for i, r in enumerate(self.recordings)])
         if len(self.joint_of) < len(self.rows) + 1:
             raise CalibrationError("too few usable samples are left to fit; the recordings hold only contact or clipped parts.")
@@ -115,21 +115,22 @@ class Problem:
     # ---- residuals ---------------------------------------------------------------------------------------------
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Weighted residuals (P, N) of scaled parameters (P, m), in sensor noises."""
+        """Residuals (P, N) of scaled parameters (P, m), in sensor noises."""
         x = np.clip(np.atleast_2d(x), self.lower, self.upper)
         self.rollouts += len(x)
         runs = simulate_sets(self.model, self.recordings, self.sets(x), hold=self.hold)
         parts = [
             ((r.position - run.position) / self.sigma)[:, r.usable] for r, run in zip(self.recordings, runs, strict=True)
         ]
-        return np.clip(np.concatenate(parts, axis=1), -1e6, 1e6) * self.weight[self.joint_of]
+        return np.clip(np.concatenate(parts, axis=1), -1e6, 1e6)
 
     def joint_rms(self, residuals: np.ndarray) -> np.ndarray:
-        """Unweighted root mean square (P, n) of residuals (P, N), in sensor noises."""
-        squares = np.atleast_2d(residuals) ** 2
-        counts = np.maximum(np.bincount(self.joint_of, minlength=self.model.n), 1)
-        total = np.stack([np.bincount(self.joint_of, row, minlength=self.model.n) for row in squares])
-        return np.sqrt(total / counts) / self.weight
+        """Root mean square (P, n) of residuals (P, N), in sensor noises."""
+        return np.sqrt(np.stack([self.joint_mean(row**2) for row in np.atleast_2d(residuals)]))
+
+    def joint_mean(self, samples: np.ndarray) -> np.ndarray:
+        """Mean (n,) of samples (N,) by joint, zero for a joint without any."""
+        return np.bincount(self.joint_of, samples, minlength=self.model.n) / np.maximum(self.joint_counts, 1)
 
     def jacobian(self, x: np.ndarray, step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (N,) and their derivatives (N, m) by one-sided differences, away from the nearer bound.

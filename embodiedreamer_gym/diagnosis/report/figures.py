@@ -98,7 +98,7 @@ def heat_map(comparison: Comparison) -> Figure:
     """chi2/n by joint and regime, of the first and the last model."""
     models = sorted({0, len(comparison.labels) - 1})
     joints = len(comparison.joints)
-    figure = Figure(figsize=(WIDTH, 1.1 + 0.3 * joints), layout="constrained")
+    figure = Figure(figsize=(WIDTH, max(1.1 + 0.3 * joints, 2.0)), layout="constrained")
     grids = [comparison.grid(m) for m in models]
     top = max(float(np.nanmax(np.concatenate(grids))), 20.0)
     for axes, model, values in zip(
@@ -117,9 +117,7 @@ def heat_map(comparison: Comparison) -> Figure:
         axes.set_title(short(comparison.labels[model], 44), fontsize=9, loc="left")
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
-    figure.colorbar(
-        figure.axes[0].images[0], ax=figure.axes, label="chi²/n  (1 = sensor noise)", shrink=0.9, pad=0.01
-    )
+    figure.colorbar(figure.axes[0].images[0], ax=figure.axes, label="chi²/n", shrink=0.9, pad=0.01)
     return figure
 
 
@@ -159,7 +157,7 @@ def staircase(steps: Sequence[tuple[str, float]], noise: float) -> Figure:
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     top = max(*levels, floor)
     axes.set_ylim(bottom, top * (top / bottom) ** 0.2 if log else 1.2 * max(top, 1e-9))
-    axes.set_ylabel("held-out error [mrad]" + (" (log)" if log else ""), fontsize=9)
+    axes.set_ylabel("error [mrad]" + (" (log)" if log else ""), fontsize=9)
     tidy(axes)
     return figure
 

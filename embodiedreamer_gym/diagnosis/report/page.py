@@ -35,10 +35,10 @@ def write_report(
     calibrated and better model) are compared on `recordings`, where there are any.
     Raises: EmbodieDreamerError when there is nothing to report or the folder cannot be written to.
     """
-    if comparison is None and where is not None:
-        comparison = where.comparison
     if comparison is None and recordings:
         comparison = _compare(models, recordings, diagnosis)
+    if comparison is None and where is not None:
+        comparison = where.comparison
     if comparison is None and calibration is None and diagnosis is None:
         raise EmbodieDreamerError(
             "there is nothing to report; give a comparison, a calibration or a diagnosis."
@@ -98,7 +98,7 @@ def _page(
     if comparison:
         yield from sections.heat_map(comparison)
     if where:
-        yield from sections.goes_with(where)
+        yield from sections.goes_with(where, "calibrated model" if diagnosis else "")
     if comparison:
         yield from sections.joint_table(comparison)
     if source:

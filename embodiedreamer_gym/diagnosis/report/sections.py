@@ -137,9 +137,10 @@ def heat_map(comparison: Comparison) -> Iterator[str]:
     )
 
 
-def goes_with(where: Where) -> Iterator[str]:
-    """What the error goes with, and on which side it arises."""
-    yield "<h2>What the error goes with</h2>"
+def goes_with(where: Where, whose: str) -> Iterator[str]:
+    """What the error goes with, and on which side it arises; whose: which of several models is meant."""
+    of = f"{whose}'s " if whose else ""
+    yield f"<h2>What the {of}error goes with</h2>"
     yield bullets(where.findings)
     joints = figures.worst_joints(where.comparison)
     if joints:

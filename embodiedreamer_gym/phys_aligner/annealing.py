@@ -1,0 +1,67 @@
+"""Simulated annealing as SimplerEnv calibrates with it, and the same with a temperature that fits the cost."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from embodiedreamer_gym.errors import CalibrationError
+from embodiedreamer_gym.phys_aligner.least_squares import Progress
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.search_range import FACTOR, SearchRange, cost
+
+STEPS = 400  # of the baseline in EmbodieDreamer, section 4.1; SimplerEnv's script itself takes 2000
+HOTTEST = 1.5  # SimplerEnv, tools/sysid/sysid.py: t_max=1.5, t_min=0, linear cooling, steps of +-1/2 of the range
+COOL = 0.05  # share of the start's cost
+SHORT = 0.15  # of the range
+
+
+def annealing(
+    problem: Problem, rng: np.random.Generator, progress: Progress | None = None, steps: int = STEPS,
+    t_max: float = HOTTEST, step: float = 1.0, factor: float = FACTOR,
+) -> np.ndarray:  # fmt: skip
+    """Best scaled parameters (m,) of an annealing with SimplerEnv's settings, which does not scale the temperature.
+
+    A temperature of 1.5 is far above the cost's differences of some 0.01 rad, so nearly every step is accepted and
+    what comes back is the best point of a random walk. Raises: CalibrationError for fewer than two steps.
+    Source: SimplerEnv, tools/sysid/sysid.py, and the linear additive cooling of the annealer it calls.
+    """
+    return anneal(problem, rng, progress, steps, t_max, step, factor)[0]
+
+
+def annealing_scaled(
+    problem: Problem, rng: np.random.Generator, progress: Progress | None = None, steps: int = STEPS,
+    t_max: float = COOL, step: float = SHORT, factor: float = FACTOR,
+) -> np.ndarray:  # fmt: skip
+    """Best scaled parameters (m,) of an annealing whose t_max is a share of the start's cost, with shorter steps.
+
+    Raises: CalibrationError for fewer than two steps.
+    """
+    return anneal(problem, rng, progress, steps, t_max, step, factor, scaled=True)[0]
+
+
+def anneal(
+    problem: Problem, rng: np.random.Generator, progress: Progress | None, steps: int, t_max: float, step: float,
+    factor: float = FACTOR, scaled: bool = False,
+) -> tuple[np.ndarray, float]:  # fmt: skip
+    """Best scaled parameters (m,) and share of accepted moves; each move is uniform in +-step/2 of the range."""
+    if steps < 2:
+        raise CalibrationError(f"annealing needs at least 2 steps, not {steps}.")
+    box = SearchRange(problem, factor)
+    here = best = box.start
+    now = lowest = float(cost(problem, box.x(here))[0])
+    hottest = t_max * now if scaled else t_max
+    accepted = 0
+    for k in range(1, steps):
+        temperature = hottest * (1 - (k - 1) / steps)
+        there = np.clip(here + step * (rng.random(len(here)) - 0.5), 0.0, 1.0)
+        then = float(cost(problem, box.x(there))[0])
+        if then <= now or rng.random() < math.exp((now - then) / temperature):
+            here, now = there, then
+            accepted += 1
+        if then < lowest:
+            best, lowest = there, then
+        if progress is not None:
+            progress("annealing", k, lowest)
+    return box.x(best), accepted / (steps - 1)

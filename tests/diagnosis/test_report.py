@@ -1,0 +1,184 @@
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass, field
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from embodiedreamer_gym.diagnosis import Diagnosis, compare, where
+from embodiedreamer_gym.diagnosis.diagnosis import Ranked
+from embodiedreamer_gym.diagnosis.report import write_report
+from embodiedreamer_gym.diagnosis.report.words import verdict_sentence
+from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.phys_aligner import calibrate
+from tests.two_joint_arm import load_arm, record, write_arm
+
+VOID = {"meta", "img", "br", "link", "hr"}
+NASTY = '<script>alert("$x$")</script> & 関節'
+
+
+@dataclass
+class Page(HTMLParser):
+    """What a page holds; fails on tags that do not match."""
+
+    text: str = ""
+    images: list[dict] = field(default_factory=list)
+    tags: list[str] = field(default_factory=list)
+    headings: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        super().__init__()
+        self._open: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        for _, value in attrs:
+            assert not (value or "").startswith(("http:", "https:", "//")), value
+        if tag == "img":
+            self.images.append(dict(attrs))
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag
+
+    def handle_data(self, data):
+        if self._open and self._open[-1] == "h2":
+            self.headings.append(data)
+        if not self._open or self._open[-1] != "style":
+            self.text += data
+
+    def done(self) -> Page:
+        self.close()
+        assert self._open == []
+        return self
+
+
+def opened(path: Path) -> Page:
+    source = path.read_text(encoding="utf-8")
+    assert "http:" not in source and "https:" not in source
+    page = Page()
+    page.feed(source)
+    page.done()
+    assert "script" not in page.tags
+    for image in page.images:
+        assert len(image["alt"]) > 10
+        kind, _, code = image["src"].partition(",")
+        assert kind == "data:image/png;base64"
+        pixels = cv2.imdecode(np.frombuffer(base64.b64decode(code), np.uint8), cv2.IMREAD_COLOR)
+        assert pixels.shape[1] > 1000 and pixels.std() > 5
+    return page
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return load_arm(tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture(scope="module")
+def delayed(arm):
+    return arm.with_effect("command_delay").with_values({"command_delay.seconds": {"shoulder": 0.03}})
+
+
+@pytest.fixture(scope="module")
+def logs(delayed):
+    return [record(delayed, f"wave_{s}", 5e-4, seed=s) for s in range(2)]
+
+
+def answer(
+    arm, delayed, verdict: str = "missing", effects: tuple[str, ...] = ("command_delay",)
+) -> Diagnosis:
+    error = {"nominal": 0.03, "calibrated": 0.02, "with_effect": 0.0007, "noise": 0.0005}
+    return Diagnosis(
+        verdict=verdict, sentence="Missing: command_delay on shoulder.", effects=effects,
+        joints={e: ("shoulder",) for e in effects}, parameters={},
+        ranking=(Ranked("command_delay", 1.1, 3.0, 0.1, 0.5), Ranked("payload", 300.0, 0.1, 0.1, 0.1)),
+        error=error, end_effector_mm={"nominal": 9.0, "calibrated": 4.0, "with_effect": 0.2, "noise": 0.1},
+        unobservable=("torque_saturation",), unexplained={"elbow": 0.4},
+        steps=(("nominal", 0.03), ("calibrated", 0.02), ("+ command_delay", 0.0007)), p_value=0.001,
+        rollouts=100, seconds=5.0, nominal=arm, calibrated=arm, model=delayed,
+    )  # fmt: skip
+
+
+def test_a_page_of_one_comparison(arm, logs, tmp_path) -> None:
+    path = write_report(tmp_path / "report", comparison=compare(arm, logs))
+    page = opened(path)
+    assert path == tmp_path / "report" / "index.html" and list(path.parent.iterdir()) == [path]
+    assert "times the sensor noise" in page.text and "shoulder" in page.text
+    assert len(page.images) == 2  # overlays and heat map
+
+
+def test_a_page_of_two_models_has_a_staircase(arm, delayed, logs, tmp_path) -> None:
+    page = opened(write_report(tmp_path, models=(arm, delayed), recordings=logs))
+    assert "How far the error falls" in page.headings and len(page.images) == 3
+    assert "The error goes from" in page.text
+
+
+def test_a_page_of_where(arm, logs, tmp_path) -> None:
+    found = where(arm, logs)
+    page = opened(write_report(tmp_path, where=found))
+    assert all(sentence in page.text for sentence in found.findings)
+    assert len(page.images) == 4  # overlays, heat map, profiles, sides
+
+
+def test_a_page_of_a_calibration_alone(delayed, logs, tmp_path) -> None:
+    fit = calibrate(delayed, logs)
+    page = opened(write_report(tmp_path, calibration=fit))
+    assert "Calibrated by least-squares" in page.text and "stiffness[shoulder]" in page.text
+    assert len(page.images) == 1  # intervals
+
+
+def test_a_page_of_a_diagnosis(arm, delayed, logs, tmp_path) -> None:
+    found = answer(arm, delayed)
+    page = opened(write_report(tmp_path, diagnosis=found, where=where(arm, logs), recordings=logs))
+    assert "The model lacks command delay on shoulder; with it the held-out error falls" in page.text
+    assert {"How far the error falls", "Effects tried", "Parameters"} <= set(page.headings)
+    assert "torque saturation" in page.text and "40%" in page.text
+    assert len(page.images) == 6  # staircase, overlays, ranking, heat map, profiles, sides
+    opened(write_report(tmp_path, diagnosis=found))
+
+
+@pytest.mark.parametrize(
+    ("verdict", "effects", "words"),
+    [
+        ("missing", ("command_delay", "payload"), "lacks command delay on shoulder and payload on shoulder"),
+        (
+            "ambiguous",
+            ("command_delay", "payload"),
+            "delay on shoulder or payload on shoulder; these recordings",
+        ),
+        ("nothing_missing", (), "Nothing is missing"),
+        ("unknown", (), "no known effect explains"),
+    ],
+)
+def test_each_verdict_is_one_sentence(arm, delayed, verdict, effects, words) -> None:
+    sentence = verdict_sentence(answer(arm, delayed, verdict, effects).as_dict())
+    assert words in sentence and sentence.endswith(".") and "\n" not in sentence
+
+
+def test_names_from_files_are_escaped(tmp_path) -> None:
+    arm = load_arm(tmp_path)
+    arm = arm.with_(name=NASTY, joints=arm.joints)
+    log = record(arm, NASTY, 5e-4)
+    page = opened(write_report(tmp_path / "report", comparison=compare(arm, [log]), where=where(arm, [log])))
+    assert NASTY in page.text
+
+
+def test_a_second_report_replaces_the_first(arm, logs, tmp_path) -> None:
+    write_report(tmp_path, comparison=compare(arm, logs[:1]))
+    page = opened(write_report(tmp_path, comparison=compare(arm, logs)))
+    assert "2 recordings" in page.text
+
+
+def test_what_cannot_be_written_is_one_sentence(arm, logs, tmp_path) -> None:
+    with pytest.raises(EmbodieDreamerError, match="nothing to report"):
+        write_report(tmp_path)
+    with pytest.raises(EmbodieDreamerError, match="cannot be written"):
+        write_report(tmp_path / "no" / "such", comparison=compare(arm, logs))
+    file = write_arm(tmp_path)
+    with pytest.raises(EmbodieDreamerError, match="cannot be written"):
+        write_report(file, comparison=compare(arm, logs))
