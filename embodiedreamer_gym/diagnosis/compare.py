@@ -272,8 +272,10 @@ def _rows(
                 count += keep.sum(axis=0)
         for j in np.flatnonzero(count):
             mean, sigma = float(squares[j] / count[j]), float(signal.sigma[j])
-            yield Row(label, signal.name, model.joints[j], regime, signal.units[j], float(np.sqrt(mean)), sigma,
-                      mean / sigma**2, int(count[j]))  # fmt: skip
+            place = (label, signal.name, model.joints[j], regime, signal.units[j])
+            yield Row(
+                *place, rms=float(np.sqrt(mean)), noise=sigma, chi2=mean / sigma**2, samples=int(count[j])
+            )
 
 
 def trajectory_losses(

@@ -62,6 +62,7 @@ class Drive:
             signals[stage] = signal
         self.position = 2 * measured - signals["sensor"]  # exact for an offset
         self._impulse = np.zeros_like(self.position)
+        self._last = np.zeros_like(self.position)
         self.torque = np.zeros_like(self.position)
         self.measured = np.array(measured, float)
 
@@ -76,7 +77,8 @@ class Drive:
         forward, backward, limits = self._budget(joint)
         slowest = np.minimum((self._lower - position) / dt, 0.0)
         fastest = np.maximum((self._upper - position) / dt, 0.0)
-        mass, bias = self.model.bodies.mass_matrix_and_bias(position, velocity, self.mechanics)
+        ahead = velocity + 0.5 * dt * self._last  # PyBullet's velocity is half a step old
+        mass, bias = self.model.bodies.mass_matrix_and_bias(position, ahead, self.mechanics)
         servo = self._servo
         pull = servo["stiffness"] * error
         acceleration, torque = np.empty_like(position), np.empty_like(position)
@@ -96,7 +98,7 @@ class Drive:
                 impulse = self._impulse.copy()
                 fixed_torque = given
                 solve()
-        self._impulse, self.torque = impulse, torque
+        self._impulse, self.torque, self._last = impulse, torque, acceleration
         return acceleration
 
     def advance(self, acceleration: np.ndarray) -> None:
@@ -110,7 +112,7 @@ class Drive:
         """Drop all but the first rollouts: the others have ended."""
         b = rollouts * self.sets
         self.rollouts, self.batch = rollouts, b
-        for name in ("position", "velocity", "torque", "measured", "_impulse"):
+        for name in ("position", "velocity", "torque", "measured", "_impulse", "_last"):
             setattr(self, name, getattr(self, name)[:b])
         self._servo = {k: v[:b] for k, v in self._servo.items()}
         for _, p in [*(law for laws in self._laws.values() for law in laws), *self._budgets]:

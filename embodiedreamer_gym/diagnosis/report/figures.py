@@ -18,7 +18,7 @@ from embodiedreamer_gym.robot import ParameterRow
 INK, GREY, BAND = "#222222", "#8a8f98", "#d5d9de"
 BEFORE, AFTER = "#d1702a", "#1f6fb2"
 WIDTH = 9.6  # in; a picture fills the page of a laptop
-WINDOW = 5.0  # s of a recording that an overlay shows
+WINDOW = 8.0  # s of a recording that an overlay shows
 SHOWN = 3  # joints of an overlay
 
 
@@ -238,6 +238,7 @@ def profiles(found: Where, joints: Sequence[int]) -> Figure:
             tidy(axes)
             axes.axhline(0, color=GREY, lw=0.6)
             axes.set_xlabel(f"{against} [{units[against]}]", fontsize=8)
+            axes.locator_params(axis="x", nbins=5)
             if against in own:
                 p = own[against]
                 axes.fill_between(p.centre, 1e3 * p.low, 1e3 * p.high, color=AFTER, alpha=0.22, lw=0)
