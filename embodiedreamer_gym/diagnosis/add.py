@@ -16,8 +16,10 @@ from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
-from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
+
+MAX_SECONDS = 120.0  # of motion to learn from
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,7 @@ def add_effect(
     """
     kind = find_effect(name, model.catalogue)
     richer = model.with_effect(kind)
+    train = thin(train, MAX_SECONDS)
     begun = time.perf_counter()
     problem, fit = fit_least_squares(model, train, progress=progress)
     before = finish(problem, fit, time.perf_counter() - begun)

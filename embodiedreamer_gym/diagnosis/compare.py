@@ -11,9 +11,8 @@ import numpy as np
 from embodiedreamer_gym.diagnosis.regimes import REGIMES, regimes
 from embodiedreamer_gym.diagnosis.tables import MILLI, finite, layout, number
 from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.phys_aligner.problem import SMALLEST_SIGMA
 from embodiedreamer_gym.poses import EndEffector, rotation_error, translation_error
-from embodiedreamer_gym.recordings import Recording, estimate_noise, estimate_quantum
+from embodiedreamer_gym.recordings import Recording, estimate_noise, estimate_quantum, noise_floor
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Rollout, simulate_sets
 
@@ -207,13 +206,6 @@ def sensor_sd(recording: Recording, signal: np.ndarray) -> np.ndarray:
     pairs = zip(signal.T, quantum, strict=True)
     noise = np.array([estimate_noise(recording.time, x, float(q)) for x, q in pairs])
     return np.sqrt(noise**2 + quantum**2 / 12)
-
-
-def noise_floor(sigmas: Sequence[np.ndarray]) -> np.ndarray:
-    """Sensor's sd (n,) from that of each recording: their rms, but a joint that stands still shows none."""
-    squares = np.array(sigmas) ** 2
-    shown = np.maximum((squares > SMALLEST_SIGMA**2).sum(axis=0), 1)
-    return np.maximum(np.sqrt(squares.sum(axis=0) / shown), SMALLEST_SIGMA)
 
 
 def effort_scale(recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.compare import compare, trajectory_losses
-from embodiedreamer_gym.diagnosis.held_out import HeldOut, noise_of
+from embodiedreamer_gym.diagnosis.held_out import HeldOut
 from embodiedreamer_gym.diagnosis.null import Null
 from embodiedreamer_gym.diagnosis.verdict import explained, total_explained
 from embodiedreamer_gym.phys_aligner import Calibration
@@ -129,17 +129,21 @@ def summarise(
     models = {"nominal": model, "calibrated": calibrated.model}
     if named:
         models["with_effect"] = better
-    error: dict[str, float | None] = {"nominal": nominal.error, "calibrated": base.error}
-    error |= {"with_effect": held.error if named else None, "noise": float(noise_of(test).mean())}
-    millimetres = _end_effector_mm(models, test)
+    comparison = compare(list(models.values()), test, labels=list(models))
+    found: dict[str, float] = dict(zip(models, comparison.error.tolist(), strict=True))
+    error: dict[str, float | None] = {label: found.get(label) for label in LABELS} | {"noise": comparison.noise}
+    millimetres: dict[str, float] = dict(zip(models, comparison.end_effector_mm.tolist(), strict=True))
+    millimetres["noise"] = _noise_mm(model, test)
     share = explained(base, held if named else base, null.chi2)
     unexplained = {
         joint: float(1.0 - s)
         for joint, s in zip(model.joints, share, strict=True)
         if np.isfinite(s) and 1.0 - s > 0.1
     }
-    stairs = [("nominal", nominal.error), ("calibrated", base.error)]
-    stairs += [(f"+ {c.kind.name}", c.held_out.error) for c in steps] if named else []
+    stairs = [("nominal", found["nominal"]), ("calibrated", found["calibrated"])]
+    if named:
+        between = compare([c.model for c in steps[:-1]], test).error.tolist() if len(steps) > 1 else []
+        stairs += [(f"+ {c.kind.name}", e) for c, e in zip(steps, [*between, found["with_effect"]], strict=True)]
     parameters = {c.kind.name: _parameters(better, c.kind.name) for c in steps} if named else {}
     return Diagnosis(
         verdict=verdict, sentence=_sentence(verdict, effects, parameters, closest, base, null, p_value),
@@ -151,16 +155,13 @@ def summarise(
     )  # fmt: skip
 
 
-def _end_effector_mm(models: dict[str, RobotModel], test: Sequence[Recording]) -> dict[str, float]:
-    """Mean translation error of the end effectors under each model, and what sensor noise alone makes of it."""
-    comparison = compare(list(models.values()), test, labels=list(models))
-    found = dict(zip(models, comparison.end_effector_mm.tolist(), strict=True))
+def _noise_mm(model: RobotModel, test: Sequence[Recording]) -> float:
+    """Mean translation error of the end effectors, mm, that the sensors' noise alone makes."""
     rng = np.random.default_rng(0)
     noisy = [
         Rollout(r.time, r.position + r.sigma * rng.standard_normal(r.position.shape), r.position, r.position) for r in test
     ]
-    found["noise"] = 1e3 * float(trajectory_losses(next(iter(models.values())), test, noisy)[0])
-    return found
+    return 1e3 * float(trajectory_losses(model, test, noisy)[0])
 
 
 def _parameters(model: RobotModel, name: str) -> dict[str, dict[str, Any]]:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from embodiedreamer_gym.phys_aligner.problem import SMALLEST_SIGMA
-from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.recordings import Recording, noise_floor
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import simulate_sets
 
@@ -46,7 +45,7 @@ def score(chi2: np.ndarray) -> float:
 
 def noise_of(recordings: Sequence[Recording]) -> np.ndarray:
     """Sensor noise (n,) of recordings, in the joint's unit."""
-    return np.maximum(np.mean([r.sigma for r in recordings], axis=0), SMALLEST_SIGMA)
+    return noise_floor([r.sigma for r in recordings])
 
 
 def evaluate(model: RobotModel, recordings: Sequence[Recording], hold: str | None = None) -> HeldOut:

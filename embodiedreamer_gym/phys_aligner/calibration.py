@@ -13,10 +13,10 @@ from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.intervals import spread
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, Progress, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
-from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
-METHODS = ("least-squares", "surrogate", "annealing", "annealing-scaled", "cma-es")
+METHODS = ("least-squares", "surrogate", "surrogate-trajectory", "annealing", "annealing-scaled", "cma-es")
 RULES = ("linear", "hold")
 
 
@@ -117,17 +117,20 @@ def calibrate(
     groups: Sequence[str] | None = None,
     rng: np.random.Generator | None = None,
     progress: Progress | None = None,
+    max_seconds: float = 120.0,
     **options: Any,
 ) -> Calibration:
     """Fit the model's parameters to recordings by free-run simulation.
 
-    method: "least-squares" (default), "surrogate" (the paper's), "annealing" (SimplerEnv's), "annealing-scaled" or
-    "cma-es"; groups: which parameters to fit (default: servo gains, what the model leaves open, all effects).
+    method: "least-squares" (default), "surrogate" (the paper's), "surrogate-trajectory", "annealing" (SimplerEnv's), "annealing-scaled" or
+    "cma-es"; groups: which parameters to fit (default: servo gains, what the model leaves open, all effects);
+    max_seconds: of longer recordings the liveliest windows are used.
     Raises: CalibrationError for an unknown method or nothing to fit, SimulationError for another robot's recording.
     """
     if method not in METHODS:
         raise CalibrationError(f"method '{method}' is none of {', '.join(METHODS)}.")
     begun = time.perf_counter()
+    recordings = thin(recordings, max_seconds)
     if method != "least-squares":
         problem, x = _search(model, recordings, method, groups, rng or np.random.default_rng(0), progress, options)
         residuals = problem.residuals(x)[0]

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from embodiedreamer_gym.errors import CalibrationError
-from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.recordings import Recording, noise_floor
 from embodiedreamer_gym.robot import ParameterRow, RobotModel
 from embodiedreamer_gym.simulation.rollout import check_names, simulate_sets
-
-SMALLEST_SIGMA = 1e-5  # rad; a sensor better than that is not believed
 
 
 def free_rows(model: RobotModel, groups: Sequence[str] | None = None) -> tuple[ParameterRow, ...]:
@@ -57,7 +55,7 @@ class Problem:
         self.lower = self.scale(np.array([row.low for row in self.rows]))
         self.upper = self.scale(np.array([row.high for row in self.rows]))
         self.start = np.clip(self.scale(np.array([row.value for row in self.rows])), self.lower, self.upper)
-        self.sigma = np.maximum(np.mean([r.sigma for r in recordings], axis=0), SMALLEST_SIGMA)
+        self.sigma = noise_floor([r.sigma for r in recordings])
         self.rollouts = 0
         self.joint_of = np.concatenate([np.nonzero(r.usable)[1] for r in self.recordings])
         self.joint_counts = np.bincount(self.joint_of, minlength=model.n)

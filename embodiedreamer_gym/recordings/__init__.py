@@ -3,9 +3,10 @@
 from embodiedreamer_gym.recordings.checks import Finding
 from embodiedreamer_gym.recordings.files import load_recordings, save_recording
 from embodiedreamer_gym.recordings.frames import FrameSource
-from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum
+from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum, noise_floor
 from embodiedreamer_gym.recordings.preflight import Preflight, preflight
 from embodiedreamer_gym.recordings.recording import Recording, Recordings
+from embodiedreamer_gym.recordings.windows import thin, window
 
 __all__ = [
     "Finding",
@@ -16,6 +17,9 @@ __all__ = [
     "estimate_noise",
     "estimate_quantum",
     "load_recordings",
+    "noise_floor",
     "preflight",
     "save_recording",
+    "thin",
+    "window",
 ]

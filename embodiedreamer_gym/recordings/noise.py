@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+
+SMALLEST_SIGMA = 1e-5  # rad; a sensor better than that is not believed
 
 _ROUNDING = 4 * float(np.finfo(np.float32).eps)  # logs are often stored as float32
 _ORDERS = (2, 3, 4, 5)  # differences of these orders remove smooth motion more and more
@@ -106,3 +110,10 @@ def _clipped_variance(d: np.ndarray) -> float:
         if scale == 0.0:
             break
     return scale**2
+
+
+def noise_floor(sigmas: Sequence[np.ndarray]) -> np.ndarray:
+    """Sensor's sd (n,) from that of each recording: their rms, but a joint that stands still shows none."""
+    squares = np.array(sigmas) ** 2
+    shown = np.maximum((squares > SMALLEST_SIGMA**2).sum(axis=0), 1)
+    return np.maximum(np.sqrt(squares.sum(axis=0) / shown), SMALLEST_SIGMA)

@@ -11,167 +11,198 @@ import numpy as np
 
 from embodiedreamer_gym.robot.tree import KinematicTree
 
-jit = nb.njit(cache=True, nogil=True, error_model="numpy")
+LANES = 8  # samples worked on side by side, so that the compiler can use vector instructions
+
+jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 @jit
-def _multiply(a, b, out):
-    for r in range(3):
-        for c in range(3):
-            out[r, c] = a[r, 0] * b[0, c] + a[r, 1] * b[1, c] + a[r, 2] * b[2, c]
-
-
-@jit
-def _rodrigues(axis, angle, out):
-    s, c = np.sin(angle), np.cos(angle)
-    x, y, z = axis[0], axis[1], axis[2]
-    d = 1.0 - c
-    out[0, 0], out[0, 1], out[0, 2] = c + x * x * d, x * y * d - z * s, x * z * d + y * s
-    out[1, 0], out[1, 1], out[1, 2] = y * x * d + z * s, c + y * y * d, y * z * d - x * s
-    out[2, 0], out[2, 1], out[2, 2] = z * x * d - y * s, z * y * d + x * s, c + z * z * d
-
-
-@jit
-def _place(i, x, parent, rotation, origin, axis, prismatic, turned, placed, screw, frame, spin):
-    """World pose of body i at joint value x, and the unit screw of its joint at the world's origin."""
+def _place(i, x, sin, cos, parent, rotation, origin, axis, prismatic, turned, placed, screw):
+    """World rotation (9, L) and origin (3, L) of body i at joint values x (L,), and its joint's screw (6, L)."""
     up = parent[i]
-    if up < 0:
-        for r in range(3):
-            placed[i, r] = origin[i, r]
-            for c in range(3):
-                frame[r, c] = rotation[i, r, c]
-    else:
-        _multiply(turned[up], rotation[i], frame)
-        for r in range(3):
-            t = turned[up]
-            placed[i, r] = t[r, 0] * origin[i, 0] + t[r, 1] * origin[i, 1] + t[r, 2] * origin[i, 2] + placed[up, r]
-    d0 = frame[0, 0] * axis[i, 0] + frame[0, 1] * axis[i, 1] + frame[0, 2] * axis[i, 2]
-    d1 = frame[1, 0] * axis[i, 0] + frame[1, 1] * axis[i, 1] + frame[1, 2] * axis[i, 2]
-    d2 = frame[2, 0] * axis[i, 0] + frame[2, 1] * axis[i, 1] + frame[2, 2] * axis[i, 2]
-    if prismatic[i]:
-        for r in range(3):
-            for c in range(3):
-                turned[i, r, c] = frame[r, c]
-        placed[i, 0] += x * d0
-        placed[i, 1] += x * d1
-        placed[i, 2] += x * d2
-        screw[i, 0], screw[i, 1], screw[i, 2] = 0.0, 0.0, 0.0
-        screw[i, 3], screw[i, 4], screw[i, 5] = d0, d1, d2
-    else:
-        _rodrigues(axis[i], x, spin)
-        _multiply(frame, spin, turned[i])
-        screw[i, 0], screw[i, 1], screw[i, 2] = d0, d1, d2
-        screw[i, 3] = placed[i, 1] * d2 - placed[i, 2] * d1
-        screw[i, 4] = placed[i, 2] * d0 - placed[i, 0] * d2
-        screw[i, 5] = placed[i, 0] * d1 - placed[i, 1] * d0
+    a0, a1, a2 = axis[i, 0], axis[i, 1], axis[i, 2]
+    for r in range(3):
+        for l in range(LANES):
+            if up < 0:
+                f0, f1, f2 = rotation[i, r, 0], rotation[i, r, 1], rotation[i, r, 2]
+                o = origin[i, r]
+            else:
+                t0, t1, t2 = turned[up, 3 * r, l], turned[up, 3 * r + 1, l], turned[up, 3 * r + 2, l]
+                f0 = t0 * rotation[i, 0, 0] + t1 * rotation[i, 1, 0] + t2 * rotation[i, 2, 0]
+                f1 = t0 * rotation[i, 0, 1] + t1 * rotation[i, 1, 1] + t2 * rotation[i, 2, 1]
+                f2 = t0 * rotation[i, 0, 2] + t1 * rotation[i, 1, 2] + t2 * rotation[i, 2, 2]
+                o = t0 * origin[i, 0] + t1 * origin[i, 1] + t2 * origin[i, 2] + placed[up, r, l]
+            along = f0 * a0 + f1 * a1 + f2 * a2
+            screw[i, r, l] = along
+            if prismatic[i]:
+                placed[i, r, l] = o + x[l] * along
+                turned[i, 3 * r, l], turned[i, 3 * r + 1, l], turned[i, 3 * r + 2, l] = f0, f1, f2
+            else:  # Rodrigues: row f of the frame times the rotation about the axis
+                placed[i, r, l] = o
+                s, c = sin[l], cos[l]
+                d = (1.0 - c) * along
+                turned[i, 3 * r, l] = c * f0 + s * (f1 * a2 - f2 * a1) + d * a0
+                turned[i, 3 * r + 1, l] = c * f1 + s * (f2 * a0 - f0 * a2) + d * a1
+                turned[i, 3 * r + 2, l] = c * f2 + s * (f0 * a1 - f1 * a0) + d * a2
+    for l in range(LANES):
+        d0, d1, d2 = screw[i, 0, l], screw[i, 1, l], screw[i, 2, l]
+        p0, p1, p2 = placed[i, 0, l], placed[i, 1, l], placed[i, 2, l]
+        if prismatic[i]:
+            screw[i, 0, l], screw[i, 1, l], screw[i, 2, l] = 0.0, 0.0, 0.0
+            screw[i, 3, l], screw[i, 4, l], screw[i, 5, l] = d0, d1, d2
+        else:
+            screw[i, 3, l], screw[i, 4, l], screw[i, 5, l] = p1 * d2 - p2 * d1, p2 * d0 - p0 * d2, p0 * d1 - p1 * d0
 
 
 @jit
-def _momentum(mass, moment, inertia, motion, out):
-    """Spatial inertia (mass, first moment, inertia at the origin) times a motion (angular, linear)."""
-    m0, m1, m2 = moment[0], moment[1], moment[2]
-    w0, w1, w2 = motion[0], motion[1], motion[2]
-    v0, v1, v2 = motion[3], motion[4], motion[5]
-    out[0] = inertia[0, 0] * w0 + inertia[0, 1] * w1 + inertia[0, 2] * w2 + m1 * v2 - m2 * v1
-    out[1] = inertia[1, 0] * w0 + inertia[1, 1] * w1 + inertia[1, 2] * w2 + m2 * v0 - m0 * v2
-    out[2] = inertia[2, 0] * w0 + inertia[2, 1] * w1 + inertia[2, 2] * w2 + m0 * v1 - m1 * v0
-    out[3] = mass * v0 - (m1 * w2 - m2 * w1)
-    out[4] = mass * v1 - (m2 * w0 - m0 * w2)
-    out[5] = mass * v2 - (m0 * w1 - m1 * w0)
+def _inertia(i, bodies, mass, moment_b, inertia_b, turned, placed, total):
+    """Mass, first moment and inertia (xx, xy, xz, yy, yz, zz) of body i at the world's origin, (10, L)."""
+    for l in range(LANES):
+        b = bodies[l]
+        m = mass[b, i]
+        t00, t01, t02 = turned[i, 0, l], turned[i, 1, l], turned[i, 2, l]
+        t10, t11, t12 = turned[i, 3, l], turned[i, 4, l], turned[i, 5, l]
+        t20, t21, t22 = turned[i, 6, l], turned[i, 7, l], turned[i, 8, l]
+        p0, p1, p2 = placed[i, 0, l], placed[i, 1, l], placed[i, 2, l]
+        c0, c1, c2 = moment_b[b, i, 0], moment_b[b, i, 1], moment_b[b, i, 2]
+        h0, h1, h2 = t00 * c0 + t01 * c1 + t02 * c2, t10 * c0 + t11 * c1 + t12 * c2, t20 * c0 + t21 * c1 + t22 * c2
+        xx, xy, xz = inertia_b[b, i, 0, 0], inertia_b[b, i, 0, 1], inertia_b[b, i, 0, 2]
+        yy, yz, zz = inertia_b[b, i, 1, 1], inertia_b[b, i, 1, 2], inertia_b[b, i, 2, 2]
+        u0, u1, u2 = t00 * xx + t01 * xy + t02 * xz, t00 * xy + t01 * yy + t02 * yz, t00 * xz + t01 * yz + t02 * zz
+        v0, v1, v2 = t10 * xx + t11 * xy + t12 * xz, t10 * xy + t11 * yy + t12 * yz, t10 * xz + t11 * yz + t12 * zz
+        w0, w1, w2 = t20 * xx + t21 * xy + t22 * xz, t20 * xy + t21 * yy + t22 * yz, t20 * xz + t21 * yz + t22 * zz
+        q0, q1, q2 = 2.0 * h0 + m * p0, 2.0 * h1 + m * p1, 2.0 * h2 + m * p2
+        trace = p0 * q0 + p1 * q1 + p2 * q2
+        total[i, 0, l] = m
+        total[i, 1, l], total[i, 2, l], total[i, 3, l] = h0 + m * p0, h1 + m * p1, h2 + m * p2
+        total[i, 4, l] = u0 * t00 + u1 * t01 + u2 * t02 + trace - p0 * q0
+        total[i, 5, l] = u0 * t10 + u1 * t11 + u2 * t12 - (p0 * h1 + h0 * p1 + m * p0 * p1)
+        total[i, 6, l] = u0 * t20 + u1 * t21 + u2 * t22 - (p0 * h2 + h0 * p2 + m * p0 * p2)
+        total[i, 7, l] = v0 * t10 + v1 * t11 + v2 * t12 + trace - p1 * q1
+        total[i, 8, l] = v0 * t20 + v1 * t21 + v2 * t22 - (p1 * h2 + h1 * p2 + m * p1 * p2)
+        total[i, 9, l] = w0 * t20 + w1 * t21 + w2 * t22 + trace - p2 * q2
 
 
 @jit
-def _world_inertia(turned, placed, mass, moment_b, inertia_b, moment, inertia, half, turned_moment):
-    """A body's first moment and inertia at the world's origin."""
-    _multiply(turned, inertia_b, half)
-    along = 0.0
-    for r in range(3):
-        turned_moment[r] = turned[r, 0] * moment_b[0] + turned[r, 1] * moment_b[1] + turned[r, 2] * moment_b[2]
-        moment[r] = turned_moment[r] + mass * placed[r]
-        along += placed[r] * (2.0 * turned_moment[r] + mass * placed[r])
-    for r in range(3):
-        for c in range(3):
-            value = half[r, 0] * turned[c, 0] + half[r, 1] * turned[c, 1] + half[r, 2] * turned[c, 2]
-            value -= placed[r] * turned_moment[c] + turned_moment[r] * placed[c] + mass * placed[r] * placed[c]
-            inertia[r, c] = value
-        inertia[r, r] += along
+def _momentum(i, total, motion, out):
+    """Spatial inertia (10, L) of body i times a motion (6, L), angular then linear."""
+    for l in range(LANES):
+        m, m0, m1, m2 = total[i, 0, l], total[i, 1, l], total[i, 2, l], total[i, 3, l]
+        xx, xy, xz = total[i, 4, l], total[i, 5, l], total[i, 6, l]
+        yy, yz, zz = total[i, 7, l], total[i, 8, l], total[i, 9, l]
+        w0, w1, w2 = motion[i, 0, l], motion[i, 1, l], motion[i, 2, l]
+        v0, v1, v2 = motion[i, 3, l], motion[i, 4, l], motion[i, 5, l]
+        out[0, l] = xx * w0 + xy * w1 + xz * w2 + m1 * v2 - m2 * v1
+        out[1, l] = xy * w0 + yy * w1 + yz * w2 + m2 * v0 - m0 * v2
+        out[2, l] = xz * w0 + yz * w1 + zz * w2 + m0 * v1 - m1 * v0
+        out[3, l] = m * v0 - (m1 * w2 - m2 * w1)
+        out[4, l] = m * v1 - (m2 * w0 - m0 * w2)
+        out[5, l] = m * v2 - (m0 * w1 - m1 * w0)
+
+
+@jit
+def _motion(i, up, rate, push, gravity, groups, arm, screw, speed, accel):
+    """Velocity and acceleration (6, L) of body i from its parent's; gravity is an acceleration of the world."""
+    for r in range(6):
+        for l in range(LANES):
+            speed[i, r, l] = screw[i, r, l] * rate[l] + (speed[up, r, l] if up >= 0 else 0.0)
+            below = accel[up, r, l] if up >= 0 else (-gravity[groups[l], arm, r - 3] if r >= 3 else 0.0)
+            accel[i, r, l] = screw[i, r, l] * push[l] + below
+    for l in range(LANES):
+        x = rate[l]
+        w0, w1, w2 = speed[i, 0, l], speed[i, 1, l], speed[i, 2, l]
+        u0, u1, u2 = speed[i, 3, l], speed[i, 4, l], speed[i, 5, l]
+        s0, s1, s2 = screw[i, 0, l], screw[i, 1, l], screw[i, 2, l]
+        s3, s4, s5 = screw[i, 3, l], screw[i, 4, l], screw[i, 5, l]
+        accel[i, 0, l] += x * (w1 * s2 - w2 * s1)
+        accel[i, 1, l] += x * (w2 * s0 - w0 * s2)
+        accel[i, 2, l] += x * (w0 * s1 - w1 * s0)
+        accel[i, 3, l] += x * (w1 * s5 - w2 * s4 + u1 * s2 - u2 * s1)
+        accel[i, 4, l] += x * (w2 * s3 - w0 * s5 + u2 * s0 - u0 * s2)
+        accel[i, 5, l] += x * (w0 * s4 - w1 * s3 + u0 * s1 - u1 * s0)
+
+
+@jit
+def _force(i, total, speed, accel, momentum, force):
+    """Force (6, L) that body i needs: inertia times acceleration, and velocity cross momentum."""
+    _momentum(i, total, speed, momentum)
+    _momentum(i, total, accel, force[i])
+    for l in range(LANES):
+        w0, w1, w2 = speed[i, 0, l], speed[i, 1, l], speed[i, 2, l]
+        u0, u1, u2 = speed[i, 3, l], speed[i, 4, l], speed[i, 5, l]
+        p0, p1, p2 = momentum[0, l], momentum[1, l], momentum[2, l]
+        p3, p4, p5 = momentum[3, l], momentum[4, l], momentum[5, l]
+        force[i, 0, l] += w1 * p2 - w2 * p1 + u1 * p5 - u2 * p4
+        force[i, 1, l] += w2 * p0 - w0 * p2 + u2 * p3 - u0 * p5
+        force[i, 2, l] += w0 * p1 - w1 * p0 + u0 * p4 - u1 * p3
+        force[i, 3, l] += w1 * p5 - w2 * p4
+        force[i, 4, l] += w2 * p3 - w0 * p5
+        force[i, 5, l] += w0 * p4 - w1 * p3
+
+
+@jit
+def _dot(a, b, out):
+    """Sums (L,) of the products of two spatial vectors (6, L)."""
+    for l in range(LANES):
+        out[l] = a[0, l] * b[0, l] + a[1, l] * b[1, l] + a[2, l] * b[2, l]
+    for l in range(LANES):
+        out[l] += a[3, l] * b[3, l] + a[4, l] * b[4, l] + a[5, l] * b[5, l]
 
 
 @jit
 def _kernel(q, v, a, parent, rotation, origin, axis, prismatic, coordinate, gain, offset, body_arm,
             mass, moment_b, inertia_b, gravity, with_matrix, matrix, bias, body_force):  # fmt: skip
-    batch, n = q.shape
-    k = parent.shape[0]
-    many, many_g = mass.shape[0], gravity.shape[0]
-    turned, placed, screw = np.empty((k, 3, 3)), np.empty((k, 3)), np.empty((k, 6))
-    speed, accel, force = np.empty((k, 6)), np.empty((k, 6)), np.empty((k, 6))
-    moment, inertia, total = np.empty((k, 3)), np.empty((k, 3, 3)), np.empty(k)
-    scratch, half, momentum, column, spare = np.empty((3, 3)), np.empty((3, 3)), np.empty(6), np.empty(6), np.empty(3)
-    for b in range(batch):
-        bm = b % many
-        bg = b % many_g
+    batch, k = q.shape[0], parent.shape[0]
+    turned, placed, screw = np.empty((k, 9, LANES)), np.empty((k, 3, LANES)), np.empty((k, 6, LANES))
+    speed, accel, force = np.empty((k, 6, LANES)), np.empty((k, 6, LANES)), np.empty((k, 6, LANES))
+    total, momentum, along = np.empty((k, 10, LANES)), np.empty((6, LANES)), np.empty(LANES)
+    x, sin, cos, rate, push = (np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES))
+    bodies, groups = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
+    for first in range(0, batch, LANES):
+        count = min(LANES, batch - first)
+        for l in range(LANES):
+            b = first + min(l, count - 1)  # the last sample fills the lanes that are left over
+            bodies[l], groups[l] = b % mass.shape[0], b % gravity.shape[0]
         for i in range(k):
-            c, g, up = coordinate[i], gain[i], parent[i]
-            _place(i, g * q[b, c] + offset[i], parent, rotation, origin, axis, prismatic, turned, placed, screw, scratch, half)
-            rate, push = g * v[b, c], g * a[b, c]
-            for r in range(6):
-                speed[i, r] = screw[i, r] * rate + (speed[up, r] if up >= 0 else 0.0)
-                accel[i, r] = screw[i, r] * push + (accel[up, r] if up >= 0 else 0.0)
-            if up < 0:
-                for r in range(3):
-                    accel[i, 3 + r] -= gravity[bg, body_arm[i], r]
-            w, u, s = speed[i, :3], speed[i, 3:], screw[i]
-            accel[i, 0] += rate * (w[1] * s[2] - w[2] * s[1])
-            accel[i, 1] += rate * (w[2] * s[0] - w[0] * s[2])
-            accel[i, 2] += rate * (w[0] * s[1] - w[1] * s[0])
-            accel[i, 3] += rate * (w[1] * s[5] - w[2] * s[4] + u[1] * s[2] - u[2] * s[1])
-            accel[i, 4] += rate * (w[2] * s[3] - w[0] * s[5] + u[2] * s[0] - u[0] * s[2])
-            accel[i, 5] += rate * (w[0] * s[4] - w[1] * s[3] + u[0] * s[1] - u[1] * s[0])
-            total[i] = mass[bm, i]
-            _world_inertia(turned[i], placed[i], mass[bm, i], moment_b[bm, i], inertia_b[bm, i], moment[i], inertia[i], half, spare)
-            _momentum(total[i], moment[i], inertia[i], speed[i], momentum)
-            _momentum(total[i], moment[i], inertia[i], accel[i], force[i])
-            p = momentum
-            force[i, 0] += w[1] * p[2] - w[2] * p[1] + u[1] * p[5] - u[2] * p[4]
-            force[i, 1] += w[2] * p[0] - w[0] * p[2] + u[2] * p[3] - u[0] * p[5]
-            force[i, 2] += w[0] * p[1] - w[1] * p[0] + u[0] * p[4] - u[1] * p[3]
-            force[i, 3] += w[1] * p[5] - w[2] * p[4]
-            force[i, 4] += w[2] * p[3] - w[0] * p[5]
-            force[i, 5] += w[0] * p[4] - w[1] * p[3]
-        bias[b, :] = 0.0
+            c, g = coordinate[i], gain[i]
+            for l in range(LANES):
+                b = first + min(l, count - 1)
+                x[l], rate[l], push[l] = g * q[b, c] + offset[i], g * v[b, c], g * a[b, c]
+                sin[l], cos[l] = np.sin(x[l]), np.cos(x[l])
+            _place(i, x, sin, cos, parent, rotation, origin, axis, prismatic, turned, placed, screw)
+            _inertia(i, bodies, mass, moment_b, inertia_b, turned, placed, total)
+            _motion(i, parent[i], rate, push, gravity, groups, body_arm[i], screw, speed, accel)
+            _force(i, total, speed, accel, momentum, force)
+        bias[first : first + count] = 0.0
         if with_matrix:
-            matrix[b, :, :] = 0.0
+            matrix[first : first + count] = 0.0
         for i in range(k - 1, -1, -1):
             c, g, up = coordinate[i], gain[i], parent[i]
-            along = 0.0
-            for r in range(6):
-                along += screw[i, r] * force[i, r]
-            body_force[b, i] = along
-            bias[b, c] += g * along
+            _dot(screw[i], force[i], along)
+            for l in range(count):
+                body_force[first + l, i] = along[l]
+                bias[first + l, c] += g * along[l]
             if with_matrix:
-                _momentum(total[i], moment[i], inertia[i], screw[i], column)
-                along = 0.0
-                for r in range(6):
-                    along += screw[i, r] * column[r]
-                matrix[b, c, c] += g * g * along
+                _momentum(i, total, screw, momentum)
+                _dot(screw[i], momentum, along)
+                for l in range(count):
+                    matrix[first + l, c, c] += g * g * along[l]
                 above = up
                 while above >= 0:
-                    along = 0.0
-                    for r in range(6):
-                        along += screw[above, r] * column[r]
-                    d = coordinate[above]
-                    matrix[b, c, d] += g * gain[above] * along
-                    matrix[b, d, c] += g * gain[above] * along
+                    _dot(screw[above], momentum, along)
+                    d, both = coordinate[above], g * gain[above]
+                    for l in range(count):
+                        matrix[first + l, c, d] += both * along[l]
+                        matrix[first + l, d, c] += both * along[l]
                     above = parent[above]
             if up >= 0:
                 for r in range(6):
-                    force[up, r] += force[i, r]
+                    for l in range(LANES):
+                        force[up, r, l] += force[i, r, l]
                 if with_matrix:
-                    total[up] += total[i]
-                    for r in range(3):
-                        moment[up, r] += moment[i, r]
-                        for t in range(3):
-                            inertia[up, r, t] += inertia[i, r, t]
+                    for r in range(10):
+                        for l in range(LANES):
+                            total[up, r, l] += total[i, r, l]
 
 
 class RigidBodies:

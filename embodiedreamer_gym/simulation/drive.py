@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -62,25 +63,27 @@ class Drive:
             signals[stage] = signal
         self.position = 2 * measured - signals["sensor"]  # exact for an offset
         self._impulse = np.zeros_like(self.position)
-        self._last = np.zeros_like(self.position)
+        self._before = self.velocity
         self.torque = np.zeros_like(self.position)
         self.measured = np.array(measured, float)
 
     def accelerate(self, command: np.ndarray) -> np.ndarray:
         """Acceleration (B, n) of this step under the command (B, n); sets `measured` and `torque` of this instant."""
         position, velocity, dt = self.position, self.velocity, self.dt
-        joint = self._joint = JointState(position, velocity, self.torque, dt, self.time)
+        now = velocity + 0.5 * (velocity - self._before)  # the velocity belongs to half a step ago, its torques to now
+        self._before = velocity
+        joint = self._joint = JointState(position, now, self.torque, dt, self.time)
         self.measured = self._pass("sensor", position, joint)
         heard = self._pass("command", command, joint)
         error = self._pass("servo", heard - self.measured, joint)
         load = self._pass("load", np.zeros_like(position), joint)
-        forward, backward, limits = self._budget(joint)
-        slowest = np.minimum((self._lower - position) / dt, 0.0)
-        fastest = np.maximum((self._upper - position) / dt, 0.0)
-        ahead = velocity + 0.5 * dt * self._last  # PyBullet's velocity is half a step old
-        mass, bias = self.model.bodies.mass_matrix_and_bias(position, ahead, self.mechanics)
         servo = self._servo
         pull = servo["stiffness"] * error
+        wanted = self.torque if self._laws["drive"] else pull - servo["damping"] * now
+        forward, backward, limits = self._budget(joint, wanted)
+        slowest = np.minimum((self._lower - position) / dt, 0.0)
+        fastest = np.maximum((self._upper - position) / dt, 0.0)
+        mass, bias = self.model.bodies.mass_matrix_and_bias(position, now, self.mechanics)
         acceleration, torque = np.empty_like(position), np.empty_like(position)
         impulse = self._impulse.copy()
         fixed, fixed_torque = np.zeros(position.shape, np.bool_), torque
@@ -98,7 +101,7 @@ class Drive:
                 impulse = self._impulse.copy()
                 fixed_torque = given
                 solve()
-        self._impulse, self.torque, self._last = impulse, torque, acceleration
+        self._impulse, self.torque = impulse, torque
         return acceleration
 
     def advance(self, acceleration: np.ndarray) -> None:
@@ -112,7 +115,7 @@ class Drive:
         """Drop all but the first rollouts: the others have ended."""
         b = rollouts * self.sets
         self.rollouts, self.batch = rollouts, b
-        for name in ("position", "velocity", "torque", "measured", "_impulse", "_last"):
+        for name in ("position", "velocity", "torque", "measured", "_impulse", "_before"):
             setattr(self, name, getattr(self, name)[:b])
         self._servo = {k: v[:b] for k, v in self._servo.items()}
         for _, p in [*(law for laws in self._laws.values() for law in laws), *self._budgets]:
@@ -126,17 +129,25 @@ class Drive:
             signal, self._memory[i] = effect.law(signal, joint, self._memory[i], p)
         return signal
 
-    def _budget(self, joint: JointState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Friction's torque forward and backward (B, n), and the drive's limits (5, B, n), of all budgets together."""
+    def _budget(self, joint: JointState, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Friction's torque forward and backward (B, n), and the drive's limits (5, B, n), of all budgets together.
+
+        wanted: the servo's torque (B, n) at this instant; what the limits leave of it loads the gears.
+        """
         forward, backward = np.zeros_like(joint.position), np.zeros_like(joint.position)
         limits = np.full((5, *joint.position.shape), UNLIMITED)
+        for effect, p in self._budgets:
+            given = effect.drive(joint, p)
+            if given is not None:
+                limits = np.minimum(limits, np.stack(np.broadcast_arrays(*given)))
+        if self._budgets:
+            top = np.minimum(limits[0], limits[4] * (1.0 - joint.velocity / limits[2]))
+            bottom = np.minimum(limits[1], limits[4] * (1.0 + joint.velocity / limits[3]))
+            joint = replace(joint, torque=np.clip(wanted, -bottom, top))
         for effect, p in self._budgets:
             taken = effect.friction(joint, p)
             if taken is not None:
                 forward, backward = forward + taken[0], backward + taken[1]
-            given = effect.drive(joint, p)
-            if given is not None:
-                limits = np.minimum(limits, np.stack(np.broadcast_arrays(*given)))
         return forward, backward, limits
 
 

@@ -33,7 +33,7 @@ def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, l
     batch, n = velocity.shape
     low, inverse = np.empty((n, n)), np.empty((n, n))
     diagonal, right, new, work = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    give, slope, soft = np.empty(n), np.empty(n), np.empty(n)
+    give, slope, soft, late = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     state = np.empty(n, np.int64)
     for b in range(batch):
         for k in range(len(blocks) - 1):
@@ -44,8 +44,9 @@ def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, l
                 constrained = False
                 for i in range(first, end):
                     base = mass[b, i, i] + rotor[b, i] + 0.5 * dt * viscous[b, i]
-                    _drive(state[i], i, b, pull, damping, fixed_torque, limits, base / dt, give, slope)
-                    diagonal[i] = base + 0.5 * dt * slope[i]
+                    _drive(state[i], i, b, pull, damping, fixed_torque, limits, give, slope)
+                    late[i] = max(0.0, 0.5 * dt * slope[i] - 3.0 * base)  # damping that would ring: taken at a later speed
+                    diagonal[i] = base + 0.5 * dt * slope[i] + late[i]
                     stiff = stiffness[b, i] * dt * dt if state[i] == FREE else 0.0
                     soft[i] = max(0.0, stiff - diagonal[i])  # a mode faster than the step resolves: implicit
                     diagonal[i] += soft[i]
@@ -67,10 +68,10 @@ def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, l
                 for i in range(first, end):
                     mean = 0.5 * (velocity[b, i] + new[i])
                     torque[b, i] = give[i] - slope[i] * mean - soft[i] * new[i] / dt
+                    torque[b, i] -= late[i] * (new[i] - velocity[b, i]) / dt
                     if state[i] != FIXED:
                         wanted = pull[b, i] - damping[b, i] * mean if state[i] != FREE else torque[b, i]
-                        base = (mass[b, i, i] + rotor[b, i] + 0.5 * dt * viscous[b, i]) / dt
-                        now = _limit_state(wanted, mean, i, b, limits, base)
+                        now = _limit_state(wanted, mean, i, b, limits)
                         if now != state[i]:
                             state[i] = now
                             changed = True
@@ -81,7 +82,7 @@ def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, l
 
 
 @jit
-def _drive(state, i, b, pull, damping, fixed_torque, limits, steepest, give, slope):
+def _drive(state, i, b, pull, damping, fixed_torque, limits, give, slope):
     """The drive's torque as give - slope * mean velocity, in each of its states."""
     if state == FREE:
         give[i], slope[i] = pull[b, i], damping[b, i]
@@ -92,18 +93,18 @@ def _drive(state, i, b, pull, damping, fixed_torque, limits, steepest, give, slo
     elif state == BOTTOM:
         give[i], slope[i] = -limits[1, b, i], 0.0
     elif state == FAST:
-        slope[i] = min(limits[4, b, i] / limits[2, b, i], steepest)
-        give[i] = slope[i] * limits[2, b, i]
+        slope[i] = limits[4, b, i] / limits[2, b, i]
+        give[i] = limits[4, b, i]
     else:
-        slope[i] = min(limits[4, b, i] / limits[3, b, i], steepest)
-        give[i] = -slope[i] * limits[3, b, i]
+        slope[i] = limits[4, b, i] / limits[3, b, i]
+        give[i] = -limits[4, b, i]
 
 
 @jit
-def _limit_state(wanted, mean, i, b, limits, steepest):
+def _limit_state(wanted, mean, i, b, limits):
     """Which limit of the drive a torque would break: the highest torque, or the line that falls with the speed."""
-    ahead = min(limits[4, b, i] / limits[2, b, i], steepest) * (limits[2, b, i] - mean)
-    behind = min(limits[4, b, i] / limits[3, b, i], steepest) * (limits[3, b, i] + mean)
+    ahead = limits[4, b, i] * (1.0 - mean / limits[2, b, i])
+    behind = limits[4, b, i] * (1.0 + mean / limits[3, b, i])
     if wanted > min(limits[0, b, i], ahead):
         return TOP if limits[0, b, i] < ahead else FAST
     if wanted < -min(limits[1, b, i], behind):

@@ -1,0 +1,251 @@
+"""How well, how fast and with how many rollouts each method calibrates a 7-joint arm.
+
+    python -m benchmarks.calibration [--starts 20] [--search-starts 3] [--out FILE.json]
+
+21 unknowns (stiffness, damping, Coulomb friction of 7 joints), starts off by up to a factor 3, one recording of 10 s
+at 50 Hz with 0.5 mrad of noise, judged on another motion without noise. The truth comes once from the plant that the
+fits use and once from MuJoCo. Finished rows are kept in the JSON file; a second run goes on where the first ended.
+"""
+# ruff: noqa: E402
+
+from __future__ import annotations
+
+import os
+
+for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
+from embodiedreamer_gym.phys_aligner import calibrate
+from embodiedreamer_gym.poses import EndEffector, rotation_error, translation_error
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation import simulate
+from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
+from embodiedreamer_gym.standin.motions import Motion, multisine, point_to_point, span_of
+from embodiedreamer_gym.standin.world import StandIn
+
+ARM = "arm7"
+FRICTION = (1.0, 1.5, 1.0, 0.8, 0.4, 0.3, 0.2)  # N m
+FACTOR, SECONDS, RATE, NOISE = 3.0, 10.0, 50.0, 5e-4  # -, s, Hz, rad
+REST = 2.0  # s for which the arm stands still before a recording
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {  # row -> method of calibrate, its options
+    "least-squares": ("least-squares", {}),
+    "surrogate-trajectory": ("surrogate-trajectory", {}),
+    "surrogate (paper)": ("surrogate", {}),
+    "annealing (SimplerEnv)": ("annealing", {}),
+    "annealing-scaled": ("annealing-scaled", {}),
+    "cma-es 400": ("cma-es", {}),
+    "cma-es 2000": ("cma-es", {"budget": 2000}),
+}
+MANY = ("least-squares", "surrogate-trajectory")  # run from all starts; the searches from the first few
+
+
+@dataclass(frozen=True)
+class Task:
+    """A truth, the recording to fit, and another motion (without noise) to judge by."""
+
+    name: str
+    truth: RobotModel
+    train: Recording
+    held_out: Recording
+    tip: EndEffector
+
+
+def true_model(folder: Path) -> RobotModel:
+    """The arm with its true values; viscous friction acts as damping does and is counted there."""
+    servo = TRUTH[ARM]
+    (folder / "arm.urdf").write_text(arm_urdf(ARM))
+    damping = np.array(servo.damping) + np.array(servo.viscous_friction)
+    data = {
+        "robot": {"urdf": "arm.urdf", "joints": list(arm_joints(ARM))},
+        "servo": {"stiffness": list(map(float, servo.stiffness)), "damping": damping.tolist()},
+        "rotor_inertia": list(map(float, servo.rotor_inertia)),
+        "effects": [{"name": "coulomb_friction", "torque": list(FRICTION)}],
+    }
+    (folder / "arm.json").write_text(json.dumps(data))
+    return RobotModel.load(folder / "arm.json")
+
+
+def motions() -> tuple[Motion, Motion]:
+    """The motion to fit and the one to judge by."""
+    span = span_of(arm_urdf(ARM), arm_joints(ARM), arm_home(ARM), reach=0.7, speed=0.8)
+    return multisine(span, np.random.default_rng(1), SECONDS), point_to_point(span, np.random.default_rng(2), SECONDS)
+
+
+def play(model: RobotModel, motion: Motion, noise: np.ndarray | float = 0.0, name: str = "") -> Recording:
+    """Record a motion on our own plant, from rest; noise: (T, n) added, or 0."""
+    lead = round(REST * RATE)
+    time_ = np.arange(lead + int(motion.duration * RATE) + 1) / RATE
+    command = motion(time_ - REST)
+    sensor = {"noise": np.full(model.n, NOISE), "quantum": np.zeros(model.n), "command_hold": "linear"}
+    blank = Recording(motion.kind, model.joints, time_, command, command, **sensor)
+    position = simulate(model, blank).position[lead:] + noise
+    return Recording(name or motion.kind, model.joints, time_[lead:] - REST, position, command[lead:], **sensor)
+
+
+def own_plant(truth: RobotModel) -> Task:
+    """The model class is exactly right."""
+    fit, judge = motions()
+    samples = int(SECONDS * RATE) + 1
+    noise = NOISE * np.random.default_rng(0).standard_normal((samples, truth.n))
+    return Task("own plant", truth, play(truth, fit, noise), play(truth, judge), EndEffector(truth.urdf, "tip"))
+
+
+def mujoco_plant(truth: RobotModel) -> Task:
+    """Another engine, stepped at 10 kHz: friction, integration and start are not quite the model's."""
+    servo, fit, judge = TRUTH[ARM], *motions()
+    robot = StandIn(
+        arm_urdf(ARM), truth.joints, servo.stiffness, servo.damping, servo.rotor_inertia, servo.viscous_friction,
+        effects={"coulomb_friction": {"torque": FRICTION}}, rng=np.random.default_rng(0),
+    )  # fmt: skip
+    known = {"noise": np.full(truth.n, NOISE), "quantum": np.zeros(truth.n)}
+    logs = [
+        robot.record(motion, RATE, noise=noise, command_known="linear", declare="linear").with_(**known)
+        for motion, noise in ((fit, NOISE), (judge, 0.0))
+    ]
+    return Task("MuJoCo", truth, *logs, EndEffector(truth.urdf, "tip"))
+
+
+def start_from(truth: RobotModel, seed: int) -> RobotModel:
+    """The truth with every unknown off by up to a factor 3 either way."""
+    rng = np.random.default_rng(1000 + seed)
+    off = [np.array(v) * FACTOR ** rng.uniform(-1, 1, truth.n) for v in (truth.stiffness, truth.damping, FRICTION)]
+    friction = CoulombFriction(torque=dict(zip(truth.joints, off[2].tolist(), strict=True)))
+    return truth.with_(stiffness=off[0], damping=off[1], effects=(friction,))
+
+
+def unknowns(model: RobotModel) -> np.ndarray:
+    """The 21 values."""
+    return model.parameters().select("stiffness", "damping", "coulomb_friction").values
+
+
+def judge(task: Task, model: RobotModel) -> dict[str, float]:
+    """Errors of a model: mrad on both recordings, % of the unknowns, and the paper's losses on the held-out motion."""
+    rms = [
+        float(np.mean(np.sqrt(np.mean((simulate(model, r).position - r.position) ** 2, axis=0)))) * 1e3
+        for r in (task.train, task.held_out)
+    ]
+    off = np.abs(unknowns(model) / unknowns(task.truth) - 1) * 100
+    is_, seen = (task.tip.pose(q, model.joints) for q in (simulate(model, task.held_out).position, task.held_out.position))
+    translation, rotation = translation_error(is_[0], seen[0]), rotation_error(is_[1], seen[1])
+    return {"train": rms[0], "held_out": rms[1], "median": float(np.median(off)), "worst": float(off.max()),
+            "trajectory": translation + rotation, "rotation": rotation, "translation": translation}  # fmt: skip
+
+
+def run(task: Task, label: str, seed: int) -> dict[str, float]:
+    """One row: a method from one start."""
+    start = task.truth if label == "true values" else start_from(task.truth, seed)
+    if label in ("true values", "start"):
+        return {"rollouts": 0, "seconds": 0.0, **judge(task, start)}
+    method, options = METHODS[label]
+    begun = time.perf_counter()
+    fit = calibrate(start, [task.train], method, rng=np.random.default_rng(seed), **options)
+    return {"rollouts": fit.rollouts, "seconds": time.perf_counter() - begun, **judge(task, fit.model)}
+
+
+def resumed(out: Path, settings: dict[str, Any]) -> dict[str, Any]:
+    """Finished rows of an earlier run with the same settings."""
+    if out.exists():
+        kept = json.loads(out.read_text())
+        if kept.get("settings") == settings:
+            return kept
+        print(f"{out} is of other settings and is begun anew")
+    return {"settings": settings, "rows": {}}
+
+
+def keep(out: Path, data: dict[str, Any]) -> None:
+    """Write beside, then rename."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    part = out.with_suffix(".part")
+    part.write_text(json.dumps(data, indent=1) + "\n")
+    part.replace(out)
+
+
+def do_all(jobs: list[str], work: Callable[[str], dict[str, Any]], out: Path, settings: dict[str, Any]) -> dict[str, Any]:
+    """Do the jobs that are not done yet, a line for each; returns rows by job."""
+    data = resumed(out, settings)
+    for i, job in enumerate(jobs, 1):
+        if job in data["rows"]:
+            continue
+        begun = time.perf_counter()
+        data["rows"][job] = work(job)
+        keep(out, data)
+        print(f"{i}/{len(jobs)} {job}: {time.perf_counter() - begun:.1f} s", flush=True)
+    return {job: data["rows"][job] for job in jobs}
+
+
+COLUMNS = (
+    ("rollouts", "rollouts", 1, 0), ("seconds", "s", 1, 1), ("train", "train mrad", 1, 3), ("held_out", "held-out mrad", 1, 3),
+    ("median", "median %", 1, 2), ("worst", "worst %", 1, 1), ("trajectory", "trajectory", 1, 6), ("rotation", "rotation", 1, 6),
+    ("translation", "translation", 1, 6),
+)  # fmt: skip
+
+
+def table(rows: dict[str, dict[str, float]], block: str) -> str:
+    """Median and range over starts; the last three columns are the paper's (its errors are in rad and m)."""
+    methods: dict[str, list[dict[str, float]]] = {}
+    for job, row in rows.items():
+        name, method, _ = job.split(" | ")
+        if name == block:
+            methods.setdefault(method, []).append(row)
+    lines = [f"truth: {block}", f"{'method':<23}{'starts':>6}" + "".join(f"{title:>24}" for _, title, _, _ in COLUMNS)]
+    for method, found in methods.items():
+        cells = []
+        for key, _, scale, digits in COLUMNS:
+            v = np.array([row[key] for row in found]) * scale
+            spread = f" [{v.min():.{digits}f}, {v.max():.{digits}f}]" if len(v) > 1 and v.max() > 0 else ""
+            cells.append(f"{np.median(v):.{digits}f}{spread}")
+        lines.append(f"{method:<23}{len(found):>6}" + "".join(f"{cell:>24}" for cell in cells))
+    return "\n".join(lines)
+
+
+def verdicts(rows: dict[str, dict[str, float]], block: str) -> str:
+    """From how many starts the aims are met."""
+    lines = []
+    for method, most in (("least-squares", 300), ("surrogate-trajectory", 150)):
+        found = [row for job, row in rows.items() if job.startswith(f"{block} | {method} | ")]
+        met = [r["median"] <= 0.5 and r["held_out"] <= 0.1 and r["rollouts"] <= most for r in found]
+        aim = f"median <= 0.5 %, held-out <= 0.1 mrad, <= {most} rollouts"
+        lines.append(f"{method}: {aim} from {sum(met)} of {len(met)} starts")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--starts", type=int, default=20, help="starts of least squares and the trajectory surrogate")
+    parser.add_argument("--search-starts", type=int, default=3, help="starts of the other methods")
+    parser.add_argument("--out", type=Path, default=Path("build/benchmarks/calibration.json"), help="finished rows")
+    options = parser.parse_args()
+    jobs = []
+    for block in ("own plant", "MuJoCo"):
+        jobs.append(f"{block} | true values | 0")
+        for method in ("start", *METHODS):
+            count = options.starts if method in (*MANY, "start") else min(options.search_starts, options.starts)
+            jobs += [f"{block} | {method} | {seed}" for seed in range(count)]
+    with tempfile.TemporaryDirectory() as folder:
+        truth = true_model(Path(folder))
+        tasks = {task.name: task for task in (own_plant(truth), mujoco_plant(truth))}
+
+        def work(job: str) -> dict[str, float]:
+            block, method, seed = job.split(" | ")
+            return run(tasks[block], method, int(seed))
+
+        rows = do_all(jobs, work, options.out, {"version": 1, "arm": ARM, "methods": METHODS})
+    for block in tasks:
+        print("", table(rows, block), verdicts(rows, block), sep="\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,29 @@
+"""What the benchmarks share: where real data lie, one thread for BLAS, results written beside and renamed."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+SHARED = Path(os.environ.get("EMBODIEDREAMER_SHARED_DATA", Path(__file__).parents[2] / "shared" / "data"))
+
+
+def data_folder(name: str) -> Path:
+    """Folder of a real data set, which is not shipped."""
+    return SHARED / name
+
+
+def pin_threads() -> None:
+    """One thread for BLAS and numba; takes effect for libraries that are not loaded yet."""
+    for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ.setdefault(key, "1")
+
+
+def save(rows: Any, path: Path | None) -> None:
+    """Write results as JSON, if a path is given."""
+    if path is not None:
+        part = path.with_name(path.name + ".part")
+        part.write_text(json.dumps(rows, indent=1))
+        part.replace(path)

@@ -1,0 +1,49 @@
+"""Real SO-101: 38 motions of a six-servo arm; what does the simulator lack, and what can it not explain?
+
+python -m benchmarks.real_so101 [--data ../shared/data/so101_sage] [--urdf so101.urdf] [--offset 0] [--out FILE.json]
+
+Data: github.com/isaac-sim2real/sage, commit 4ffd262 (Apache-2.0), not shipped. Every other motion is held out.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.common import data_folder, pin_threads, save
+from embodiedreamer_gym.diagnosis import diagnose
+from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight
+from embodiedreamer_gym.robot import RobotModel
+
+
+def main() -> None:
+    """Print the staircase, and what is left unexplained."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, default=data_folder("so101_sage"))
+    parser.add_argument("--model", default="so101")
+    parser.add_argument("--swap", action="store_true", help="exchange the training and the held-out motions")
+    parser.add_argument("--out", type=Path)
+    arguments = parser.parse_args()
+    pin_threads()
+    logs = Recordings([preflight(r).recording for r in load_recordings(arguments.data / "*.hdf5")])
+    train, test = logs.split()
+    if arguments.swap:
+        train, test = test, train
+    raw = np.sqrt(np.mean(np.concatenate([(r.position - r.command) ** 2 for r in test]), axis=0))
+    print(f"{len(train)} motions to learn from, {len(test)} held out, {sum(r.duration for r in logs):.0f} s")
+    print(f"held-out position minus command: {1e3 * raw.mean():.1f} mrad ({', '.join(f'{1e3 * x:.1f}' for x in raw)})")
+    found = diagnose(RobotModel.load(arguments.model), train, test, progress=show)
+    print(found)
+    save({"raw": raw.tolist(), **found.as_dict()}, arguments.out)
+
+
+def show(stage: str, iteration: int, value: float) -> None:
+    """One line for each new stage."""
+    if stage != "least squares" or iteration % 5 == 0:
+        print(f"  {stage} {iteration}: {value:.4g}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

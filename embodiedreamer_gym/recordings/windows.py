@@ -1,0 +1,69 @@
+"""Windows of long recordings: a fit needs minutes of varied motion, not hours of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from embodiedreamer_gym.recordings.recording import Recording, Recordings
+
+SHORTEST = 4.0  # s
+LONGEST = 12.0  # s
+BURN_IN = 0.5  # s at a window's start that are simulated but not judged: what came before is not known there
+
+
+def window(recording: Recording, start: float, end: float) -> Recording:
+    """The part of a recording from `start` to `end` seconds after its first sample.
+
+    The first half second counts as not usable, unless the window starts where the recording does.
+    """
+    place = recording.time - recording.time[0]
+    rows = (place >= start - 1e-9) & (place <= end + 1e-9)
+    usable = recording.usable[rows].copy()
+    if start > 0:
+        usable[place[rows] < start + BURN_IN] = False
+    arrays = {k: getattr(recording, k)[rows] for k in ("time", "position")}
+    optional = {k: getattr(recording, k) for k in ("command", "velocity", "effort")}
+    optional = {k: None if v is None else v[rows] for k, v in optional.items()}
+    name = f"{recording.name} {start:.0f}-{end:.0f} s"
+    return recording.with_(**arrays, **optional, usable=usable, frames={}, name=name)
+
+
+def thin(recordings: Sequence[Recording], seconds: float) -> Recordings:
+    """Recordings of at most about `seconds` in all: where they hold more, the liveliest window of each.
+
+    Windows are 4 to 12 s long; of more recordings than have room at 4 s, every second, third, ... is taken.
+    """
+    recordings = list(recordings)
+    if sum(r.duration for r in recordings) <= 1.2 * seconds:
+        return Recordings(recordings)
+    step = int(np.ceil(len(recordings) * SHORTEST / seconds))
+    kept = recordings[::step]
+    share = seconds / len(kept)
+    result: list[Recording] = []
+    for recording in kept:
+        count = max(1, int(share // LONGEST))
+        length = min(share / count, LONGEST)
+        result += _liveliest(recording, length, count) if recording.duration > 1.5 * length else [recording]
+    return Recordings(result)
+
+
+def _liveliest(recording: Recording, length: float, count: int) -> list[Recording]:
+    """The `count` windows in which the joints move most, each joint measured by its own usual motion."""
+    spread = recording.position.std(axis=0)
+    moving = spread > 5 * recording.sigma
+    starts = np.arange(0.0, recording.duration - length + 1e-9, length / 2)
+    place = recording.time - recording.time[0]
+    life = []
+    for start in starts:
+        rows = (place >= start) & (place <= start + length)
+        part = recording.position[rows].std(axis=0)[moving] / spread[moving]
+        life.append(float(np.sum(np.log1p(part))) if rows.sum() > 10 and recording.usable[rows].any() else -1.0)
+    chosen: list[float] = []
+    for k in np.argsort(life, kind="stable")[::-1]:
+        if all(abs(starts[k] - other) >= length - 1e-9 for other in chosen):
+            chosen.append(float(starts[k]))
+        if len(chosen) == count:
+            break
+    return [window(recording, start, start + length) for start in sorted(chosen)]
