@@ -27,7 +27,8 @@ def main(arguments: list[str]) -> int:
         print("\n".join(f"{name:<16} {text}" for name, text in found.items()))
         return 0
     if arguments[0] not in found:
-        print(f"error: there is no benchmark '{arguments[0]}'; there are {', '.join(found)}.", file=sys.stderr)
+        known = ", ".join(found)
+        print(f"error: there is no benchmark '{arguments[0]}'; there are {known}.", file=sys.stderr)
         return 2
     sys.argv = [str(FOLDER / f"{arguments[0]}.py"), *arguments[1:]]
     runpy.run_module(f"benchmarks.{arguments[0]}", run_name="__main__", alter_sys=True)

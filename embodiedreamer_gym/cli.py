@@ -11,6 +11,7 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
+from embodiedreamer_gym.demo import run as run_demo
 from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose, where
 from embodiedreamer_gym.diagnosis.progress import Progress
 from embodiedreamer_gym.diagnosis.report import write_report
@@ -81,7 +82,7 @@ def build_parser() -> argparse.ArgumentParser:
     demo = verbs.add_parser("demo", help="from recordings with a hidden effect to a model that has it")
     demo.set_defaults(verb=_demo)
     demo.add_argument(
-        "folder", nargs="?", type=Path, default=Path("embodiedreamer-demo"), help="default: %(default)s"
+        "--out", type=Path, default=Path("demo_report"), metavar="DIR", help="default: %(default)s"
     )
     demo.add_argument("--quiet", action="store_true", help="no progress")
     return parser
@@ -164,7 +165,7 @@ def _add(a: argparse.Namespace, progress: Progress) -> None:
 
 
 def _demo(a: argparse.Namespace, progress: Progress) -> None:
-    raise EmbodieDreamerError("the demo is not part of this version.")
+    run_demo(a.out, progress)
 
 
 def _answer(

@@ -13,7 +13,7 @@ import embodiedreamer_gym
 
 NAME = "embodiedreamer_gym"
 PACKAGE = Path(embodiedreamer_gym.__file__).parent
-TOP = 7
+TOP = 8
 FLOORS = {
     "errors": -1,  # below the ground floor: everybody may see it
     **dict.fromkeys(["poses", "recordings"], 0),
@@ -22,7 +22,8 @@ FLOORS = {
     "simulation": 3,
     **dict.fromkeys(["phys_aligner", "envs"], 4),
     **dict.fromkeys(["diagnosis", "wrappers", "standin"], 5),
-    "cli": 6,
+    "demo": 6,
+    "cli": 7,
     **dict.fromkeys(["__init__", "__main__"], TOP),
 }
 FILES = {

@@ -92,11 +92,8 @@ def prune(
         values = {}
         for p in kind.parameters:
             names = model.joints if p.per == "joint" else model.arms
-            low, high = model.parameter_bounds(p)
             if place in names:
-                values[f"{kind.name}.{p.name}"] = {
-                    place: float(np.clip(p.off, low, high)[names.index(place)])
-                }
+                values[f"{kind.name}.{p.name}"] = {place: float(model.parameter_off(p)[names.index(place)])}
         off = evaluate(model.with_values(values), test, candidate.problem.hold)
         losses.append(off.score - candidate.held_out.score)
     dearest = max(losses)

@@ -24,7 +24,7 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
-MAX_SECONDS = 120.0  # of motion to learn from, and as much to judge by
+MAX_SECONDS = 80.0  # of motion to learn from, and as much to judge by
 REFITS = 5  # best of the screening that are refitted
 Progress = Callable[[str, int, float], None]
 
@@ -69,10 +69,9 @@ def diagnose(
     Raises: CalibrationError or SimulationError when the recordings do not fit the model.
     """
     begun = time.perf_counter()
-    if not test:
-        raise CalibrationError(
-            "no held-out recording is given; an effect is only named on motion it was not fitted to."
-        )
+    if not train or not test:
+        raise CalibrationError("diagnose needs recordings to learn from and others, held out, to judge by.")
+    all_test, train, test = test, thin(train, max_seconds), thin(test, max_seconds)
     both = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in train)
     search = Search(model, train, test, catalogue or model.catalogue, jobs, progress or (lambda *_: None), both,
                     rng or np.random.default_rng(0))  # fmt: skip
@@ -121,9 +120,9 @@ def _candidates(
     floor = np.sqrt(np.median(null.chi2, axis=0))
     search.progress("screening", 0, held.error)
     before = problem.rollouts
-    around = grounds(problem, fit, search.nominal)
-    screened = screen(search.catalogue, around, problem, floor, search.map)
-    search.rollouts += problem.rollouts - before + sum(s.rollouts for s in screened)
+    short, around = grounds(problem, fit, search.nominal if first else None)
+    screened = screen(search.catalogue, around, short, floor, search.map)
+    search.rollouts += short.rollouts - before + sum(s.rollouts for s in screened)
     if first:
         search.unobservable = tuple(sorted(s.kind.name for s in screened if s.visible < SEEN_SHARE))
     chosen = _shortlist(screened)

@@ -11,13 +11,14 @@ import numpy as np
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
-from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import simulate_sets
 
-SIZES = (0.1, 0.3, 1.0, 3.0)  # of a parameter that vanishes at zero, relative to its typical size
-LIMITS = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.3, 1.7)  # of a limit, relative to the largest value seen
+SIZES = (0.2, 0.8, 3.0)  # of a parameter that vanishes at zero, relative to its typical size
+LIMITS = (0.25, 0.45, 0.7, 0.95, 1.2, 1.6)  # of a limit, relative to the largest value seen
 SHAPES = (0.3, 1.0, 3.0)
+SECONDS = 40.0  # of motion to screen on
 PLAIN = 0.02  # fall of a joint's log mean square from which an effect is started there
 SEEN_SHARE = 0.5  # of the calibrated residual that an effect must change to be observable
 
@@ -32,12 +33,21 @@ class Ground:
     jacobian: np.ndarray
 
 
-def grounds(problem: Problem, fit: Fit, nominal: RobotModel) -> list[Ground]:
-    """The fitted parameters, and the fitted ones with the servo's gains as they were given.
+def grounds(problem: Problem, fit: Fit, nominal: RobotModel | None) -> tuple[Problem, list[Ground]]:
+    """Where effects are tried: a short problem, and the fitted parameters with and without the nominal gains.
 
     A fit without the missing effect can bend the gains so far that the effect no longer shows around them.
     """
-    found = [Ground(problem.model_at(fit.x), fit.x, fit.residuals, fit.jacobian)]
+    short = thin(problem.recordings, SECONDS)
+    if len(short) < len(problem.recordings) or sum(r.duration for r in short) < 0.8 * problem.seconds:
+        spent = problem.rollouts
+        problem = Problem(problem.model, short, hold=problem.hold)
+        problem.rollouts = spent
+        found = [Ground(problem.model_at(fit.x), fit.x, *problem.jacobian(fit.x))]
+    else:
+        found = [Ground(problem.model_at(fit.x), fit.x, fit.residuals, fit.jacobian)]
+    if nominal is None:
+        return problem, found
     gains = [i for i, row in enumerate(problem.rows) if "." not in row.group]
     values = problem.values(fit.x)
     for i in gains:
@@ -45,7 +55,7 @@ def grounds(problem: Problem, fit: Fit, nominal: RobotModel) -> list[Ground]:
     x = np.clip(problem.scale(values), problem.lower, problem.upper)
     if np.abs(x - fit.x).max() > 0.3:
         found.append(Ground(problem.model_at(x), x, *problem.jacobian(x)))
-    return found
+    return problem, found
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +147,8 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[str
             signs = (1.0, -1.0) if p.low < 0 else (1.0,)
             choices.append([np.clip(s * f * typical, low, high) for f in SIZES for s in signs])
     sized = [i for i, p in enumerate(kind.parameters) if not p.shape]
-    if len(sized) > 1 and kind.parameters[sized[0]].low >= 0:  # several sizes move together, small ones also alone
-        table = [_together(kind, choices, sized, model)]
-        rows = list(itertools.chain.from_iterable(table))
+    if len(sized) > 1:
+        rows = _together(kind, choices, sized, model)
     else:
         rows = list(itertools.product(*choices))
     return {
@@ -148,18 +157,17 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[str
 
 
 def _together(kind, choices, sized, model) -> list[tuple[np.ndarray, ...]]:
+    """Several sizes move together, unless they have signs; those that vanish at zero also alone."""
     rows = []
+    first = kind.parameters[sized[0]]
     shapes = [choices[i] if i not in sized else [None] for i in range(len(choices))]
-    off = [
-        np.clip(np.full_like(choices[i][0], p.off), *model.parameter_bounds(p))
-        for i, p in enumerate(kind.parameters)
-    ]
+    off = [model.parameter_off(p) for p in kind.parameters]
     for shape in itertools.product(*shapes):
         for k in range(len(choices[sized[0]])):
             both = [choices[i][k] if i in sized else shape[i] for i in range(len(choices))]
-            rows.append(tuple(both))
-            alone = sized if kind.parameters[sized[0]].off == kind.parameters[sized[0]].low else []
-            for only in alone:
+            if first.low >= 0:
+                rows.append(tuple(both))
+            for only in sized if first.off != first.high else ():
                 rows.append(
                     tuple(both[i] if i == only or i not in sized else off[i] for i in range(len(choices)))
                 )

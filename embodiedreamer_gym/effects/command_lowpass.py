@@ -24,7 +24,7 @@ class CommandLowpass(SignalLaw):
     def law(signal, joint, memory, p):
         """Exact response to a command that is linear over the step: no lag of half a step is added."""
         value, last = memory
-        constant = np.maximum(p.time_constant, 1e-9)
+        constant = np.maximum(p.time_constant, 1e-12)
         decay = np.exp(-joint.dt / constant)
         slope_share = 1.0 - (constant / joint.dt) * (1.0 - decay)
         value = decay * value + (1.0 - decay - slope_share) * last + slope_share * signal

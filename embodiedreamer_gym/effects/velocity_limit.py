@@ -12,7 +12,7 @@ class VelocityLimit(TorqueBudget):
     parameters = (
         Parameter("forward", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),
         Parameter("backward", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),
-        Parameter("stall_torque", "N m", off=20.0, low=0.05, high=20.0, typical=2.0, scale="torque", shape=True),
+        Parameter("stall_torque", "N m", off=1e3, low=0.05, high=1e3, typical=2.0, scale="torque", shape=True),
     )
     symptom = "fast moves become ramps of constant slope, perhaps steeper in one direction"
     reveals = "large steps in both directions"

@@ -1,4 +1,4 @@
-"""Simulated annealing as SimplerEnv calibrates with it, and the same with a temperature that fits the cost."""
+"""Simulated annealing with SimplerEnv's settings, and with a temperature that fits the cost."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.search_range import FACTOR, SearchRange, cost
 
 STEPS = 400  # of the baseline in EmbodieDreamer, section 4.1; SimplerEnv's script itself takes 2000
-HOTTEST = 1.5  # SimplerEnv, tools/sysid/sysid.py: t_max=1.5, t_min=0, linear cooling, steps of +-1/2 of the range
+HOTTEST = (
+    1.5  # SimplerEnv, tools/sysid/sysid.py: t_max=1.5, t_min=0, linear cooling, steps of +-1/2 of the range
+)
 COOL = 0.02  # share of the start's cost
 SHORT = 0.15  # of the range
 
@@ -21,10 +23,11 @@ def annealing(
     problem: Problem, rng: np.random.Generator, progress: Progress | None = None, steps: int = STEPS,
     t_max: float = HOTTEST, step: float = 1.0, factor: float = FACTOR,
 ) -> np.ndarray:  # fmt: skip
-    """Best scaled parameters (m,) of an annealing with SimplerEnv's settings, which does not scale the temperature.
+    """Best scaled parameters (m,) of an annealing with SimplerEnv's settings.
 
-    A temperature of 1.5 is far above the cost's differences of some 0.01 rad, so nearly every step is accepted and
-    what comes back is the best point of a random walk. Raises: CalibrationError for fewer than two steps.
+    A temperature of 1.5 is far above the cost's differences of some 0.01 rad, so nearly every step is
+    accepted and what comes back is the best point of a random walk. Raises: CalibrationError for fewer than
+    two steps.
     Source: SimplerEnv, tools/sysid/sysid.py, and the linear additive cooling of the annealer it calls.
     """
     return anneal(problem, rng, progress, steps, t_max, step, factor)[0]
@@ -34,7 +37,7 @@ def annealing_scaled(
     problem: Problem, rng: np.random.Generator, progress: Progress | None = None, steps: int = STEPS,
     t_max: float = COOL, step: float = SHORT, factor: float = FACTOR,
 ) -> np.ndarray:  # fmt: skip
-    """Best scaled parameters (m,) of an annealing whose t_max is a share of the start's cost, with shorter steps.
+    """Best scaled parameters (m,) of an annealing with t_max a share of the start's cost, and shorter steps.
 
     Raises: CalibrationError for fewer than two steps.
     """
@@ -42,10 +45,10 @@ def annealing_scaled(
 
 
 def anneal(
-    problem: Problem, rng: np.random.Generator, progress: Progress | None, steps: int, t_max: float, step: float,
-    factor: float = FACTOR, scaled: bool = False,
+    problem: Problem, rng: np.random.Generator, progress: Progress | None, steps: int, t_max: float,
+    step: float, factor: float = FACTOR, scaled: bool = False,
 ) -> tuple[np.ndarray, float]:  # fmt: skip
-    """Best scaled parameters (m,) and share of accepted moves; each move is uniform in +-step/2 of the range."""
+    """Best scaled parameters (m,) and share of accepted moves, each uniform in +-step/2 of the range."""
     if steps < 2:
         raise CalibrationError(f"annealing needs at least 2 steps, not {steps}.")
     box = SearchRange(problem, factor)

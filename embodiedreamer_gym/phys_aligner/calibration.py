@@ -122,8 +122,8 @@ def calibrate(
 ) -> Calibration:
     """Fit the model's parameters to recordings by free-run simulation.
 
-    method: "least-squares" (default), "surrogate" (the paper's), "surrogate-trajectory", "annealing" (SimplerEnv's), "annealing-scaled" or
-    "cma-es"; groups: which parameters to fit (default: servo gains, what the model leaves open, all effects);
+    method: "least-squares" (default), "surrogate" (the paper's), "surrogate-trajectory", "annealing"
+    (SimplerEnv's), "annealing-scaled" or "cma-es"; groups: which parameters to fit (default: servo gains, what the model leaves open, all effects);
     max_seconds: of longer recordings the liveliest windows are used.
     Raises: CalibrationError for an unknown method or nothing to fit, SimulationError for another robot's recording.
     """

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import matmul_toeplitz, toeplitz
 
 from embodiedreamer_gym.phys_aligner.problem import Problem
 
 NORMAL_95 = 1.959963984540054
+HIGHEST_ORDER = 8  # of the autoregressive model of residuals
 UNDETERMINED = 1.0  # half-width in scaled units: a factor e, or a typical size of the effect
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Half-widths (m,) of the 95 % intervals in scaled units, covariance (m, m), and what is not determined."""
+    """Half-widths (m,) of the 95 % intervals in scaled units, covariance (m, m), what is not determined."""
 
     half_width: np.ndarray
     covariance: np.ndarray
@@ -22,10 +25,13 @@ class Spread:
 
 
 def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray) -> Spread:
-    """Sandwich covariance H^-1 S H^-1 with S from the autocovariance of the scores along each recording.
+    """Sandwich covariance H^-1 S H^-1; S is the covariance of the scores J^T r along the recordings.
 
-    The window is Bartlett's with a lag from the residuals' own correlation time (Newey and West, Econometrica 55,
-    1987; lag rule after Andrews, Econometrica 59, 1991, AR(1) plug-in). Parameters on a bound are left out.
+    Two estimates of S, of which each parameter gets the wider interval: J^T C J with the autocovariance C of
+    an autoregressive model of each joint's residuals, exact for coloured noise that does not depend on the
+    motion; and the autocovariance of the scores themselves (Newey and West, Econometrica 55, 1987), which
+    also sees residuals that follow the motion, as those of a missing effect do. Parameters on a bound are
+    left out.
     """
     m = len(x)
     free = (x > problem.lower + 1e-9) & (x < problem.upper - 1e-9)
@@ -37,34 +43,71 @@ def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray)
         j = jacobian[:, keep]
         normal = j.T @ j
         size = np.sqrt(np.diag(normal))
-        inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-10, hermitian=True) / np.outer(size, size)
-        cov = inverse @ _score_covariance(problem, r, j) @ inverse
-        cov *= len(r) / max(len(r) - len(keep), 1)
+        inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-10, hermitian=True)
+        inverse /= np.outer(size, size)
+        count = len(r) / max(len(r) - len(keep), 1)
+        cov = count * inverse @ _coloured_covariance(problem, r, j) @ inverse
+        own = count * inverse @ _score_covariance(problem, r, j) @ inverse
+        wider = np.sqrt(np.maximum(np.diag(own) / np.maximum(np.diag(cov), 1e-300), 1.0))
+        cov *= np.outer(wider, wider)
         covariance[np.ix_(keep, keep)] = cov
         half[keep] = NORMAL_95 * np.sqrt(np.maximum(np.diag(cov), 0.0))
     return Spread(half, covariance, half > UNDETERMINED)
 
 
-def _score_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
-    """Long-run covariance (m, m) of the scores sum_t J_t r_t; joints and recordings do not see each other's time."""
-    total = np.zeros((jacobian.shape[1],) * 2)
+def _series(problem: Problem) -> Iterator[np.ndarray]:
+    """Rows of each joint in each recording; joints and recordings do not see each other's time."""
     for run in range(len(problem.recordings)):
         for joint in range(problem.model.n):
             rows = np.flatnonzero((problem.run_of == run) & (problem.joint_of == joint))
-            if len(rows) < 3:
-                continue
-            e = r[rows]
-            scores = jacobian[rows] * e[:, None]
-            total += scores.T @ scores
-            for lag in range(1, correlation_lag(e) + 1):
-                weight = 1.0 - lag / (correlation_lag(e) + 1.0)
-                cross = scores[lag:].T @ scores[:-lag]
-                total += weight * (cross + cross.T)
+            if len(rows) >= 3:
+                yield rows
+
+
+def _coloured_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+    """Covariance (m, m) of the scores for stationary residuals that do not depend on the motion."""
+    total = np.zeros((jacobian.shape[1],) * 2)
+    for rows in _series(problem):
+        own = jacobian[rows]
+        total += own.T @ matmul_toeplitz(autocovariance(r[rows]), own)
     return total
 
 
+def _score_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+    """Covariance (m, m) of the scores from their own autocovariance, by Bartlett's window."""
+    total = np.zeros((jacobian.shape[1],) * 2)
+    for rows in _series(problem):
+        lags = correlation_lag(r[rows])
+        scores = jacobian[rows] * r[rows, None]
+        total += scores.T @ scores
+        for lag in range(1, lags + 1):
+            cross = scores[lag:].T @ scores[:-lag]
+            total += (1.0 - lag / (lags + 1.0)) * (cross + cross.T)
+    return total
+
+
+def autocovariance(e: np.ndarray) -> np.ndarray:
+    """Autocovariance (T,) of a series (T,) by an autoregressive model, its order by Schwarz's criterion."""
+    most = min(HIGHEST_ORDER, (len(e) - 1) // 4)
+    known = np.array([e[k:] @ e[: len(e) - k] / len(e) for k in range(most + 1)])
+    if known[0] <= 0:
+        return np.zeros(len(e))
+    models = []
+    for order in range(most + 1):
+        matrix = toeplitz(known[:order]) + 1e-9 * known[0] * np.eye(order)
+        weights = np.linalg.solve(matrix, known[1 : order + 1])
+        left = max(known[0] - weights @ known[1 : order + 1], 1e-12 * known[0])
+        models.append((len(e) * np.log(left) + order * np.log(len(e)), order, weights))
+    _, order, weights = min(models, key=lambda model: model[0])
+    result = np.zeros(len(e))
+    result[: order + 1] = known[: order + 1]
+    for k in range(order + 1, len(e) if order else 0):
+        result[k] = weights @ result[k - order : k][::-1]
+    return result
+
+
 def correlation_lag(e: np.ndarray) -> int:
-    """Bandwidth for a series (T,): Andrews' AR(1) rule for the Bartlett window, at most a quarter of the series."""
+    """Lags (Andrews, Econometrica 59, 1991, AR(1) rule for Bartlett's window) of a series (T,), at most T/4."""
     centred = e - e.mean()
     power = float(centred @ centred)
     if power <= 0:

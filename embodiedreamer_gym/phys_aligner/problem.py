@@ -58,6 +58,7 @@ class Problem:
         self.sigma = noise_floor([r.sigma for r in recordings])
         self.rollouts = 0
         self.joint_of = np.concatenate([np.nonzero(r.usable)[1] for r in self.recordings])
+        self.seconds = sum(r.duration for r in recordings)
         self.joint_counts = np.bincount(self.joint_of, minlength=model.n)
         self.run_of = np.concatenate([np.full(int(r.usable.sum()), i) for i, r in enumerate(self.recordings)])
         if len(self.joint_of) < len(self.rows) + 1:

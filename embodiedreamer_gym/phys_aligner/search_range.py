@@ -14,13 +14,16 @@ SMALL = 1e-3  # scaled units; a parameter nearer to zero than that has no size o
 class SearchRange:
     """Unit coordinates u (m,) in 0..1 of the scaled parameters from start / factor to start * factor.
 
-    The logarithm of a parameter is linear in u; one that starts at zero is looked for one typical size around it.
-    The box is cut at the parameters' bounds. Raises: CalibrationError for a factor that is not above one.
+    The logarithm of a parameter is linear in u; one that starts at zero is looked for one typical size
+    around. The box is cut at the parameters' bounds. Raises: CalibrationError for a factor that is not above
+    one.
     """
 
     def __init__(self, problem: Problem, factor: float = FACTOR) -> None:
         if not factor > 1.0:
-            raise CalibrationError(f"a search range of a factor {factor:g} is empty; give a factor above 1, say 3.")
+            raise CalibrationError(
+                f"a search range of a factor {factor:g} is empty; give one above 1, say 3."
+            )
         start = problem.start
         logarithm = np.array([row.low > 0 for row in problem.rows])
         self._geometric = ~logarithm & (np.abs(start) > SMALL)
@@ -32,7 +35,8 @@ class SearchRange:
         high = np.where(self._geometric, np.where(start > 0, size * factor, -size / factor), high)
         low, high = np.maximum(low, problem.lower), np.minimum(high, problem.upper)
         self._low, self._high = np.sort(np.stack([self._inner(low), self._inner(high)]), axis=0)
-        self.start = np.clip((self._inner(start) - self._low) / np.maximum(self._high - self._low, 1e-12), 0.0, 1.0)
+        width = np.maximum(self._high - self._low, 1e-12)
+        self.start = np.clip((self._inner(start) - self._low) / width, 0.0, 1.0)
 
     def __repr__(self) -> str:
         return f"SearchRange({len(self.start)} parameters)"
@@ -47,5 +51,5 @@ class SearchRange:
 
 
 def cost(problem: Problem, x: np.ndarray) -> np.ndarray:
-    """Mean over joints of each joint's root mean square (P,), in the joints' unit, of scaled parameters (P, m)."""
+    """Mean over joints of each joint's root mean square (P,), in its unit, of scaled parameters (P, m)."""
     return (problem.joint_rms(problem.residuals(x)) * problem.sigma).mean(axis=1)

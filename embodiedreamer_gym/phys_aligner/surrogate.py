@@ -1,8 +1,8 @@
 """PhysAligner as the paper describes it: a network learns one simulated step, parameters descend through it.
 
-Source: EmbodieDreamer, section 3.2 (simulation data set, surrogate, refinement) and 4.1 (three-layer perceptron, 50
-parameter sets, learning rate 0.001). The paper names neither the width of the network nor how long it is trained,
-nor the optimiser: 128, 40 epochs and Adam are choices made here.
+Source: EmbodieDreamer, "PhysAligner" (simulation data set, surrogate, refinement) and its experiments (a
+perceptron of three layers, 50 parameter sets, learning rate 0.001). The paper names neither the width of the
+network nor how long it is trained, nor the optimiser: 128, 40 epochs and Adam are choices made here.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ CHUNK = 20_000  # parameter sets times states stepped at once
 
 @dataclass(frozen=True, eq=False)
 class Transitions:
-    """Steps of a log: state (K, 2n), command (K, n), time to the next sample (K,) s, its position (K, n), usable."""
+    """Steps of logs: state (K, 2n), command (K, n) now and after, interval (K,) s, next position (K, n)."""
 
     state: np.ndarray
     command: np.ndarray
@@ -50,14 +50,16 @@ class Transitions:
 
 def surrogate(
     problem: Problem, rng: np.random.Generator, progress: Progress | None = None, samples: int = 50,
-    epochs: int = 40, lr: float = 1e-3, steps: int = 2000, width: int = 128, factor: float = FACTOR, data: str = "real",
+    epochs: int = 40, lr: float = 1e-3, steps: int = 2000, width: int = 128, factor: float = FACTOR,
+    data: str = "real",
 ) -> np.ndarray:  # fmt: skip
     """Scaled parameters (m,) by the paper's three stages.
 
-    P_t = Sim_{f,p,d}(a_{t-1}, S_{t-1}) for random (f, p, d) within a factor of the start; a perceptron M_{f,p,d}
-    trained on the mean square of P*_t - P_t; then the mean square of P*_t - S_t descends over (f, p, d).
-    data: "real" steps the simulator once from each recorded state, as the paper does; "simulated" takes the steps
-    of free runs. Raises: CalibrationError for fewer than two samples or unknown data.
+    First P_t = Sim_{f,p,d}(a_{t-1}, S_{t-1}) for random (f, p, d) within a factor of the start; then a
+    perceptron P*_t = M_{f,p,d}(a_{t-1}, S_{t-1}) is trained on the mean square of P*_t - P_t (L_surrogate);
+    then the mean square of P*_t - S_t (L_para) descends over (f, p, d). data: "real" steps the simulator once
+    from each recorded state, as the paper does; "simulated" takes the steps of free runs.
+    Raises: CalibrationError for fewer than two samples or unknown data.
     """
     if data not in DATA:
         raise CalibrationError(f"the surrogate's data '{data}' is none of {', '.join(DATA)}.")
@@ -78,21 +80,27 @@ def surrogate(
 
 
 def recorded_steps(problem: Problem) -> Transitions:
-    """All steps S_{t-1}, a_{t-1} -> S_t of a problem's recordings; velocities are smoothed where none is recorded."""
+    """All steps S_{t-1}, a_{t-1} -> S_t of a problem's recordings; unknown velocities are smoothed slopes."""
     parts = []
     for r in problem.recordings:
+        command = _command(r)
         velocity = r.velocity if r.velocity is not None else _velocity(r)
         ok = r.usable[1:] & r.usable[:-1]
         state = np.concatenate([r.position, velocity], axis=1)[:-1]
         held = (problem.hold or command_rule(problem.model, r)) == "hold"
-        following = r.command[:-1] if held else r.command[1:]
-        parts.append((state, r.command[:-1], following, np.diff(r.time), r.position[1:], ok))
+        following = command[:-1] if held else command[1:]
+        parts.append((state, command[:-1], following, np.diff(r.time), r.position[1:], ok))
     return Transitions(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def _command(recording: Recording) -> np.ndarray:
+    """A recording's command (T, n); a Problem takes none without."""
+    return recording.position if recording.command is None else recording.command
 
 
 def _velocity(recording: Recording) -> np.ndarray:
     window = min(7, len(recording.time) // 2 * 2 - 1)
-    smooth = savgol_filter(recording.position, window, min(3, window - 1), axis=0)
+    smooth = np.asarray(savgol_filter(recording.position, window, min(3, window - 1), axis=0))
     return np.gradient(smooth, recording.time, axis=0)
 
 
@@ -135,9 +143,10 @@ def _data_set(problem: Problem, x: np.ndarray, u: np.ndarray, states: Transition
     inputs, changes = [], []
     runs = simulate_sets(problem.model, problem.recordings, problem.sets(x), hold=problem.hold)
     for r, run in zip(problem.recordings, runs, strict=True):
+        command = _command(r)
         for q, v, own in zip(run.position, run.velocity, u, strict=True):
             state = np.concatenate([q, v], axis=1)[:-1]
-            steps = Transitions(state, r.command[:-1], r.command[1:], np.diff(r.time), q[1:], r.usable[1:])
+            steps = Transitions(state, command[:-1], command[1:], np.diff(r.time), q[1:], r.usable[1:])
             inputs.append(_inputs(steps, np.broadcast_to(own, (len(steps), len(own)))))
             changes.append(np.diff(q, axis=0))
     return np.concatenate(inputs), np.concatenate(changes).astype(np.float32)
@@ -167,7 +176,14 @@ class _Surrogate:
         x = torch.nn.functional.silu(torch.nn.functional.linear(x, w2, b2))
         return torch.nn.functional.linear(x, w3, b3)
 
-    def train(self, inputs, outputs, epochs: int, rng: np.random.Generator, progress: Progress | None) -> None:
+    def train(
+        self,
+        inputs: np.ndarray,
+        outputs: np.ndarray,
+        epochs: int,
+        rng: np.random.Generator,
+        progress: Progress | None,
+    ) -> None:
         """Minimise L_surrogate, the mean square of P*_t - P_t."""
         x = torch.from_numpy((inputs - self._mean) / self._sd)
         y = torch.from_numpy(outputs / self._scale.astype(np.float32))
@@ -185,8 +201,10 @@ class _Surrogate:
             if progress is not None:
                 progress("surrogate", epoch, total / len(x))
 
-    def refine(self, real: Transitions, start: np.ndarray, lr: float, steps: int, progress: Progress | None):
-        """Minimise L_para, the mean square of P*_t - S_t, over unit coordinates (m,) with the weights fixed."""
+    def refine(
+        self, real: Transitions, start: np.ndarray, lr: float, steps: int, progress: Progress | None
+    ) -> np.ndarray:
+        """Minimise L_para, the mean square of P*_t - S_t, over unit coordinates (m,), with fixed weights."""
         n, m = real.after.shape[1], len(start)
         known = _inputs(real, np.zeros((len(real), m), np.float32))
         x = torch.from_numpy((known[:, :-m] - self._mean[:-m]) / self._sd[:-m])

@@ -15,13 +15,15 @@ BUDGET = 150
 LONGEST = 1.0  # scaled units, a factor e: farther the linear model is not believed
 BLOCK_STEP = 0.05  # scaled units
 POOR = 0.3  # fall of the cost (a logarithm) below which the model is learnt anew
-NEAR = 0.3  # scaled units from where the model was learnt, within which it is believed that no point is better
+NEAR = (
+    0.3  # scaled units from where the model was learnt, within which it is believed that no point is better
+)
 RIDGE = 1e-3  # of a unit direction; keeps a correction by nearly parallel steps small
 
 
 @dataclass(eq=False)
 class _Model:
-    """r(x) ~ residuals + jacobian (x - centre); complete: learnt from a rollout per parameter; moved since then."""
+    """r(x) ~ residuals + jacobian (x - centre); complete: from a rollout per parameter; moved since then."""
 
     centre: np.ndarray
     residuals: np.ndarray
@@ -30,7 +32,7 @@ class _Model:
     moved: float = 0.0
 
     def correct(self, points: np.ndarray, residuals: np.ndarray) -> None:
-        """Pass through the rollouts at points (P, m) as well: Broyden's update for several secants at once."""
+        """Pass through rollouts at points (P, m) as well: Broyden's update for several secants at once."""
         steps = points - self.centre
         size = np.maximum(np.linalg.norm(steps, axis=1), 1e-4)[:, None]
         miss = (residuals - self.residuals - steps @ self.jacobian.T) / size
@@ -55,15 +57,17 @@ def trajectory_surrogate(
     """Scaled parameters (m,) of the least-squares optimum, if `budget` rollouts suffice; rng is not used.
 
     The first model takes one rollout per kind of parameter, as if joints did not feel each other. Each round
-    tries the model's damped minima, takes the best, and corrects the model by all of them; where that no longer
-    helps, a model is learnt from one rollout per parameter.
+    tries the model's damped minima, takes the best, and corrects the model by all of them; where that no
+    longer helps, a model is learnt from one rollout per parameter.
     Raises: CalibrationError for a budget below that of the scan of starts and the first model.
     Source: Broyden, Mathematics of Computation 19, 1965, for the correction.
     """
     x = scan_starts(problem)
     needed = problem.rollouts + len({row.group for row in problem.rows}) + 1 + len(DAMPINGS)
     if budget < needed:
-        raise CalibrationError(f"the trajectory surrogate needs at least {needed} rollouts here, not {budget}.")
+        raise CalibrationError(
+            f"the trajectory surrogate needs at least {needed} rollouts here, not {budget}."
+        )
     model, damping = _block_model(problem, x), 1e-2
     for iteration in range(iterations):
         if problem.rollouts + len(DAMPINGS) > budget:

@@ -12,7 +12,8 @@ import numba as nb
 import numpy as np
 
 SWEEPS = 60
-SPEED_TOLERANCE = 1e-10  # rad/s
+SPEED_TOLERANCE = 1e-8  # rad/s
+RINGING = 3.0  # damping at the mean speed turns a velocity by (1 - x) / (1 + x) per step, x = dt slope / 2 inertia
 PASSES = 4  # over the set of joints whose drive is at a limit
 FREE, FIXED, TOP, FAST, BOTTOM, BACK = 0, 1, 2, 3, 4, 5
 
@@ -45,7 +46,7 @@ def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, l
                 for i in range(first, end):
                     base = mass[b, i, i] + rotor[b, i] + 0.5 * dt * viscous[b, i]
                     _drive(state[i], i, b, pull, damping, fixed_torque, limits, give, slope)
-                    late[i] = max(0.0, 0.5 * dt * slope[i] - 3.0 * base)  # damping that would ring: taken at a later speed
+                    late[i] = max(0.0, 0.5 * dt * slope[i] - RINGING * base)  # beyond it: a later speed
                     diagonal[i] = base + 0.5 * dt * slope[i] + late[i]
                     stiff = stiffness[b, i] * dt * dt if state[i] == FREE else 0.0
                     soft[i] = max(0.0, stiff - diagonal[i])  # a mode faster than the step resolves: implicit

@@ -1,0 +1,107 @@
+"""How often the 95 % intervals of a calibration hold the truth, for white and for coloured noise.
+
+    python -m benchmarks.intervals [--fits 50] [--out FILE.json]
+
+The 7-joint arm and the 21 unknowns of benchmarks.calibration, least squares from starts off by up to a factor
+1.3; each fit has its own motion and its own noise of 0.5 mrad: white, or first-order autoregressive at 50 Hz.
+"""
+# ruff: noqa: I001
+
+from __future__ import annotations
+
+from benchmarks.calibration import (  # first: it pins the threads
+    ARM, FRICTION, NOISE, RATE, SECONDS, do_all, play, start_from, true_model, unknowns,
+)  # fmt: skip
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.stats import beta
+
+from embodiedreamer_gym.phys_aligner import calibrate
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.standin.arms import arm_home, arm_joints, arm_urdf
+from embodiedreamer_gym.standin.motions import multisine, span_of
+
+COLOURS = {"white": 0.0, "AR(1) 0.80": 0.8, "AR(1) 0.90": 0.9, "AR(1) 0.95": 0.95}
+GROUPS = ("stiffness", "damping", "coulomb_friction")
+OFF = 1.3
+
+
+def noise(rho: float, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """Noise (T, n) of one standard deviation whose neighbours correlate by rho, in its steady state."""
+    fresh = rng.standard_normal(shape)
+    fresh[1:] *= np.sqrt(1 - rho**2)
+    return np.asarray(lfilter([1.0], [1.0, -rho], fresh, axis=0))
+
+
+def fit(truth: RobotModel, colour: str, seed: int) -> dict[str, Any]:
+    """One fit; sides: -1 (truth below the interval), 0 (inside), 1 (above) or None (no interval)."""
+    span = span_of(arm_urdf(ARM), arm_joints(ARM), arm_home(ARM), reach=0.7, speed=0.8)
+    motion = multisine(span, np.random.default_rng(100 + seed), SECONDS)
+    rng = np.random.default_rng([seed, int(100 * COLOURS[colour])])
+    samples = (int(SECONDS * RATE) + 1, truth.n)
+    log = play(truth, motion, NOISE * noise(COLOURS[colour], samples, rng))
+    found = calibrate(start_from(truth, seed, OFF), [log], scan=False)
+    rows = found.model.parameters().select(*GROUPS)
+    sides = [
+        None if row.interval is None else int(np.sign(value - np.clip(value, *row.interval)))
+        for row, value in zip(rows, unknowns(truth), strict=True)
+    ]
+    width = [None if r.interval is None else (r.interval[1] - r.interval[0]) / 2 / r.value for r in rows]
+    return {"sides": sides, "width": width, "rollouts": found.rollouts}
+
+
+def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
+    """95 % interval of a share (Clopper and Pearson, Biometrika 26, 1934)."""
+    low = beta.ppf(0.025, hits, trials - hits + 1) if hits else 0.0
+    high = beta.ppf(0.975, hits + 1, trials - hits) if hits < trials else 1.0
+    return float(low), float(high)
+
+
+def table(rows: dict[str, dict[str, Any]]) -> str:
+    """Coverage by noise and group."""
+    title = f"{'noise':<12}{'parameters':<18}{'inside':>12}{'coverage':>10}{'95 % range':>18}{'none':>6}"
+    lines = [title + f"{'half-width %':>14}"]
+    for colour in COLOURS:
+        found = [row for job, row in rows.items() if job.startswith(f"{colour} | ")]
+        sides = np.array([row["sides"] for row in found], float)
+        width = np.array([row["width"] for row in found], float)
+        joints = len(FRICTION)
+        blocks = [(g, slice(i * joints, (i + 1) * joints)) for i, g in enumerate(GROUPS)]
+        for group, columns in [*blocks, ("all", slice(None))]:
+            own = sides[:, columns]
+            known = np.isfinite(own)
+            hits, trials = int((own == 0).sum()), int(known.sum())
+            low, high = clopper_pearson(hits, trials)
+            lines.append(
+                f"{colour:<12}{group:<18}{f'{hits}/{trials}':>12}{hits / max(trials, 1):>10.1%}"
+                f"{f'{low:.1%} .. {high:.1%}':>18}{int((~known).sum()):>6}"
+                f"{100 * np.nanmedian(width[:, columns]):>14.2f}"
+            )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--fits", type=int, default=50, help="fits for each kind of noise")
+    parser.add_argument("--out", type=Path, default=Path("build/benchmarks/intervals.json"))
+    options = parser.parse_args()
+    jobs = [f"{colour} | {seed}" for seed in range(options.fits) for colour in COLOURS]
+    with tempfile.TemporaryDirectory() as folder:
+        truth = true_model(Path(folder))
+
+        def work(job: str) -> dict[str, Any]:
+            colour, seed = job.split(" | ")
+            return fit(truth, colour, int(seed))
+
+        rows = do_all(jobs, work, options.out, {"version": 1, "arm": ARM, "off": OFF})
+    print("", table(rows), sep="\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,150 @@
+"""The demo: recordings of an arm with a hidden effect, and the way from a wrong model to one that has the effect."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from importlib import resources
+from pathlib import Path
+
+from embodiedreamer_gym.diagnosis import Comparison, Diagnosis, compare, diagnose, where
+from embodiedreamer_gym.diagnosis.progress import Progress
+from embodiedreamer_gym.diagnosis.report import write_report
+from embodiedreamer_gym.diagnosis.tables import layout, number
+from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.phys_aligner import calibrate
+from embodiedreamer_gym.recordings import load_recordings
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.files import write_json
+
+DATA = Path(str(resources.files("embodiedreamer_gym") / "assets" / "demo"))
+TRUTH = DATA / "truth.json"  # read when everything else is done
+BAR = 48  # characters of the largest error
+
+INTRODUCTION = """\
+A six-joint arm was recorded for 16 s. Its model is a URDF, servo gains from a data sheet, and no friction
+beyond the viscous; the arm itself has one effect more. (The arm lives in another physics engine, MuJoCo,
+with masses, gains and sensors that are not quite right either.) Fitted is on two motions, judged on two others.
+"""
+
+
+def run(folder: str | Path = "demo_report", progress: Progress | None = None) -> Path:
+    """Compare, calibrate, diagnose, add and compare again; prints the story and returns the report's path.
+
+    folder: gets the model, the recordings, the better model and the report.
+    Raises: EmbodieDreamerError when the folder cannot be written to.
+    """
+    folder, progress = Path(folder), progress or Progress(quiet=True)
+    unpack(folder)
+    model = RobotModel.load(folder / "model.json")
+    train, test = load_recordings(folder / "train"), load_recordings(folder / "test")
+    print(INTRODUCTION)
+
+    before = compare(model, test)
+    _say(1, "compare", f"the simulation is {_error(before)}")
+
+    fit = calibrate(model, train, progress=progress)
+    progress.close()
+    calibrated = compare(fit.model, test)
+    times = number(float(calibrated.error[0]) / calibrated.noise, 2)
+    _say(2, "calibrate", f"gains fitted in {fit.rollouts} rollouts; now {_error(calibrated)}")
+    print(f"         Still {times} times the noise: no servo gain mends this.")
+
+    found = diagnose(model, train, test, jobs=os.cpu_count() or 1, progress=progress)
+    progress.close()
+    _say(3, "diagnose", f"{len(found.ranking)} of {len(model.catalogue)} effects refitted, {found.rollouts} rollouts")
+    print(_indent(_ranking(found)))
+    print(f"         {found.sentence}")
+
+    _say(4, "add", f"{' and '.join(found.effects) or 'nothing'}, everything fitted again")
+    found.model.save(folder / "better.json")
+    write_json(found.as_dict(), folder / "diagnosis.json")
+
+    models = [found.nominal, found.calibrated, *([found.model] if found.effects else [])]
+    _say(5, "compare again", "held-out error by joint, mrad")
+    print(_indent(_joints(compare(models, test, labels=["nominal", "calibrated", "better"][: len(models)]))))
+    print()
+    print(_indent(_bars([*found.steps, ("sensor noise", found.error["noise"] or 0.0)])))
+    page = write_report(folder, diagnosis=found, where=where(found.calibrated, test), recordings=test)
+
+    print("\nThe sealed truth is opened:")
+    print(_indent(_revealed(found, json.loads(TRUTH.read_text(encoding="utf-8")))))
+    print(f"\nreport: {page}\nmodel:  {folder / 'better.json'}\n\nThe same by hand:")
+    inputs = f"--model {folder / 'model.json'} --train {folder / 'train'} --test {folder / 'test'}"
+    print(f"  embodiedreamer diagnose {inputs} --report {folder}")
+    return page
+
+
+def unpack(folder: str | Path) -> Path:
+    """Copy the demo's model, URDF and recordings (train/, test/) into a folder; returns the folder.
+
+    Raises: EmbodieDreamerError when the folder cannot be written to.
+    """
+    folder = Path(folder)
+    try:
+        for source in sorted(DATA.rglob("*")):
+            target = folder / source.relative_to(DATA)
+            if source.is_file() and source != TRUTH:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(source, target)
+    except OSError as error:
+        raise EmbodieDreamerError(f"{folder} cannot be written: {error.strerror or error}.") from error
+    return folder
+
+
+def _say(step: int, verb: str, text: str) -> None:
+    print(f"{step} of 5   {verb}: {text}", flush=True)
+
+
+def _indent(text: str) -> str:
+    return "\n".join(f"         {line}" for line in text.splitlines())
+
+
+def _error(comparison: Comparison) -> str:
+    error, noise = (number(1e3 * float(value)) for value in (comparison.error[0], comparison.noise))
+    end = number(float(comparison.end_effector_mm[0]))
+    return f"{error} mrad off ({end} mm at the tip); sensor noise is {noise} mrad."
+
+
+def _ranking(found: Diagnosis) -> str:
+    rows = [[r.effect, number(r.held_out_chi2)] for r in found.ranking]
+    return layout(["with the effect", "held-out chi2/n (1 = noise)"], rows)
+
+
+def _joints(comparison: Comparison) -> str:
+    rows = []
+    for j, joint in enumerate(comparison.joints):
+        values = (*comparison.joint_rms[:, j], comparison.joint_noise[j])
+        rows.append([joint, *(number(1e3 * float(value)) for value in values)])
+    return layout(["joint", *comparison.labels, "noise"], rows)
+
+
+def _bars(steps: Sequence[tuple[str, float]]) -> str:
+    """The errors (label, rad) as bars."""
+    width = max(len(label) for label, _ in steps)
+    longest = max(error for _, error in steps)
+    return "\n".join(
+        f"{label:<{width}} {number(1e3 * error):>6} mrad  {'#' * max(1, round(BAR * error / longest))}"
+        for label, error in steps
+    )
+
+
+def _revealed(found: Diagnosis, truth: dict) -> str:
+    """The hidden effect beside the verdict, parameter by parameter."""
+    named = ", ".join(found.effects) or found.verdict
+    lines = [f"hidden: {truth['effect']}    named: {named}"]
+    rows = list(_parameters(found, truth))
+    if rows:
+        lines.append(layout(["parameter", "truth", "found", "95 % interval", "unit"], rows))
+    return "\n".join(lines)
+
+
+def _parameters(found: Diagnosis, truth: dict) -> Iterator[list[str]]:
+    hidden = {f"{truth['effect']}.{key}": values for key, values in truth["values"].items()}
+    for row in found.model.parameters().select(truth["effect"]):
+        true = hidden.get(row.group, {}).get(row.joint, row.off)
+        interval = f"{number(row.interval[0])} .. {number(row.interval[1])}" if row.interval else "-"
+        name = f"{row.group.split('.')[1]} of {row.joint}"
+        yield [name, number(true), number(row.value), interval, row.unit]

@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from embodiedreamer_gym.phys_aligner.intervals import autocovariance, correlation_lag, spread
+
+SAMPLES, JOINTS, UNKNOWNS = 300, 2, 4
+
+
+def problem(samples: int = SAMPLES) -> Any:
+    """What `spread` reads of a Problem with one recording."""
+    return SimpleNamespace(
+        lower=np.full(UNKNOWNS, -9.0),
+        upper=np.full(UNKNOWNS, 9.0),
+        recordings=(None,),
+        model=SimpleNamespace(n=JOINTS),
+        run_of=np.zeros(samples * JOINTS, int),
+        joint_of=np.tile(np.arange(JOINTS), samples),
+    )
+
+
+def jacobian(rng: np.random.Generator, samples: int = SAMPLES) -> np.ndarray:
+    """Smooth regressors, as of a motion."""
+    white = rng.standard_normal((samples * JOINTS, UNKNOWNS)).reshape(samples, -1)
+    return 30 * lfilter([0.1], [1, -0.9], white, axis=0).reshape(samples * JOINTS, UNKNOWNS)
+
+
+def ar1(rho: float, rng: np.random.Generator, samples: int = SAMPLES) -> np.ndarray:
+    fresh = rng.standard_normal((samples, JOINTS))
+    fresh[1:] *= np.sqrt(1 - rho**2)
+    return np.asarray(lfilter([1.0], [1.0, -rho], fresh, axis=0)).ravel()
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8, 0.9])
+def test_intervals_hold_the_truth_as_often_as_they_say(rho: float) -> None:
+    rng = np.random.default_rng(3)
+    inside = []
+    for _ in range(150):
+        j, noise = jacobian(rng), ar1(rho, rng)
+        x = -np.linalg.lstsq(j, noise, rcond=None)[0]
+        inside.append(np.abs(x) <= spread(problem(), x, noise + j @ x, j).half_width)
+    assert 0.91 <= np.mean(inside) <= 0.98
+
+
+def test_residuals_that_follow_the_motion_widen_the_intervals() -> None:
+    rng = np.random.default_rng(4)
+    j = jacobian(rng)
+    even = rng.standard_normal(len(j))
+    bound_to_motion = even * np.abs(j[:, 0]) / np.sqrt(np.mean(j[:, 0] ** 2))
+    x = np.zeros(UNKNOWNS)
+    wide, narrow = (spread(problem(), x, e, j).half_width for e in (bound_to_motion, even))
+    assert wide[0] > 1.3 * narrow[0]
+
+
+def test_parameters_on_a_bound_or_without_effect_have_no_interval() -> None:
+    rng = np.random.default_rng(5)
+    j = jacobian(rng)
+    j[:, 2] = 0.0
+    x = np.array([0.0, 9.0, 0.0, 0.0])
+    known = spread(problem(), x, ar1(0.0, rng), j)
+    assert np.isinf(known.half_width).tolist() == [False, True, True, False]
+    assert known.undetermined.tolist() == [False, True, True, False]
+    assert np.isnan(known.covariance[1]).all() and np.isfinite(known.covariance[0, 3])
+
+
+def test_the_autocovariance_of_a_coloured_series() -> None:
+    series = ar1(0.9, np.random.default_rng(6), 20_000)[::JOINTS]
+    expected = 0.9 ** np.arange(30)
+    assert np.abs(autocovariance(series)[:30] - expected).max() < 0.15
+    white = np.random.default_rng(7).standard_normal(20_000)
+    assert np.abs(autocovariance(white)[1:50]).max() < 0.05
+
+
+@pytest.mark.parametrize("series", [np.zeros(40), np.ones(40), np.arange(5.0), np.array([1.0, -1.0, 1.0])])
+def test_odd_series_have_a_finite_autocovariance(series: np.ndarray) -> None:
+    assert np.all(np.isfinite(autocovariance(series)))
+    assert 0 <= correlation_lag(series) <= len(series) / 4
