@@ -48,13 +48,14 @@ def run(folder: str | Path = "demo_report", progress: Progress | None = None) ->
     fit = calibrate(model, train, progress=progress)
     progress.close()
     calibrated = compare(fit.model, test)
-    times = number(float(calibrated.error[0]) / calibrated.noise, 2)
+    times = float(calibrated.error[0]) / calibrated.noise
     _say(2, "calibrate", f"gains fitted in {fit.rollouts} rollouts; now {_error(calibrated)}")
-    print(f"         Still {times} times the noise: no servo gain mends this.")
+    print(f"         Still {times:.1f} times the noise: no servo gain mends this.")
 
     found = diagnose(model, train, test, jobs=os.cpu_count() or 1, progress=progress)
     progress.close()
-    _say(3, "diagnose", f"{len(found.ranking)} of {len(model.catalogue)} effects refitted, {found.rollouts} rollouts")
+    tried = f"{len(found.ranking)} of {len(model.catalogue)} effects refitted"
+    _say(3, "diagnose", f"{tried}, {found.rollouts} rollouts, {found.seconds:.0f} s")
     print(_indent(_ranking(found)))
     print(f"         {found.sentence}")
 
@@ -103,13 +104,12 @@ def _indent(text: str) -> str:
 
 
 def _error(comparison: Comparison) -> str:
-    error, noise = (number(1e3 * float(value)) for value in (comparison.error[0], comparison.noise))
-    end = number(float(comparison.end_effector_mm[0]))
-    return f"{error} mrad off ({end} mm at the tip); sensor noise is {noise} mrad."
+    error, noise, end = float(comparison.error[0]), comparison.noise, float(comparison.end_effector_mm[0])
+    return f"{1e3 * error:.2f} mrad off ({end:.2f} mm at the tip); sensor noise is {1e3 * noise:.2f} mrad."
 
 
 def _ranking(found: Diagnosis) -> str:
-    rows = [[r.effect, number(r.held_out_chi2)] for r in found.ranking]
+    rows = [[r.effect, f"{r.held_out_chi2:.2f}"] for r in found.ranking]
     return layout(["with the effect", "held-out chi2/n (1 = noise)"], rows)
 
 
@@ -117,7 +117,7 @@ def _joints(comparison: Comparison) -> str:
     rows = []
     for j, joint in enumerate(comparison.joints):
         values = (*comparison.joint_rms[:, j], comparison.joint_noise[j])
-        rows.append([joint, *(number(1e3 * float(value)) for value in values)])
+        rows.append([joint, *(f"{1e3 * float(value):.2f}" for value in values)])
     return layout(["joint", *comparison.labels, "noise"], rows)
 
 
@@ -126,7 +126,7 @@ def _bars(steps: Sequence[tuple[str, float]]) -> str:
     width = max(len(label) for label, _ in steps)
     longest = max(error for _, error in steps)
     return "\n".join(
-        f"{label:<{width}} {number(1e3 * error):>6} mrad  {'#' * max(1, round(BAR * error / longest))}"
+        f"{label:<{width}} {1e3 * error:6.2f} mrad  {'#' * max(1, round(BAR * error / longest))}"
         for label, error in steps
     )
 

@@ -118,7 +118,7 @@ class Diagnosis:
 
 def summarise(
     *, verdict: str, model: RobotModel, calibrated: Calibration, final: Calibration, steps: Sequence[Candidate],
-    tie: Sequence[Candidate], closest: Candidate | None, nominal: HeldOut, base: HeldOut, held: HeldOut, null: Null,
+    tie: Sequence[Candidate], closest: Candidate | None, base: HeldOut, held: HeldOut, null: Null,
     p_value: float, ranking: Sequence[Ranked], unobservable: tuple[str, ...], test: Sequence[Recording],
     rollouts: int, seconds: float,
 ) -> Diagnosis:  # fmt: skip
@@ -165,7 +165,7 @@ def _noise_mm(model: RobotModel, test: Sequence[Recording]) -> float:
 
 
 def _parameters(model: RobotModel, name: str) -> dict[str, dict[str, Any]]:
-    """joint -> value, low, high, unit of an effect's first parameter; "joint.parameter" for its others."""
+    """Joint -> value, low, high, unit of an effect's first parameter; "joint.parameter" for its others."""
     rows: dict[str, dict[str, Any]] = {}
     first = next(e for e in model.effects if e.name == name).parameters[0].name
     for row in model.parameters().select(name):

@@ -81,17 +81,18 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
     """
     model = around[0].model
     before = _mean_squares(problem, around[0].residuals, floor)
-    falls, shares, visible, spent = [], [], 0.0, 0
+    falls, shares, sizes, visible = [], [], [], 0.0
     for k, ground in enumerate(around):
         trial = ground.model.with_effect(kind)
         points = _points(trial, kind, problem)
         changed = _changed(trial, points, problem)
-        spent += len(changed)
+        sizes.append(points)
         after, share, seen = _refitted(model, problem, ground, changed, floor)
         falls.append(np.log(before) - np.log(after))
         shares.append(share)
         visible = seen if k == 0 else visible
     fall, share = np.concatenate(falls), np.concatenate(shares)
+    rows = {group: np.concatenate([points[group] for points in sizes]) for group in sizes[0]}
     start: dict[str, np.ndarray] = {}
     if all(p.per == "arm" for p in kind.parameters):
         totals = np.stack([fall[:, model.tree.arm == a].sum(axis=1) for a in range(model.tree.arms)], axis=1)
@@ -107,7 +108,7 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
         ground_of = np.where(plain, best // len(falls[0]), 0)
     for p in kind.parameters:
         group = f"{kind.name}.{p.name}"
-        chosen = points[group][best % len(falls[0]), np.arange(len(best))]
+        chosen = rows[group][best, np.arange(len(best))]
         low, high = model.parameter_bounds(p)
         if p.off == p.high:  # a limit that bites where nothing is limited would have to be unlearnt
             start[group] = np.where(plain, chosen, model.parameter_off(p))
@@ -115,7 +116,7 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
             start[group] = np.clip(chosen if p.shape else chosen * part, low, high)
     for group in {row.group for row in problem.rows if "." not in row.group}:
         start[group] = np.array([getattr(around[g].model, group)[j] for j, g in enumerate(ground_of)])
-    return Screened(kind, score, start, visible, spent)
+    return Screened(kind, score, start, visible, len(fall))
 
 
 def _changed(trial: RobotModel, points: dict[str, np.ndarray], problem: Problem) -> np.ndarray:
@@ -183,7 +184,7 @@ def _refitted(model: RobotModel, problem: Problem, ground: Ground, changed: np.n
         if len(rows) < 10:
             continue
         own = [m for m, row in enumerate(problem.rows) if row.index == j and row.joint == model.joints[j]]
-        gains = ground.jacobian[np.ix_(rows, own)]
+        gains = ground.jacobian[rows][:, own]
         gains = gains[:, np.sum(gains**2, axis=0) > 0]
         basis = np.linalg.qr(gains)[0] if gains.shape[1] else np.zeros((len(rows), 0))
         r, d = ground.residuals[rows], changed[:, rows] - ground.residuals[rows]

@@ -3,23 +3,23 @@
 from embodiedreamer_gym.effects.catalogue import CATALOGUE, find_effect, load_effects
 from embodiedreamer_gym.effects.effect import (
     Effect,
-    TorqueBudget,
     JointState,
     Mechanics,
     MechanicsChange,
     Parameter,
     SignalLaw,
+    TorqueBudget,
 )
 
 __all__ = [
     "CATALOGUE",
     "Effect",
-    "TorqueBudget",
     "JointState",
     "Mechanics",
     "MechanicsChange",
     "Parameter",
     "SignalLaw",
+    "TorqueBudget",
     "find_effect",
     "load_effects",
 ]

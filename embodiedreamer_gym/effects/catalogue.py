@@ -13,7 +13,7 @@ from embodiedreamer_gym.effects.command_lowpass import CommandLowpass
 from embodiedreamer_gym.effects.command_rate_limit import CommandRateLimit
 from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
 from embodiedreamer_gym.effects.direction_dependent_friction import DirectionDependentFriction
-from embodiedreamer_gym.effects.effect import Effect, TorqueBudget, MechanicsChange, SignalLaw
+from embodiedreamer_gym.effects.effect import Effect, MechanicsChange, SignalLaw, TorqueBudget
 from embodiedreamer_gym.effects.encoder_offset import EncoderOffset
 from embodiedreamer_gym.effects.joint_spring import JointSpring
 from embodiedreamer_gym.effects.load_friction import LoadFriction

@@ -1,6 +1,6 @@
 """Coulomb friction: a torque of constant size against the motion."""
 
-from embodiedreamer_gym.effects.effect import TorqueBudget, Parameter
+from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
 class CoulombFriction(TorqueBudget):

@@ -1,6 +1,6 @@
 """Direction-dependent friction: another level forward than backward."""
 
-from embodiedreamer_gym.effects.effect import TorqueBudget, Parameter
+from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
 class DirectionDependentFriction(TorqueBudget):

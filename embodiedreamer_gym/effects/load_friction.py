@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from embodiedreamer_gym.effects.effect import TorqueBudget, Parameter
+from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
 class LoadFriction(TorqueBudget):

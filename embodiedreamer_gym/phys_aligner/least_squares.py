@@ -52,29 +52,33 @@ def minimise(
         cost = _cost(problem, r, limit)
         if progress is not None:
             progress("least squares", iteration, cost)
-        weight, accepted = _weight(problem, r, limit), False
-        for _ in range(4):
-            trials = np.stack([_step(problem, x, r, jacobian, weight, d * damping) for d in DAMPINGS])
-            residuals = problem.residuals(trials)
-            costs = [_cost(problem, row, limit) for row in residuals]
-            best = int(np.argmin(costs))
-            if costs[best] < cost:
-                accepted = True
-                break
-            damping *= 100.0
-        if not accepted:
+        weight = _weight(problem, r, limit)
+        tried = _descend(problem, x, r, jacobian, weight, limit, cost, damping)
+        if tried is None:
             converged = True
             break
-        moved = np.abs(trials[best] - x).max()
-        x = trials[best]
-        damping = float(np.clip(damping * DAMPINGS[best], 1e-8, 1e8))
-        converged = cost - costs[best] < tolerance or moved < 1e-6
+        new, new_residuals, new_cost, damping = tried
+        converged = cost - new_cost < tolerance or np.abs(new - x).max() < 1e-6
+        x = new
         spent = budget is not None and problem.rollouts + len(x) + 4 > budget
-        r, jacobian = problem.jacobian(x) if not spent else (residuals[best], jacobian)
+        r, jacobian = problem.jacobian(x) if not spent else (new_residuals, jacobian)
         if converged or spent:
             break
     limit = HUBER * np.maximum(problem.joint_rms(r)[0], 1.0)[problem.joint_of]
     return Fit(x, _cost(problem, r, limit), r, jacobian, _weight(problem, r, limit), converged)
+
+
+def _descend(problem, x, r, jacobian, weight, limit, cost, damping):
+    """The best of three damped steps, with larger damping until one descends: x, residuals, cost, damping; or None."""
+    for _ in range(4):
+        trials = np.stack([_step(problem, x, r, jacobian, weight, d * damping) for d in DAMPINGS])
+        residuals = problem.residuals(trials)
+        costs = [_cost(problem, row, limit) for row in residuals]
+        best = int(np.argmin(costs))
+        if costs[best] < cost:
+            return trials[best], residuals[best], costs[best], float(np.clip(damping * DAMPINGS[best], 1e-8, 1e8))
+        damping *= 100.0
+    return None
 
 
 def _cost(problem: Problem, r: np.ndarray, limit: np.ndarray) -> float:

@@ -161,7 +161,7 @@ class Problem:
 def _typical(model: RobotModel, row: ParameterRow) -> float:
     """The size of a parameter that may be zero."""
     if "." not in row.group:
-        return float(getattr(model, "inertia_scale")[row.index]) if row.group == "rotor_inertia" else max(row.value, 1e-3)
+        return float(model.inertia_scale[row.index]) if row.group == "rotor_inertia" else max(row.value, 1e-3)
     name, key = row.group.split(".")
     parameter = next(p for e in model.effects if e.name == name for p in e.parameters if p.name == key)
     span = row.high - row.low

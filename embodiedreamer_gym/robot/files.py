@@ -85,8 +85,19 @@ def numbers(value: Any, count: int, what: str, path: Path) -> list[float]:
     Raises: ModelError for anything else.
     """
     if not isinstance(value, list) or len(value) != count or not all(_is_number(v) for v in value):
-        raise ModelError(f"model {path}: {what} must be a list of {count} finite numbers, one per joint.")
+        raise ModelError(f"model {path}: {what} must be a list of {count} finite numbers.")
     return [float(v) for v in value]
+
+
+def ends(value: Any, what: str, path: Path) -> tuple[float, float]:
+    """A pair of finite numbers, [value at 0, value at 1].
+
+    Raises: ModelError for anything else.
+    """
+    zero, one = numbers(value, 2, what, path)
+    if zero == one:
+        raise ModelError(f"model {path}: {what} must be two different numbers.")
+    return zero, one
 
 
 def by_joint(value: Any, joints: tuple[str, ...], what: str, path: Path) -> dict[str, float]:

@@ -267,7 +267,7 @@ class RobotModel:
         joints = files.names(robot.get("joints"), "robot.joints", path)
         tips = files.names(robot.get("end_effectors", []), "robot.end_effectors", path)
         normalised = {
-            joint: tuple(files.numbers(ends, 2, f"robot.normalised of {joint}", path))
+            joint: files.ends(ends, f"robot.normalised of {joint}", path)
             for joint, ends in robot.get("normalised", {}).items()
         }
         tree = build_tree(urdf, joints, normalised, tips)

@@ -12,7 +12,14 @@ from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation.drive import TIME_STEP, Drive
-from embodiedreamer_gym.simulation.rollout import Rollout, Sampler, check_names, command_rule, first_state, plant_commands
+from embodiedreamer_gym.simulation.rollout import (
+    Rollout,
+    Sampler,
+    check_names,
+    command_rule,
+    first_state,
+    plant_commands,
+)
 
 
 class BulletPlant:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.effects import Effect, TorqueBudget, JointState, Mechanics, MechanicsChange, SignalLaw
+from embodiedreamer_gym.effects import Effect, JointState, Mechanics, MechanicsChange, SignalLaw, TorqueBudget
 from embodiedreamer_gym.effects.effect import STAGES
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.model import GRAVITY, SERVO_GROUPS
@@ -31,7 +31,9 @@ class Drive:
         sets = sets or {}
         self.sets = max((len(v) for v in sets.values()), default=1)
         self.rollouts = rollouts
-        servo = {g: np.broadcast_to(sets.get(g, getattr(model, g)), (self.sets, model.n)) for g in SERVO_GROUPS}
+        servo = {
+            g: np.broadcast_to(sets[g] if g in sets else getattr(model, g), (self.sets, model.n)) for g in SERVO_GROUPS
+        }
         values = [(effect, _values(effect, model, sets, self.sets)) for effect in model.effects]
         self.mechanics = _mechanics(model, servo["rotor_inertia"], values)
         servo["rotor_inertia"] = self.mechanics.rotor_inertia

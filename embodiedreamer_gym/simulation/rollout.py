@@ -50,6 +50,8 @@ def plant_commands(recording: Recording, hold: str, dt: float = TIME_STEP) -> np
     A held command is averaged over the step around each instant, so that its edges keep their time.
     """
     time, command = recording.time - recording.time[0], recording.command
+    if command is None:
+        raise SimulationError(f"recording {recording.name} holds no command; a free run needs one.")
     grid = np.arange(int(np.ceil(time[-1] / dt)) + 2) * dt
     n = command.shape[1]
     if hold != "hold":

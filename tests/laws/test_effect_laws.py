@@ -114,7 +114,7 @@ def test_parameters_are_described(effect: str) -> None:
         assert p.name.isidentifier() and p.unit and p.per in ("joint", "arm") and p.scale in ("", "torque")
         assert p.low <= p.off <= p.high
         assert p.low < p.high
-        assert 0 < p.typical and p.low <= p.typical <= p.high
+        assert p.typical > 0 and p.low <= p.typical <= p.high
         assert p.typical != p.off or p.shape
     assert any(not p.shape for p in EFFECTS[effect].parameters)
     assert len({p.name for p in EFFECTS[effect].parameters}) == len(EFFECTS[effect].parameters) > 0

@@ -1,0 +1,55 @@
+"""Write the tables of effects into docs/effects.md and README.md from the catalogue: python docs/make_effects.py."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from embodiedreamer_gym.effects import CATALOGUE, Parameter
+
+ROOT = Path(__file__).parents[1]
+BEGIN, END = "<!-- effects: made by docs/make_effects.py -->", "<!-- end of effects -->"
+
+
+def full_table() -> str:
+    """Everything that the catalogue says of each effect."""
+    rows = ["| effect | kind, stage | parameters | symptom | what reveals it | confused with |", "|---|---|---|---|---|---|"]
+    for effect in CATALOGUE.values():
+        stage = effect.kind if effect.stage == effect.kind else f"{effect.kind}, {effect.stage}"
+        parameters = "<br>".join(parameter_text(p) for p in effect.parameters)
+        others = ", ".join(f"`{name}`" for name in effect.confused_with)
+        rows.append(f"| `{effect.name}` | {stage} | {parameters} | {effect.symptom} | {effect.reveals} | {others} |")
+    return "\n".join(rows)
+
+
+def short_table() -> str:
+    """Names and symptoms."""
+    rows = ["| effect | symptom |", "|---|---|"]
+    return "\n".join([*rows, *(f"| `{effect.name}` | {effect.symptom} |" for effect in CATALOGUE.values())])
+
+
+def parameter_text(p: Parameter) -> str:
+    """A parameter with its bounds and unit."""
+    unit = "" if p.unit == "1" else f" {p.unit.replace('N m', 'τ') if p.scale else p.unit}"
+    note = ", shape" if p.shape else "" if p.off == 0 else f", off at {p.off:g}{unit}"
+    note += ", per arm" if p.per == "arm" else ""
+    return f"`{p.name}` {p.low:g} … {p.high:g}{unit}{note}"
+
+
+def filled(text: str, table: str) -> str:
+    """The text with the table between its markers."""
+    return re.sub(f"(?<={BEGIN}\n).*?(?={END})", lambda _: f"\n{table}\n\n", text, flags=re.DOTALL)
+
+
+TABLES = {"docs/effects.md": full_table, "README.md": short_table}
+
+
+def main() -> None:
+    """Write the tables."""
+    for name, table in TABLES.items():
+        path = ROOT / name
+        path.write_text(filled(path.read_text(encoding="utf-8"), table()), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
