@@ -80,14 +80,18 @@ def main() -> None:
     points = sum(r["points"] for r in singles)
     accused = sum(r["verdict"] in ("missing", "ambiguous") for r in nulls)
     low, high = interval(points, len(singles))
-    print(f"\nright name (a tie counts half): {points:g} of {len(singles)} = {points / max(len(singles), 1):.0%} [{low:.0%}, {high:.0%}]")
+    print(
+        f"\nright name (a tie counts half): {points:g} of {len(singles)} = {points / max(len(singles), 1):.0%} [{low:.0%}, {high:.0%}]"
+    )
     low, high = interval(accused, len(nulls))
     print(f"accusations of faultless robots: {accused} of {len(nulls)} [{low:.0%}, {high:.0%}]")
     named = [r for r in singles if r["points"] == 1]
     joints = sum(r["joints"] == r["true_joints"] for r in named)
     print(f"joints exactly right, of the rightly named: {joints} of {len(named)}")
     fall = [1 - r["error"]["with_effect"] / r["error"]["calibrated"] for r in named]
-    print(f"fall of the held-out error, median: {np.median(fall):.0%}; seconds, median: {np.median([r['seconds'] for r in rows]):.0f}")
+    print(
+        f"fall of the held-out error, median: {np.median(fall):.0%}; seconds, median: {np.median([r['seconds'] for r in rows]):.0f}"
+    )
     coulomb = sum(r["effect"] == "coulomb_friction" for r in singles)
     print(f"baseline: always naming Coulomb friction is right in {coulomb} of {len(singles)} and accuses every null")
 

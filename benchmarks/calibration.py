@@ -191,9 +191,7 @@ def keep(out: Path, data: dict[str, Any]) -> None:
     part.replace(out)
 
 
-def do_all(
-    jobs: list[str], work: Callable[[str], Any], out: Path, settings: dict[str, Any]
-) -> dict[str, Any]:
+def do_all(jobs: list[str], work: Callable[[str], Any], out: Path, settings: dict[str, Any]) -> dict[str, Any]:
     """Do the jobs that are not done yet, a line for each; returns rows by job."""
     data = resumed(out, settings)
     for i, job in enumerate(jobs, 1):

@@ -85,9 +85,7 @@ def arm_model(arm: str) -> RobotModel:
         return RobotModel.load(path)
 
 
-def with_effect(
-    pair: Twin, effect: str, values: dict[str, Any]
-) -> tuple[RobotModel, dict[str, dict[str, Any]]]:
+def with_effect(pair: Twin, effect: str, values: dict[str, Any]) -> tuple[RobotModel, dict[str, dict[str, Any]]]:
     """The model with an effect, and the same as the stand-in takes it; values: one number or an array."""
     model, named, given = pair.model, {}, {}
     for parameter in CATALOGUE[effect].parameters:

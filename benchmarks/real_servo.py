@@ -55,7 +55,10 @@ def study(label: str, train: Recordings, test: Recordings) -> dict:
           f"({row['rollouts']} rollouts, {row['seconds']:.0f} s)", flush=True)  # fmt: skip
     if "coulomb_test" in row:
         a, b = row["coulomb_train"], row["coulomb_test"]
-        print(f"{'':<16} + Coulomb friction: training {a[0]:.1f} -> {a[1]:.1f}, held out {b[0]:.1f} -> {b[1]:.1f}", flush=True)
+        print(
+            f"{'':<16} + Coulomb friction: training {a[0]:.1f} -> {a[1]:.1f}, held out {b[0]:.1f} -> {b[1]:.1f}",
+            flush=True,
+        )
     return row
 
 

@@ -13,7 +13,10 @@ BEGIN, END = "<!-- effects: made by docs/make_effects.py -->", "<!-- end of effe
 
 def full_table() -> str:
     """Everything that the catalogue says of each effect."""
-    rows = ["| effect | kind, stage | parameters | symptom | what reveals it | confused with |", "|---|---|---|---|---|---|"]
+    rows = [
+        "| effect | kind, stage | parameters | symptom | what reveals it | confused with |",
+        "|---|---|---|---|---|---|",
+    ]
     for effect in CATALOGUE.values():
         stage = effect.kind if effect.stage == effect.kind else f"{effect.kind}, {effect.stage}"
         parameters = "<br>".join(parameter_text(p) for p in effect.parameters)

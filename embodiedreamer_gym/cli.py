@@ -41,16 +41,12 @@ def build_parser() -> argparse.ArgumentParser:
     common = Parser(add_help=False)
     common.add_argument("--effects", metavar="FILE.py", help="your own effects; the file is executed")
     common.add_argument("--rate", type=_positive, metavar="HZ", help="of logs without time stamps")
-    common.add_argument(
-        "--hold", choices=("linear", "hold"), help="how the controller gets to the next command"
-    )
+    common.add_argument("--hold", choices=("linear", "hold"), help="how the controller gets to the next command")
     common.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
     common.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="threads")
     common.add_argument("--quiet", action="store_true", help="no progress")
     common.add_argument("--json", type=Path, metavar="FILE", help="write the answer as JSON")
-    common.add_argument(
-        "--report", type=Path, metavar="DIR", help="write the answer as a page, DIR/index.html"
-    )
+    common.add_argument("--report", type=Path, metavar="DIR", help="write the answer as a page, DIR/index.html")
 
     def verb(name: str, function: Callable, text: str, out: str | None = None, split: bool = False) -> Any:
         """Add a verb with the options it shares with others."""
@@ -59,13 +55,9 @@ def build_parser() -> argparse.ArgumentParser:
         one.add_argument("--model", required=True, metavar="M", help="JSON file or built-in robot",
                          action="append" if name == "compare" else "store")  # fmt: skip
         if out:
-            one.add_argument(
-                "--out", type=Path, required=out == "required", metavar="FILE.json", help="better model"
-            )
+            one.add_argument("--out", type=Path, required=out == "required", metavar="FILE.json", help="better model")
         for option in ("--train", "--test") if split else ():
-            one.add_argument(
-                option, nargs="+", required=True, metavar="REC", help="files, folders, quoted globs"
-            )
+            one.add_argument(option, nargs="+", required=True, metavar="REC", help="files, folders, quoted globs")
         if not split:
             one.add_argument("recordings", nargs="+", metavar="REC", help="files, folders, quoted globs")
         return one
@@ -74,16 +66,12 @@ def build_parser() -> argparse.ArgumentParser:
     verb("where", _where, "in which joints and regimes, on which side a model fails")
     fit = verb("calibrate", _calibrate, "fit a model's parameters", out="required")
     fit.add_argument("--method", choices=METHODS, default=METHODS[0], help="default: %(default)s")
-    verb(
-        "diagnose", _diagnose, "calibrate, then find the effects that are missing", out="optional", split=True
-    )
+    verb("diagnose", _diagnose, "calibrate, then find the effects that are missing", out="optional", split=True)
     add = verb("add", _add, "add an effect and fit again", out="required", split=True)
     add.add_argument("effect", metavar="EFFECT", help=f"one of {', '.join(CATALOGUE)}, or of --effects")
     demo = verbs.add_parser("demo", help="from recordings with a hidden effect to a model that has it")
     demo.set_defaults(verb=_demo)
-    demo.add_argument(
-        "--out", type=Path, default=Path("demo_report"), metavar="DIR", help="default: %(default)s"
-    )
+    demo.add_argument("--out", type=Path, default=Path("demo_report"), metavar="DIR", help="default: %(default)s")
     demo.add_argument("--quiet", action="store_true", help="no progress")
     return parser
 
@@ -168,9 +156,7 @@ def _demo(a: argparse.Namespace, progress: Progress) -> None:
     run_demo(a.out, progress)
 
 
-def _answer(
-    a: argparse.Namespace, found: Any, report: Callable[[], Path], data: dict[str, Any] | None = None
-) -> None:
+def _answer(a: argparse.Namespace, found: Any, report: Callable[[], Path], data: dict[str, Any] | None = None) -> None:
     """Print the answer and write what was asked for."""
     print(found)
     if a.report:
@@ -184,9 +170,7 @@ def _model(a: argparse.Namespace, source: str) -> RobotModel:
     return _readable(f"model {source}", lambda: RobotModel.load(source, catalogue))
 
 
-def _recordings(
-    a: argparse.Namespace, model: RobotModel, patterns: Sequence[str], fit: bool = False
-) -> Recordings:
+def _recordings(a: argparse.Namespace, model: RobotModel, patterns: Sequence[str], fit: bool = False) -> Recordings:
     """Load recordings, print what is wrong with them, and leave the bad samples out."""
     load = lambda: load_recordings(*patterns, rate=a.rate, joints=model.joints, command_hold=a.hold)  # noqa: E731
     ends = zip(model.joints, model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True)
@@ -195,9 +179,7 @@ def _recordings(
     seen: dict[tuple[str, str, tuple[str, ...]], list[tuple[Recording, Finding]]] = {}
     for one in checked:
         for finding in one.findings:
-            seen.setdefault((finding.severity, finding.code, finding.joints), []).append(
-                (one.recording, finding)
-            )
+            seen.setdefault((finding.severity, finding.code, finding.joints), []).append((one.recording, finding))
             if fit and finding.code in MEANINGLESS:
                 raise RecordingError(f"{one.recording.source or one.recording.name}: {finding.message}.")
     for (severity, *_), found in seen.items():
@@ -224,13 +206,9 @@ def _check_outputs(a: argparse.Namespace) -> None:
     for path in filter(None, (getattr(a, "out", None), a.json, a.report)):
         parent = path.absolute().parent
         if not parent.is_dir():
-            raise EmbodieDreamerError(
-                f"{path} cannot be written: folder {parent} does not exist; make it first."
-            )
+            raise EmbodieDreamerError(f"{path} cannot be written: folder {parent} does not exist; make it first.")
         if path.is_dir() != (path == a.report) and path.exists():
-            raise EmbodieDreamerError(
-                f"{path} cannot be written: it is {'a folder' if path.is_dir() else 'a file'}."
-            )
+            raise EmbodieDreamerError(f"{path} cannot be written: it is {'a folder' if path.is_dir() else 'a file'}.")
         if not os.access(path if path.is_dir() else parent, os.W_OK):
             raise EmbodieDreamerError(f"{path} cannot be written: no permission to write into its folder.")
 

@@ -105,9 +105,7 @@ class EndEffector:
         )
 
 
-def _pair(
-    given: np.ndarray, reference: np.ndarray, shape: tuple[int, ...], what: str
-) -> tuple[np.ndarray, np.ndarray]:
+def _pair(given: np.ndarray, reference: np.ndarray, shape: tuple[int, ...], what: str) -> tuple[np.ndarray, np.ndarray]:
     """Both as float arrays (T, *shape), T at least 1."""
     a, b = np.asarray(given, float), np.asarray(reference, float)
     if a.shape != b.shape or a.shape[1:] != shape or not len(a):

@@ -1,4 +1,4 @@
-"""Is it my own idea that the model lacks? An effect of fifteen lines, fitted beside one of the catalogue. (20 s)"""
+"""Is it my own idea that the model lacks? An effect of fifteen lines, fitted beside one of the catalogue. (15 s)"""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from embodiedreamer_gym.demo import DATA
 from embodiedreamer_gym.effects import Parameter, TorqueBudget
 
 
-class DampedFriction(TorqueBudget):
-    """Dry friction that fades in with speed, as of a felt seal."""
+class GreasedFriction(TorqueBudget):
+    """Dry friction that falls to less than half as soon as motion draws grease between the teeth."""
 
-    name = "felt_friction"
+    name = "greased_friction"
     parameters = (Parameter("torque", "N m", off=0.0, low=0.0, high=2.0, typical=0.1, scale="torque"),)
-    symptom = "the joint is held back in motion, but lets go at rest"
-    reveals = "slow sweeps beside holds"
+    symptom = "the joint breaks loose with a jerk, then runs more easily"
+    reveals = "slow sweeps beside fast ones"
 
     @staticmethod
     def friction(joint, p):
-        torque = p.torque * np.tanh(np.abs(joint.velocity) / 0.2)
+        torque = p.torque * (0.4 + 0.6 * np.exp(-np.abs(joint.velocity) / 0.1))
         return torque, torque  # of a forward and of a backward motion
 
 
 def main() -> None:
     model = er.RobotModel.load(DATA / "model.json")
     train, test = er.load_recordings(DATA / "train"), er.load_recordings(DATA / "test")
-    model = model.with_(catalogue={**model.catalogue, DampedFriction.name: DampedFriction})
-    for name in (DampedFriction.name, "coulomb_friction"):
+    model = model.with_(catalogue={**model.catalogue, GreasedFriction.name: GreasedFriction})
+    for name in (GreasedFriction.name, "coulomb_friction"):
         before, after = er.add_effect(model, name, train, test).comparison.error
         print(f"{name:<18} held-out error {1e3 * before:.2f} -> {1e3 * after:.2f} mrad")
 

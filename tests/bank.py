@@ -84,9 +84,7 @@ def log(model: RobotModel, time, command, position=None, hold: str = "linear", n
 def still(model: RobotModel, pose: np.ndarray | None = None, seconds: float = 2.0) -> Recording:
     """A log in which the arm stands where its servo just carries its weight: nothing should move."""
     pose = centre(model) if pose is None else pose
-    _, weight = model.bodies.mass_matrix_and_bias(
-        pose[None], np.zeros((1, model.n)), model.nominal_mechanics
-    )
+    _, weight = model.bodies.mass_matrix_and_bias(pose[None], np.zeros((1, model.n)), model.nominal_mechanics)
     time = np.arange(int(seconds * 100) + 1) / 100
     command = np.tile(pose + weight[0] / model.stiffness, (len(time), 1))
     return log(model, time, command, position=np.tile(pose, (len(time), 1)))

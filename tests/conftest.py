@@ -29,7 +29,5 @@ def shared_data() -> Path:
     given = os.environ.get("EMBODIEDREAMER_SHARED_DATA")
     folder = Path(given) if given else ROOT.parent / "shared" / "data"
     if not folder.is_dir():
-        pytest.skip(
-            f"no recordings in {folder}: set EMBODIEDREAMER_SHARED_DATA to the folder that holds them"
-        )
+        pytest.skip(f"no recordings in {folder}: set EMBODIEDREAMER_SHARED_DATA to the folder that holds them")
     return folder

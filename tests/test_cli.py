@@ -178,9 +178,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(work, logs, capsys, verb, 
     model, recordings = broken(work, logs, what)
     before = files(work)
     out = ["--out", "out.json"] if verb == "calibrate" else []
-    code, _, err = run(
-        capsys, verb, "--model", model, recordings, *out, "--json", "out.js", "--report", "page"
-    )
+    code, _, err = run(capsys, verb, "--model", model, recordings, *out, "--json", "out.js", "--report", "page")
     assert code == 2 and BAD[what] in err
     assert err.splitlines()[-1].startswith("error: ") and err.count("error: ") == 1 and "Traceback" not in err
     assert files(work) == before
@@ -243,8 +241,6 @@ def test_a_library_that_stumbles_over_a_file_leaks_no_traceback(work, logs, caps
 
 
 def test_help_lists_the_verbs() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "embodiedreamer_gym", "--help"], capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-m", "embodiedreamer_gym", "--help"], capture_output=True, text=True)
     assert done.returncode == 0
     assert all(v in done.stdout for v in ("compare", "where", "calibrate", "diagnose", "add", "demo"))

@@ -83,9 +83,7 @@ def test_python_blocks_run(document: str, tmp_path: Path, monkeypatch: pytest.Mo
             exec(compile(code, str(ROOT / document), "exec"), namespace)
 
 
-@pytest.mark.parametrize(
-    "block", [b for b in BLOCKS if b.reason is not None and b.language == "python"], ids=str
-)
+@pytest.mark.parametrize("block", [b for b in BLOCKS if b.reason is not None and b.language == "python"], ids=str)
 def test_skipped_blocks_say_why(block: Block) -> None:
     assert block.reason, f"{block}: say why it is skipped"
     pytest.skip(f"{block}: {block.reason}")

@@ -26,9 +26,7 @@ FLOORS = {
     "cli": 7,
     **dict.fromkeys(["__init__", "__main__"], TOP),
 }
-FILES = {
-    ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path for path in sorted(PACKAGE.rglob("*.py"))
-}
+FILES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts): path for path in sorted(PACKAGE.rglob("*.py"))}
 
 
 def imported(source: str) -> Iterator[str]:
@@ -76,9 +74,7 @@ def test_imports_go_downward_only(module: str) -> None:
 def test_no_import_cycles() -> None:
     """Among the modules themselves; the `__init__` that only re-export them are left out."""
     modules = {m for m in FILES if not m.endswith("__init__")}
-    graph = {
-        m: {n for i in imported(FILES[m].read_text()) for n in (i, i.rpartition(".")[0])} for m in modules
-    }
+    graph = {m: {n for i in imported(FILES[m].read_text()) for n in (i, i.rpartition(".")[0])} for m in modules}
     graphlib.TopologicalSorter({m: seen & modules - {m} for m, seen in graph.items()}).prepare()
 
 
@@ -100,7 +96,5 @@ def test_an_offence_is_caught(module: str, source: str) -> None:
 
 
 def test_the_permitted_is_not_an_offence() -> None:
-    source = (
-        "import numpy\nfrom embodiedreamer_gym.errors import ModelError\nimport embodiedreamer_gym.robot.io"
-    )
+    source = "import numpy\nfrom embodiedreamer_gym.errors import ModelError\nimport embodiedreamer_gym.robot.io"
     assert offences("robot.model", source) == []

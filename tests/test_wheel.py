@@ -19,9 +19,7 @@ NAME = "embodiedreamer_gym"
 def run(*command: str | Path, cwd: Path) -> str:
     """Output of a command that must succeed, run where the source tree cannot be imported by accident."""
     surroundings = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME")}
-    done = subprocess.run(
-        [str(c) for c in command], cwd=cwd, env=surroundings, capture_output=True, text=True
-    )
+    done = subprocess.run([str(c) for c in command], cwd=cwd, env=surroundings, capture_output=True, text=True)
     assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
     return done.stdout
 

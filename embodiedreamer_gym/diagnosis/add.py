@@ -47,7 +47,8 @@ def add_effect(
     problem, fit = fit_least_squares(model, train, progress=progress)
     before = finish(problem, fit, time.perf_counter() - begun)
     begun = time.perf_counter()
-    found = screen_effect(kind, *reversed(grounds(problem, fit, model)), np.ones(model.n))
+    short, around = grounds(problem, fit, model)
+    found = screen_effect(kind, around, short, np.ones(model.n))
     richer = before.model.with_effect(kind)
     new = Problem(richer, train, hold=problem.hold)
     after = finish(

@@ -64,9 +64,7 @@ def refit(
 
 def start_of(problem: Problem, start: dict[str, np.ndarray]) -> np.ndarray:
     """Scaled start (m,) of a problem: the model's own values, but those of `start` (group -> values) where given."""
-    values = np.array(
-        [start[row.group][row.index] if row.group in start else row.value for row in problem.rows]
-    )
+    values = np.array([start[row.group][row.index] if row.group in start else row.value for row in problem.rows])
     return np.clip(problem.scale(np.clip(values, *_bounds(problem))), problem.lower, problem.upper)
 
 
@@ -101,9 +99,7 @@ def prune(
     spent = candidate.rollouts + len(places)
     if not keep or len(keep) == len(places):
         return replace(candidate, rollouts=spent)
-    smaller = kind(
-        **{k: {j: v for j, v in values.items() if j in keep} for k, values in effect.values.items()}
-    )
+    smaller = kind(**{k: {j: v for j, v in values.items() if j in keep} for k, values in effect.values.items()})
     trimmed = model.with_(effects=(*(e for e in model.effects if e.name != kind.name), smaller))
     new = Problem(trimmed, train, hold=candidate.problem.hold)
     fit = minimise(new, new.start, ITERATIONS, TOLERANCE)

@@ -228,9 +228,7 @@ class _Signal:
     usable: list[np.ndarray]
 
 
-def _signals(
-    model: RobotModel, recordings: Sequence[Recording], rollouts: Sequence[Rollout]
-) -> Iterator[_Signal]:
+def _signals(model: RobotModel, recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> Iterator[_Signal]:
     pairs = list(zip(recordings, rollouts, strict=True))
     usable = [r.usable for r in recordings]
     errors: list[np.ndarray | None] = [r.position - run.position for r, run in pairs]
@@ -252,9 +250,7 @@ def _sensor_sds(recordings: Sequence[Recording], signal: str) -> np.ndarray:
     return np.maximum(noise_floor([sensor_sd(r, x) for r, x in pairs]), least)
 
 
-def _rows(
-    label: str, model: RobotModel, signal: _Signal, masks: Sequence[dict[str, np.ndarray]]
-) -> Iterator[Row]:
+def _rows(label: str, model: RobotModel, signal: _Signal, masks: Sequence[dict[str, np.ndarray]]) -> Iterator[Row]:
     for regime in ("all", *REGIMES):
         squares, count = np.zeros(model.n), np.zeros(model.n, int)
         for error, usable, mask in zip(signal.errors, signal.usable, masks, strict=True):
@@ -265,9 +261,7 @@ def _rows(
         for j in np.flatnonzero(count):
             mean, sigma = float(squares[j] / count[j]), float(signal.sigma[j])
             place = (label, signal.name, model.joints[j], regime, signal.units[j])
-            yield Row(
-                *place, rms=float(np.sqrt(mean)), noise=sigma, chi2=mean / sigma**2, samples=int(count[j])
-            )
+            yield Row(*place, rms=float(np.sqrt(mean)), noise=sigma, chi2=mean / sigma**2, samples=int(count[j]))
 
 
 def trajectory_losses(

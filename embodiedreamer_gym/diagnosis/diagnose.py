@@ -131,9 +131,7 @@ def _candidates(
     def one(item: Screened) -> Candidate:
         candidate = refit(model, item, problem, search.train, search.test, search.both_rules)
         done.append(1)
-        search.progress(
-            f"refit {item.kind.name} ({len(done)} of {len(chosen)})", len(done), candidate.held_out.error
-        )
+        search.progress(f"refit {item.kind.name} ({len(done)} of {len(chosen)})", len(done), candidate.held_out.error)
         return candidate
 
     candidates = search.map(one, chosen)

@@ -99,9 +99,7 @@ class Diagnosis:
         if self.ranking:
             lines += ["", f"{'rank  effect':<36} {'held-out chi2/n':>16} {'gain (log)':>18}"]
             for k, r in enumerate(self.ranking, 1):
-                lines.append(
-                    f"{k:>4}  {r.effect:<30} {r.held_out_chi2:>16.2f} {r.gain:>10.2f} +- {r.gain_error:.2f}"
-                )
+                lines.append(f"{k:>4}  {r.effect:<30} {r.held_out_chi2:>16.2f} {r.gain:>10.2f} +- {r.gain_error:.2f}")
         for effect, rows in self.parameters.items():
             lines.append("")
             for joint, row in rows.items():
@@ -136,9 +134,7 @@ def summarise(
     millimetres["noise"] = _noise_mm(model, test)
     share = explained(base, held if named else base, null.chi2)
     unexplained = {
-        joint: float(1.0 - s)
-        for joint, s in zip(model.joints, share, strict=True)
-        if np.isfinite(s) and 1.0 - s > 0.1
+        joint: float(1.0 - s) for joint, s in zip(model.joints, share, strict=True) if np.isfinite(s) and 1.0 - s > 0.1
     }
     stairs = [("nominal", found["nominal"]), ("calibrated", found["calibrated"])]
     if named:
@@ -159,7 +155,8 @@ def _noise_mm(model: RobotModel, test: Sequence[Recording]) -> float:
     """Mean translation error of the end effectors, mm, that the sensors' noise alone makes."""
     rng = np.random.default_rng(0)
     noisy = [
-        Rollout(r.time, r.position + r.sigma * rng.standard_normal(r.position.shape), r.position, r.position) for r in test
+        Rollout(r.time, r.position + r.sigma * rng.standard_normal(r.position.shape), r.position, r.position)
+        for r in test
     ]
     return 1e3 * float(trajectory_losses(model, test, noisy)[0])
 

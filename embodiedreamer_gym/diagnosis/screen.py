@@ -122,7 +122,9 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
 def _changed(trial: RobotModel, points: dict[str, np.ndarray], problem: Problem) -> np.ndarray:
     """Residuals (K, N) in sensor noises under K sizes of an effect."""
     runs = simulate_sets(trial, problem.recordings, points, hold=problem.hold)
-    parts = [((r.position - s.position) / problem.sigma)[:, r.usable] for r, s in zip(problem.recordings, runs, strict=True)]
+    parts = [
+        ((r.position - s.position) / problem.sigma)[:, r.usable] for r, s in zip(problem.recordings, runs, strict=True)
+    ]
     return np.clip(np.concatenate(parts, axis=1), -1e6, 1e6)
 
 
@@ -148,10 +150,7 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[str
             signs = (1.0, -1.0) if p.low < 0 else (1.0,)
             choices.append([np.clip(s * f * typical, low, high) for f in SIZES for s in signs])
     sized = [i for i, p in enumerate(kind.parameters) if not p.shape]
-    if len(sized) > 1:
-        rows = _together(kind, choices, sized, model)
-    else:
-        rows = list(itertools.product(*choices))
+    rows = _together(kind, choices, sized, model) if len(sized) > 1 else list(itertools.product(*choices))
     return {
         f"{kind.name}.{p.name}": np.array([row[i] for row in rows]) for i, p in enumerate(kind.parameters)
     }  # fmt: skip
@@ -169,9 +168,7 @@ def _together(kind, choices, sized, model) -> list[tuple[np.ndarray, ...]]:
             if first.low >= 0:
                 rows.append(tuple(both))
             for only in sized if first.off != first.high else ():
-                rows.append(
-                    tuple(both[i] if i == only or i not in sized else off[i] for i in range(len(choices)))
-                )
+                rows.append(tuple(both[i] if i == only or i not in sized else off[i] for i in range(len(choices))))
     return rows
 
 
@@ -200,9 +197,7 @@ def _refitted(model: RobotModel, problem: Problem, ground: Ground, changed: np.n
 
 def _top_speed(recordings: Sequence[Recording]) -> np.ndarray:
     """Largest measured speed (n,), robust: the 99th percentile of slopes over three samples."""
-    slopes = [
-        np.abs((r.position[3:] - r.position[:-3]) / (r.time[3:] - r.time[:-3])[:, None]) for r in recordings
-    ]
+    slopes = [np.abs((r.position[3:] - r.position[:-3]) / (r.time[3:] - r.time[:-3])[:, None]) for r in recordings]
     return np.maximum(np.percentile(np.concatenate(slopes), 99, axis=0), 1e-3)
 
 

@@ -12,12 +12,8 @@ from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Drive, Rollout
 
-EXPLAINED = (
-    0.5  # share of the effort's variance that one side must explain at least, or effort is something else
-)
-SIGNIFICANT = (
-    0.003  # share of the effort's variance that one side must leave open, or there is nothing to share out
-)
+EXPLAINED = 0.5  # share of the effort's variance that one side must explain at least, or effort is something else
+SIGNIFICANT = 0.003  # share of the effort's variance that one side must leave open, or there is nothing to share out
 LONGEST_LAG, LAG_STEP = 0.25, 0.01  # s
 NOISES = ("effort_noise", "position_noise", "speed_noise", "acceleration_noise")
 SIMILAR = 0.5  # correlation below which a lag between two motions means nothing
@@ -80,9 +76,7 @@ def _share(
     of_effort, of_position, of_speed, of_bend = (float(noises[name][0]) for name in NOISES)
     floor_c = of_effort + p**2 * of_position + d**2 * of_speed
     floor_p = of_effort + (gain * inertia + m) ** 2 * of_bend + b**2 * of_speed
-    excess = [
-        left - floor if left > 2 * floor else 0.0 for left, floor in ((left_c, floor_c), (left_p, floor_p))
-    ]
+    excess = [left - floor if left > 2 * floor else 0.0 for left, floor in ((left_c, floor_c), (left_p, floor_p))]
     if min(left_c, left_p) > (1 - EXPLAINED) * total or max(excess) < SIGNIFICANT * total:
         return float("nan")
     return excess[0] / (excess[0] + excess[1])

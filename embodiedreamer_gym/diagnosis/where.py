@@ -143,9 +143,7 @@ def _profiles(comparison: Comparison) -> Iterator[Profile]:
     }
     for j, joint in enumerate(comparison.joints):
         usable = [r.usable[:, j] for r, _ in pairs]
-        error = np.concatenate(
-            [(r.position - run.position)[u, j] for (r, run), u in zip(pairs, usable, strict=True)]
-        )
+        error = np.concatenate([(r.position - run.position)[u, j] for (r, run), u in zip(pairs, usable, strict=True)])
         for against in AGAINST:
             x = np.concatenate([v[u, j] for v, u in zip(values[against], usable, strict=True)])
             if len(x) >= FEWEST:
@@ -155,9 +153,7 @@ def _profiles(comparison: Comparison) -> Iterator[Profile]:
 def _profile(joint: str, against: str, x: np.ndarray, error: np.ndarray) -> Profile:
     low, high = np.percentile(x, [1, 99])
     place = np.clip(((x - low) / max(high - low, 1e-12) * BINS).astype(int), 0, BINS - 1)
-    bins = [
-        (np.median(x[place == b]), error[place == b]) for b in range(BINS) if (place == b).sum() >= FEWEST
-    ]
+    bins = [(np.median(x[place == b]), error[place == b]) for b in range(BINS) if (place == b).sum() >= FEWEST]
     total = float(np.var(error))
     between = sum(len(e) * (e.mean() - error.mean()) ** 2 for _, e in bins) / len(error)
     if against == "time":  # bins follow any slow motion; a drift goes one way
@@ -225,9 +221,7 @@ def _offset_sentences(comparison: Comparison, bad: Sequence[int]) -> Iterator[st
         yield f"{_joints(comparison, joints)}: measured beside the simulated by a steady {sizes}."
 
 
-def _profile_sentences(
-    comparison: Comparison, bad: Sequence[int], profiles: Sequence[Profile]
-) -> Iterator[str]:
+def _profile_sentences(comparison: Comparison, bad: Sequence[int], profiles: Sequence[Profile]) -> Iterator[str]:
     """What each joint's error goes with most."""
     best: dict[str, Profile] = {}
     for profile in profiles:

@@ -82,8 +82,10 @@ def load_effects(path: str | Path, catalogue: Catalogue = CATALOGUE) -> Catalogu
                 raise EffectError(f"effects file {path} defines '{value.name}', a name that is taken.")
             found[value.name] = value
     if not found:
-        raise EffectError(f"effects file {path} defines no effect (a subclass of SignalLaw, TorqueBudget or "
-                          "MechanicsChange with a name).")
+        raise EffectError(
+            f"effects file {path} defines no effect (a subclass of SignalLaw, TorqueBudget or "
+            "MechanicsChange with a name)."
+        )
     return {**catalogue, **found}
 
 

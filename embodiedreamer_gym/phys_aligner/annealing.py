@@ -12,9 +12,7 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.search_range import FACTOR, SearchRange, cost
 
 STEPS = 400  # of the baseline in EmbodieDreamer, section 4.1; SimplerEnv's script itself takes 2000
-HOTTEST = (
-    1.5  # SimplerEnv, tools/sysid/sysid.py: t_max=1.5, t_min=0, linear cooling, steps of +-1/2 of the range
-)
+HOTTEST = 1.5  # SimplerEnv, tools/sysid/sysid.py: t_max=1.5, t_min=0, linear cooling, steps of +-1/2 of the range
 COOL = 0.02  # share of the start's cost
 SHORT = 0.15  # of the range
 

@@ -49,9 +49,13 @@ class Problem:
         for row in self.rows:
             slack = 1e-9 * (row.high - row.low)
             if not row.low - slack <= row.value <= row.high + slack:
-                raise CalibrationError(f"{row.name} starts at {row.value:g}, outside its bounds {row.low:g} .. {row.high:g}.")
+                raise CalibrationError(
+                    f"{row.name} starts at {row.value:g}, outside its bounds {row.low:g} .. {row.high:g}."
+                )
         self._log = np.array([row.low > 0 for row in self.rows])
-        self._size = np.array([1.0 if log else _typical(model, row) for row, log in zip(self.rows, self._log, strict=True)])
+        self._size = np.array(
+            [1.0 if log else _typical(model, row) for row, log in zip(self.rows, self._log, strict=True)]
+        )
         self.lower = self.scale(np.array([row.low for row in self.rows]))
         self.upper = self.scale(np.array([row.high for row in self.rows]))
         self.start = np.clip(self.scale(np.array([row.value for row in self.rows])), self.lower, self.upper)
@@ -62,7 +66,9 @@ class Problem:
         self.joint_counts = np.bincount(self.joint_of, minlength=model.n)
         self.run_of = np.concatenate([np.full(int(r.usable.sum()), i) for i, r in enumerate(self.recordings)])
         if len(self.joint_of) < len(self.rows) + 1:
-            raise CalibrationError("too few usable samples are left to fit; the recordings hold only contact or clipped parts.")
+            raise CalibrationError(
+                "too few usable samples are left to fit; the recordings hold only contact or clipped parts."
+            )
         self.arm_of_row = np.array([self._arm(row) for row in self.rows])
 
     def _arm(self, row: ParameterRow) -> int:
@@ -119,7 +125,8 @@ class Problem:
         self.rollouts += len(x)
         runs = simulate_sets(self.model, self.recordings, self.sets(x), hold=self.hold)
         parts = [
-            ((r.position - run.position) / self.sigma)[:, r.usable] for r, run in zip(self.recordings, runs, strict=True)
+            ((r.position - run.position) / self.sigma)[:, r.usable]
+            for r, run in zip(self.recordings, runs, strict=True)
         ]
         return np.clip(np.concatenate(parts, axis=1), -1e6, 1e6)
 

@@ -21,9 +21,7 @@ class SearchRange:
 
     def __init__(self, problem: Problem, factor: float = FACTOR) -> None:
         if not factor > 1.0:
-            raise CalibrationError(
-                f"a search range of a factor {factor:g} is empty; give one above 1, say 3."
-            )
+            raise CalibrationError(f"a search range of a factor {factor:g} is empty; give one above 1, say 3.")
         start = problem.start
         logarithm = np.array([row.low > 0 for row in problem.rows])
         self._geometric = ~logarithm & (np.abs(start) > SMALL)

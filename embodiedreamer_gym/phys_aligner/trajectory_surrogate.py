@@ -15,9 +15,7 @@ BUDGET = 150
 LONGEST = 1.0  # scaled units, a factor e: farther the linear model is not believed
 BLOCK_STEP = 0.05  # scaled units
 POOR = 0.3  # fall of the cost (a logarithm) below which the model is learnt anew
-NEAR = (
-    0.3  # scaled units from where the model was learnt, within which it is believed that no point is better
-)
+NEAR = 0.3  # scaled units from where the model was learnt, within which it is believed that no point is better
 RIDGE = 1e-3  # of a unit direction; keeps a correction by nearly parallel steps small
 
 
@@ -65,9 +63,7 @@ def trajectory_surrogate(
     x = scan_starts(problem)
     needed = problem.rollouts + len({row.group for row in problem.rows}) + 1 + len(DAMPINGS)
     if budget < needed:
-        raise CalibrationError(
-            f"the trajectory surrogate needs at least {needed} rollouts here, not {budget}."
-        )
+        raise CalibrationError(f"the trajectory surrogate needs at least {needed} rollouts here, not {budget}.")
     model, damping = _block_model(problem, x), 1e-2
     for iteration in range(iterations):
         if problem.rollouts + len(DAMPINGS) > budget:

@@ -21,9 +21,7 @@ from embodiedreamer_gym.recordings.frames import FrameSource, Hdf5Frames
 from embodiedreamer_gym.recordings.recording import Recording
 
 ALOHA_JOINTS = tuple(
-    f"{side}_{joint}"
-    for side in ("left", "right")
-    for joint in (*(f"joint{i}" for i in range(1, 7)), "gripper")
+    f"{side}_{joint}" for side in ("left", "right") for joint in (*(f"joint{i}" for i in range(1, 7)), "gripper")
 )
 NORMALISED = (-0.2, 1.2)  # 0..1 and what a sensor's offset adds
 _SIGNALS = {"command": "action", "velocity": "observations/qvel", "effort": "observations/effort"}
@@ -31,9 +29,7 @@ _POSITION = "observations/qpos"
 _IMAGES = "observations/images"
 
 
-def read_aloha_hdf5(
-    path: str | Path, rate: float | None = None, joints: Iterable[str] | None = None
-) -> Recording:
+def read_aloha_hdf5(path: str | Path, rate: float | None = None, joints: Iterable[str] | None = None) -> Recording:
     """Recording of an ALOHA-style HDF5 file; images stay in the file until a frame is asked for.
 
     rate: Hz, for files without `/timestamps`, in place of their attribute `rate`. joints: names, for files
@@ -53,9 +49,7 @@ def read_aloha_hdf5(
     except RecordingError:
         raise
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:  # what h5py raises
-        raise RecordingError(
-            f"{path}: damaged, cut short or not an HDF5 file; record or copy it again"
-        ) from error
+        raise RecordingError(f"{path}: damaged, cut short or not an HDF5 file; record or copy it again") from error
 
 
 def _read(file: h5py.File, path: Path, rate: float | None, joints: tuple[str, ...] | None) -> Recording:
@@ -74,9 +68,7 @@ def _read(file: h5py.File, path: Path, rate: float | None, joints: tuple[str, ..
     given = _listed(attributes.get("joint_names"), path, "joint_names")
     names = tuple(str(joint) for joint in given) if given else joints or default_joints(position.shape[1])
     if len(names) != position.shape[1]:
-        raise RecordingError(
-            f"{path}: {len(names)} joint names for {position.shape[1]} columns of /{_POSITION}"
-        )
+        raise RecordingError(f"{path}: {len(names)} joint names for {position.shape[1]} columns of /{_POSITION}")
     optional: dict[str, Any] = {
         name: _text(attributes[name]) for name in ("command_hold", "kind") if name in attributes
     }
@@ -89,8 +81,7 @@ def _read(file: h5py.File, path: Path, rate: float | None, joints: tuple[str, ..
         name=path.stem,
         joints=names,
         time=_time(file, path, len(position), rate),
-        units=tuple(str(u) for u in _listed(attributes.get("units"), path, "units"))
-        or _units(names, signals),
+        units=tuple(str(u) for u in _listed(attributes.get("units"), path, "units")) or _units(names, signals),
         frames=_frames(file, path),
         source=str(path),
         **signals,  # pyright: ignore[reportArgumentType]
@@ -124,9 +115,7 @@ def _time(file: h5py.File, path: Path, count: int, rate: float | None) -> np.nda
     known = [float(np.ravel(np.asarray(file.attrs[key]))[0]) for key in ("rate", "fps") if key in file.attrs]
     hertz = rate if rate is not None else (known[0] if known else None)
     if hertz is None:
-        raise RecordingError(
-            f"{path}: it has no /timestamps; give the sampling rate with `--rate HZ` (rate=HZ)"
-        )
+        raise RecordingError(f"{path}: it has no /timestamps; give the sampling rate with `--rate HZ` (rate=HZ)")
     if not (np.isfinite(hertz) and hertz > 0):
         raise RecordingError(f"{path}: the sampling rate is {hertz:g} Hz; it must be above 0")
     return np.arange(count) / hertz
@@ -168,9 +157,7 @@ def _listed(value: Any, path: Path, name: str) -> list[Any]:
         try:
             value = json.loads(value)
         except ValueError as error:
-            raise RecordingError(
-                f"{path}: the attribute {name} is neither a list of strings nor JSON"
-            ) from error
+            raise RecordingError(f"{path}: the attribute {name} is neither a list of strings nor JSON") from error
     if isinstance(value, (dict, str, int, float)):
         raise RecordingError(f"{path}: the attribute {name} must be a list of strings")
     return [_text(item) for item in np.ravel(value).tolist()]
@@ -182,12 +169,7 @@ def _frames(file: h5py.File, path: Path) -> dict[str, FrameSource]:
         return {}
     frames: dict[str, FrameSource] = {}
     for camera, data in group.items():
-        raw = (
-            isinstance(data, h5py.Dataset)
-            and data.ndim == 4
-            and data.shape[3] == 3
-            and data.dtype == np.uint8
-        )
+        raw = isinstance(data, h5py.Dataset) and data.ndim == 4 and data.shape[3] == 3 and data.dtype == np.uint8
         coded = isinstance(data, h5py.Dataset) and data.ndim in (1, 2)
         if not raw and not coded:
             what = f"{data.dtype} of shape {data.shape}" if isinstance(data, h5py.Dataset) else "a group"

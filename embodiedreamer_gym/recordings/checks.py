@@ -58,9 +58,7 @@ def time_base(recording: Recording) -> Iterator[Finding]:
 def channels(recording: Recording) -> Iterator[Finding]:
     """Signals that the log does not have."""
     if recording.command is None:
-        message = (
-            "there is no command, so nothing can be simulated against it; log what was sent to the servos"
-        )
+        message = "there is no command, so nothing can be simulated against it; log what was sent to the servos"
         yield Finding("error", "no-command", (), message)
     if recording.effort is None:
         yield Finding("info", "no-effort", (), "there is no effort: torque limits show only in the motion")
@@ -142,9 +140,7 @@ def mixed_up(recording: Recording, tracking: Tracking) -> tuple[list[Finding], s
             crossed = (abs(c[i, j]) > 0.8 or quiet[1]) and (abs(c[j, i]) > 0.8 or quiet[0])
             if crossed and max(abs(c[i, j]), abs(c[j, i])) > 0.8 and max(abs(c[i, i]), abs(c[j, j])) < 0.5:
                 pair = (recording.joints[i], recording.joints[j])
-                message = (
-                    f"{pair[0]} and {pair[1]} follow each other's command: columns or cables are swapped"
-                )
+                message = f"{pair[0]} and {pair[1]} follow each other's command: columns or cables are swapped"
                 findings.append(Finding("error", "swapped", pair, message))
                 columns |= {i, j}
     for j in range(n):
@@ -172,9 +168,7 @@ def frozen(recording: Recording, tracking: Tracking, skip: set[int]) -> tuple[li
     for j, joint in enumerate(recording.joints):
         if j not in skip and moves[j] <= least[j] and tracking.span[j] > 3 * tracking.small[j]:
             mask[:, j] = True
-            message = (
-                f"{joint} does not move, though its command spans {tracking.span[j]:.3g}: off, or not read"
-            )
+            message = f"{joint} does not move, though its command spans {tracking.span[j]:.3g}: off, or not read"
             findings.append(Finding("error", "frozen", (joint,), message))
     return findings, mask
 

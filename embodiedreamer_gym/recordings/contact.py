@@ -32,9 +32,7 @@ def held(recording: Recording, tracking: Tracking, limits: Mapping[str, tuple[fl
             continue
         x, error = recording.position[:, j], tracking.error[:, j]
         short = max(0.1 * tracking.span[j], 2.5 * tracking.small[j]) + float(np.percentile(np.abs(error), 10))
-        low = limits.get(
-            joint, (CLOSED - tracking.small[j] if recording.units[j] == "1" else -np.inf, np.inf)
-        )[0]
+        low = limits.get(joint, (CLOSED - tracking.small[j] if recording.units[j] == "1" else -np.inf, np.inf))[0]
         mask = (error > short) & (still[:, j] < 0.5 * tracking.small[j]) & (x > low + tracking.small[j])
         for run in runs(mask):
             if recording.time[run.stop - 1] - recording.time[run.start] >= HELD_FOR - SUDDEN:

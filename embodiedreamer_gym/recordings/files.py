@@ -96,17 +96,13 @@ def _natural(path: Path) -> list[tuple[int, str]]:
 def _expanded(path: Path) -> list[Path]:
     if not path.is_dir() or is_sage_folder(path):
         return [path]
-    found = [
-        one for one in path.iterdir() if one.suffix in _SUFFIXES or (one.is_dir() and is_sage_folder(one))
-    ]
+    found = [one for one in path.iterdir() if one.suffix in _SUFFIXES or (one.is_dir() and is_sage_folder(one))]
     if not found:
         raise RecordingError(f"{path}: there is no recording in this folder; expected {_ALLOWED}")
     return sorted(found, key=_natural)
 
 
-def _load(
-    path: Path, rate: float | None, joints: tuple[str, ...] | None, command_hold: str | None
-) -> Recording:
+def _load(path: Path, rate: float | None, joints: tuple[str, ...] | None, command_hold: str | None) -> Recording:
     if path.is_dir():
         recording = read_sage_csv(path, command_hold or "unknown")
     elif path.suffix in _HDF5:
@@ -117,8 +113,4 @@ def _load(
         raise RecordingError(f"{path}: the suffix {path.suffix!r} is not known; expected {_ALLOWED}")
     if joints is not None and recording.joints != joints:
         recording = recording.only(joints)
-    return (
-        recording
-        if command_hold in (None, recording.command_hold)
-        else recording.with_(command_hold=command_hold)
-    )
+    return recording if command_hold in (None, recording.command_hold) else recording.with_(command_hold=command_hold)

@@ -80,9 +80,7 @@ def _quiet(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     halves = x[: count * _WINDOW].reshape(count, 2, _WINDOW // 2).mean(axis=2)
     drift = np.abs(halves[:, 1] - halves[:, 0])
     step = np.diff(time)
-    gap = (
-        np.append(step > 1.5 * np.median(step), False)[: count * _WINDOW].reshape(count, _WINDOW).any(axis=1)
-    )
+    gap = np.append(step > 1.5 * np.median(step), False)[: count * _WINDOW].reshape(count, _WINDOW).any(axis=1)
     if not gap.all():
         drift[gap] = np.inf
     keep = np.argsort(drift, kind="stable")[: max(4, count // 2)]

@@ -33,9 +33,7 @@ def read_plain_csv(path: str | Path) -> Recording:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
-        raise RecordingError(
-            f"{path}: it is not text; a CSV file with the header {_FORM} is expected"
-        ) from error
+        raise RecordingError(f"{path}: it is not text; a CSV file with the header {_FORM} is expected") from error
     notes, start = _notes(lines)
     header, rows = _header(lines, start, path)
     table = _table(rows, header, path, start)
@@ -129,9 +127,7 @@ def _units(text: str, count: int, path: Path) -> tuple[str, ...]:
     try:
         return tuple(str(unit) for unit in json.loads(text))
     except ValueError as error:
-        raise RecordingError(
-            f"{path}: `# units: {text}` is neither a unit nor a JSON list of units"
-        ) from error
+        raise RecordingError(f"{path}: `# units: {text}` is neither a unit nor a JSON list of units") from error
 
 
 def write_plain_csv(recording: Recording, path: str | Path) -> None:

@@ -31,9 +31,7 @@ class Preflight:
 
     def __repr__(self) -> str:
         counts = [f"{sum(f.severity == s for f in self.findings)} {s}" for s in SEVERITIES]
-        return (
-            f"Preflight({self.recording.name!r}: {', '.join(counts)}, {sum(self.excluded.values())} excluded)"
-        )
+        return f"Preflight({self.recording.name!r}: {', '.join(counts)}, {sum(self.excluded.values())} excluded)"
 
     def __str__(self) -> str:
         return self.table()
@@ -41,9 +39,7 @@ class Preflight:
     def table(self) -> str:
         """The findings and the excluded samples as text, one line each."""
         lines = [repr(self.recording)]
-        lines += [f"  {f.severity:<8}{f.code:<16}{f.message}" for f in self.findings] or [
-            "  nothing to remark"
-        ]
+        lines += [f"  {f.severity:<8}{f.code:<16}{f.message}" for f in self.findings] or ["  nothing to remark"]
         total = len(self.recording.time)
         lines += [
             f"  excluded {joint}: {count} of {total} samples ({count / total:.0%})"
@@ -90,8 +86,6 @@ def _touches(recording: Recording, mask: np.ndarray, code: str, what: str) -> li
         joint, found = recording.joints[j], list(runs(mask[:, j]))
         first = recording.time[found[0].start] - recording.time[0]
         last = recording.time[found[-1].stop - 1] - recording.time[0]
-        message = (
-            f"{joint} {what}, {len(found)} times from {first:.2f} s to {last:.2f} s: its arm is left out then"
-        )
+        message = f"{joint} {what}, {len(found)} times from {first:.2f} s to {last:.2f} s: its arm is left out then"
         findings.append(Finding("warning", code, (joint,), message))
     return findings

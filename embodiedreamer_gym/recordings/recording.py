@@ -68,9 +68,7 @@ class Recording:
                 self._set(name, self._array(name, value))
                 self._check_signal(name)
         self._fill_sensor()
-        usable = (
-            np.ones(self.position.shape, bool) if np.size(self.usable) == 0 else np.array(self.usable, bool)
-        )
+        usable = np.ones(self.position.shape, bool) if np.size(self.usable) == 0 else np.array(self.usable, bool)
         self._check_shape("usable", usable)
         usable.setflags(write=False)
         self._set("usable", usable)
@@ -116,9 +114,7 @@ class Recording:
             raise self._error(f"asked for {asked}; it has the joints {', '.join(self.joints)}")
         columns = [self.joints.index(joint) for joint in wanted]
         names = ("position", "command", "velocity", "effort", "usable")
-        signals = {
-            name: None if getattr(self, name) is None else getattr(self, name)[:, columns] for name in names
-        }
+        signals = {name: None if getattr(self, name) is None else getattr(self, name)[:, columns] for name in names}
         units = tuple(self.units[column] for column in columns)
         sensor = {"noise": self.noise[columns], "quantum": self.quantum[columns]}
         return self.with_(joints=wanted, units=units, **sensor, **signals)
@@ -258,9 +254,7 @@ class Recordings(Sequence[Recording]):
         if not 0 < test < 1:
             raise RecordingError(f"the test share is {test:g}; it must lie between 0 and 1")
         if len(self) < 2:
-            raise RecordingError(
-                f"{len(self)} recording cannot be split into train and test: give at least two"
-            )
+            raise RecordingError(f"{len(self)} recording cannot be split into train and test: give at least two")
         dealt = [recording for group in self.by_kind().values() for recording in group]
         in_test = {id(r) for i, r in enumerate(dealt) if int((i + 1) * test) > int(i * test)}
         if len(in_test) in (0, len(dealt)):

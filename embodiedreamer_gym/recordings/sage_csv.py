@@ -34,9 +34,7 @@ def read_sage_csv(folder: str | Path, command_hold: str = "unknown") -> Recordin
     for name in (STATE, CONTROL, JOINTS):
         if not (folder / name).is_file():
             raise RecordingError(f"{folder}: a SAGE log needs {name}, which is missing")
-    joints = tuple(
-        line.strip() for line in (folder / JOINTS).read_text(encoding="utf-8").splitlines() if line.strip()
-    )
+    joints = tuple(line.strip() for line in (folder / JOINTS).read_text(encoding="utf-8").splitlines() if line.strip())
     state_time, state = _read(folder / STATE, ("positions", "velocities", "torques"), len(joints))
     control_time, control = _read(folder / CONTROL, ("positions",), len(joints))
     command = _aligned(control_time, control["positions"], state_time, command_hold == "linear")
@@ -67,9 +65,7 @@ def _read(path: Path, columns: tuple[str, ...], count: int) -> tuple[np.ndarray,
     time = np.array([_seconds(row["timestamp"], path, number) for number, row in enumerate(rows, 2)])
     late = np.flatnonzero(~(np.diff(time, prepend=-np.inf) > 0))  # a NaN is not greater either
     if late.size:
-        raise RecordingError(
-            f"{path}: time is not finite, repeats or runs backwards at row {late[0]} (counted from 0)"
-        )
+        raise RecordingError(f"{path}: time is not finite, repeats or runs backwards at row {late[0]} (counted from 0)")
     signals = {
         name: np.array([_numbers(row[name], count, path, name, number) for number, row in enumerate(rows, 2)])
         for name in columns

@@ -18,7 +18,12 @@ from embodiedreamer_gym.robot.parameters import ParameterRow, ParameterTable
 from embodiedreamer_gym.robot.tree import KinematicTree, build_tree
 
 SERVO_GROUPS = ("stiffness", "damping", "rotor_inertia", "viscous_friction")
-SERVO_UNITS = {"stiffness": "N m/rad", "damping": "N m s/rad", "rotor_inertia": "kg m^2", "viscous_friction": "N m s/rad"}
+SERVO_UNITS = {
+    "stiffness": "N m/rad",
+    "damping": "N m s/rad",
+    "rotor_inertia": "kg m^2",
+    "viscous_friction": "N m s/rad",
+}
 GRAVITY = np.array([0.0, 0.0, -9.81])
 HOLDS = ("linear", "hold", "unknown")
 
@@ -207,7 +212,9 @@ class RobotModel:
             low, high = self.servo_bounds(group)
             for i, joint in enumerate(self.joints):
                 name = f"{group}[{joint}]"
-                unit = SERVO_UNITS[group] if self.units[i] == "rad" else SERVO_UNITS[group].replace("rad", self.units[i])
+                unit = (
+                    SERVO_UNITS[group] if self.units[i] == "rad" else SERVO_UNITS[group].replace("rad", self.units[i])
+                )
                 rows.append(
                     ParameterRow(group, joint, i, float(getattr(self, group)[i]), low[i], high[i], unit,
                                  interval=self.intervals.get(name))
@@ -246,7 +253,8 @@ class RobotModel:
         effects = []
         for effect in self.effects:
             changed = {
-                p.name: {**effect.values[p.name], **values.get(f"{effect.name}.{p.name}", {})} for p in effect.parameters
+                p.name: {**effect.values[p.name], **values.get(f"{effect.name}.{p.name}", {})}
+                for p in effect.parameters
             }
             effects.append(type(effect)(**changed))
         extra = {} if intervals is None else {"intervals": dict(intervals)}

@@ -58,5 +58,7 @@ class ParameterTable:
         lines = [f"{'parameter':<42} {'value':>10} {'95 % interval':>23}  {'bounds':>19}  unit"]
         for r in self.rows:
             interval = f"[{r.interval[0]:.4g}, {r.interval[1]:.4g}]" if r.interval else "-"
-            lines.append(f"{r.name:<42} {r.value:>10.4g} {interval:>23}  {f'{r.low:.3g} .. {r.high:.3g}':>19}  {r.unit}")
+            lines.append(
+                f"{r.name:<42} {r.value:>10.4g} {interval:>23}  {f'{r.low:.3g} .. {r.high:.3g}':>19}  {r.unit}"
+            )
         return "\n".join(lines)

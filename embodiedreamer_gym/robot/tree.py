@@ -184,16 +184,22 @@ def _add_link(row: dict, link: yourdfpy.Link, rotation: np.ndarray, origin: np.n
     centre = origin + rotation @ place[:3, 3]
     row["mass"] += mass
     row["first_moment"] = row["first_moment"] + mass * centre
-    row["inertia"] = row["inertia"] + turn @ about_com @ turn.T + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    row["inertia"] = (
+        row["inertia"] + turn @ about_com @ turn.T + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    )
 
 
 def _check_bodies(rows: list[dict], path: Path) -> None:
     for row in rows:
         if not np.isfinite(row["mass"]) or row["mass"] <= 0:
-            raise ModelError(f"{path.name}: what joint '{row['name']}' moves has mass {row['mass']:g}; give it a positive mass.")
+            raise ModelError(
+                f"{path.name}: what joint '{row['name']}' moves has mass {row['mass']:g}; give it a positive mass."
+            )
         centre = row["first_moment"] / row["mass"]
         about_com = row["inertia"] - row["mass"] * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-        if not np.all(np.isfinite(about_com)) or np.linalg.eigvalsh(about_com).min() < -1e-9 * (1 + np.trace(row["inertia"])):
+        if not np.all(np.isfinite(about_com)) or np.linalg.eigvalsh(about_com).min() < -1e-9 * (
+            1 + np.trace(row["inertia"])
+        ):
             raise ModelError(f"{path.name}: what joint '{row['name']}' moves has an inertia that no body can have.")
 
 

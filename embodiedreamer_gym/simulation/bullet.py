@@ -38,7 +38,9 @@ class BulletPlant:
         self.client.setGravity(0.0, 0.0, -9.81)
         flags = pybullet.URDF_USE_INERTIA_FROM_FILE
         self.body = self.client.loadURDF(str(model.urdf), useFixedBase=True, flags=flags)
-        names = {self.client.getJointInfo(self.body, j)[1].decode(): j for j in range(self.client.getNumJoints(self.body))}
+        names = {
+            self.client.getJointInfo(self.body, j)[1].decode(): j for j in range(self.client.getNumJoints(self.body))
+        }
         self._ids = [names[name] for name in model.tree.joint_names]
         for link in range(-1, self.client.getNumJoints(self.body)):
             self.client.changeDynamics(self.body, link, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
@@ -106,7 +108,9 @@ def replay(model: RobotModel, recording: Recording, dt: float = TIME_STEP, hold:
             track[1, k, 0] = plant.step(command)
             track[0, k, 0], track[2, k, 0] = plant.measured, plant.drive.torque[0]
     if not np.all(np.isfinite(track)):
-        raise SimulationError(f"the simulation of {recording.name} with model {model.name} diverges; check its servo gains.")
+        raise SimulationError(
+            f"the simulation of {recording.name} with model {model.name} diverges; check its servo gains."
+        )
     sampler = Sampler(recording, 1, dt)
     sampler.take(track, 0)
     run = sampler.rollout()

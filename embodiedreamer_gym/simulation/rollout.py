@@ -123,16 +123,16 @@ def simulate_sets(
     return [rollouts[r] for r in range(len(recordings))]
 
 
-def simulate(
-    model: RobotModel, recording: Recording, dt: float = TIME_STEP, hold: str | None = None
-) -> Rollout:
+def simulate(model: RobotModel, recording: Recording, dt: float = TIME_STEP, hold: str | None = None) -> Rollout:
     """Free-run one recording; arrays (T, n) at the recording's times, in its joints' units.
 
     Raises: SimulationError when the recording is not of this robot or the simulation diverges.
     """
     run = simulate_sets(model, [recording], None, dt, hold)[0]
     if np.abs(run.velocity).max() > 900.0:
-        raise SimulationError(f"the simulation of {recording.name} with model {model.name} diverges; check its servo gains.")
+        raise SimulationError(
+            f"the simulation of {recording.name} with model {model.name} diverges; check its servo gains."
+        )
     return Rollout(run.time, run.position[0], run.velocity[0], run.torque[0])
 
 

@@ -174,11 +174,7 @@ def write_agilex(recording: Recording, path: str | Path) -> None:
 
 def _truth(effect: str | None, values: Mapping[str, Array], joints, tips, robot: StandIn) -> dict[str, Any]:
     named = {
-        name: {
-            k: float(v)
-            for k, v in zip(joints if len(array) == len(joints) else tips, array, strict=True)
-            if v
-        }
+        name: {k: float(v) for k, v in zip(joints if len(array) == len(joints) else tips, array, strict=True) if v}
         for name, array in values.items()
     }
     return {"effect": effect, "values": named, "servo": {k: v.tolist() for k, v in robot.true.items()}}

@@ -65,9 +65,7 @@ class Engine:
             model.body_quat[body] = self._turn(mount * (1, -1, -1, -1), tilt, mount, model.body_quat[body])
         level, self._varying = friction_law(self._hidden)
         model.dof_frictionloss[dof] = level
-        uneven = get("direction_dependent_friction", "backward") - get(
-            "direction_dependent_friction", "forward"
-        )
+        uneven = get("direction_dependent_friction", "backward") - get("direction_dependent_friction", "forward")
         self._constant_torque = get("torque_bias", "torque") + uneven / 2
         self._mujoco.mj_setConst(model, self._data)
 
@@ -136,9 +134,7 @@ class Engine:
         Raises: SimulationError when the arm does not come to rest first or the engine diverges.
         """
         steps = int(np.ceil(duration / self.timestep - 1e-9)) + 2
-        wanted = shape_command(
-            lambda t: self._zero + self._stroke * setpoint(t), self._hidden, steps, self.timestep
-        )
+        wanted = shape_command(lambda t: self._zero + self._stroke * setpoint(t), self._hidden, steps, self.timestep)
         wanted -= self._offset
         self._settle(wanted[0])
         q, v, sent = self._play(wanted)

@@ -65,9 +65,7 @@ class Hidden:
                 raise EffectError(f"the stand-in has no effect '{effect}'; it has {', '.join(EFFECTS)}.")
             for name, value in parameters.items():
                 if name not in EFFECTS[effect]:
-                    raise EffectError(
-                        f"{effect} has no parameter '{name}'; it has {', '.join(EFFECTS[effect])}."
-                    )
+                    raise EffectError(f"{effect} has no parameter '{name}'; it has {', '.join(EFFECTS[effect])}.")
                 self._values[effect, name] = self._spread(effect, name, value)
 
     def get(self, effect: str, parameter: str) -> Array:

@@ -52,9 +52,7 @@ def span_of(
 
     Raises: ModelError when a joint is absent or has no limits.
     """
-    text = (
-        Path(urdf).read_text() if isinstance(urdf, Path) or not str(urdf).lstrip().startswith("<") else urdf
-    )
+    text = Path(urdf).read_text() if isinstance(urdf, Path) or not str(urdf).lstrip().startswith("<") else urdf
     limits = {j.get("name"): j.find("limit") for j in ElementTree.fromstring(text).iter("joint")}
     rows = []
     for i, name in enumerate(joints):
@@ -139,9 +137,7 @@ def hold_poses(span: Span, rng: np.random.Generator, duration: float = 6.0, hold
     """Random poses, each held for a while."""
     times, points = [0.0, 0.5], [span.centre, span.centre]
     while times[-1] < duration:
-        _travel(
-            times, points, span.centre + span.reach * rng.uniform(-1, 1, len(span.centre)), span.speed * 0.5
-        )
+        _travel(times, points, span.centre + span.reach * rng.uniform(-1, 1, len(span.centre)), span.speed * 0.5)
         _pause(times, points, hold)
     return Motion(_path(times, points, _min_jerk), duration, "hold_poses")
 
@@ -156,9 +152,7 @@ def staircase(span: Span, rng: np.random.Generator, duration: float = 6.0, hold:
     return Motion(_path(times, points, lambda s: (s >= 1).astype(float)), duration, "staircase")
 
 
-MOTIONS = {
-    f.__name__: f for f in (multisine, point_to_point, slow_ramps, teleoperation, hold_poses, staircase)
-}
+MOTIONS = {f.__name__: f for f in (multisine, point_to_point, slow_ramps, teleoperation, hold_poses, staircase)}
 
 
 def _min_jerk(s: Array) -> Array:

@@ -91,9 +91,7 @@ def end_effectors(root: ElementTree.Element, joints: Sequence[str]) -> tuple[str
     return tuple(_link(j, "child") for j in root.iter("joint") if j.get("name") == joints[-1])
 
 
-def disturb_links(
-    root: ElementTree.Element, mass_error: float, com_error: float, rng: np.random.Generator
-) -> None:
+def disturb_links(root: ElementTree.Element, mass_error: float, com_error: float, rng: np.random.Generator) -> None:
     """Scale each link's mass and inertia by 1 +- mass_error, shift its centre by +- com_error m per axis."""
     for inertial in root.iter("inertial"):
         factor, shift = 1 + mass_error * rng.uniform(-1, 1), com_error * rng.uniform(-1, 1, 3)

@@ -111,9 +111,7 @@ def _adjust(
     return values
 
 
-def _choose(
-    effect: str, nominal: StandIn, span: Span, rng: np.random.Generator, joints: list[int]
-) -> list[int]:
+def _choose(effect: str, nominal: StandIn, span: Span, rng: np.random.Generator, joints: list[int]) -> list[int]:
     """Joints that the effect acts on."""
     if effect in SAME_FOR_ALL:
         return joints

@@ -69,8 +69,7 @@ class StandIn:
             viscous_friction=viscous_friction,
         )
         self.true = {
-            key: np.full(n, np.asarray(value, float))
-            * (1 + scatter.get(key, 0.0) * self.rng.uniform(-1, 1, n))
+            key: np.full(n, np.asarray(value, float)) * (1 + scatter.get(key, 0.0) * self.rng.uniform(-1, 1, n))
             for key, value in given.items()
         }
         self.effort_scale = EFFORT_SCALE_ANGLE * self.true["stiffness"]
@@ -88,9 +87,7 @@ class StandIn:
         )
         plant = build_plant(root, self.joints, self.timestep)
         if len(plant.arm_root) != len(tips):
-            raise ModelError(
-                f"the robot has {len(plant.arm_root)} arms but the end effectors {', '.join(tips)}."
-            )
+            raise ModelError(f"the robot has {len(plant.arm_root)} arms but the end effectors {', '.join(tips)}.")
         self._engine = Engine(plant, self._hidden, self.true, self._zero, self._stroke, self.timestep)
 
     def __repr__(self) -> str:
@@ -153,9 +150,7 @@ class StandIn:
         position = np.where(step > 0, np.round(position / np.where(step > 0, step, 1)) * step, position)
         velocity = velocity + velocity_noise * self.rng.standard_normal(size)
         effort = effort + effort_noise * self.effort_scale * self.rng.standard_normal(size)
-        stamps = instants + np.clip(
-            jitter * self.rng.standard_normal(len(instants)), -0.45 / rate, 0.45 / rate
-        )
+        stamps = instants + np.clip(jitter * self.rng.standard_normal(len(instants)), -0.45 / rate, 0.45 / rate)
         return Recording(
             name=name or f"{motion.kind}-1",
             joints=self.joints,

@@ -89,9 +89,7 @@ def logs(delayed):
     return [record(delayed, f"wave_{s}", 5e-4, seed=s) for s in range(2)]
 
 
-def answer(
-    arm, delayed, verdict: str = "missing", effects: tuple[str, ...] = ("command_delay",)
-) -> Diagnosis:
+def answer(arm, delayed, verdict: str = "missing", effects: tuple[str, ...] = ("command_delay",)) -> Diagnosis:
     error = {"nominal": 0.03, "calibrated": 0.02, "with_effect": 0.0007, "noise": 0.0005}
     return Diagnosis(
         verdict=verdict, sentence="Missing: command_delay on shoulder.", effects=effects,

@@ -46,9 +46,7 @@ def test_friction_has_one_level_for_each_direction() -> None:
         (CoulombFriction(torque={"joint1": 0.4}), 0.4, 0.4),
         (DirectionDependentFriction(forward={"joint1": 0.5}, backward={"joint1": 0.1}), 0.5, 0.1),
         (
-            StribeckFriction(
-                sliding={"joint1": 0.3}, extra_static={"joint1": 0.3}, speed={"joint1": 0.02}
-            ),
+            StribeckFriction(sliding={"joint1": 0.3}, extra_static={"joint1": 0.3}, speed={"joint1": 0.02}),
             0.3,
             0.3,
         ),

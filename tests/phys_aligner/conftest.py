@@ -82,10 +82,7 @@ def record(truth: RobotModel) -> Record:
         known = {"noise": np.full(n, NOISE), "quantum": np.zeros(n)}
         blank = Recording("motion", JOINTS, time, command, command, command_hold=rule, **known)
         position = simulate(model, blank).position[lead:]
-        if np.ndim(noise):
-            position = position + noise
-        else:
-            position = position + noise * rng.standard_normal(position.shape)
+        position = position + noise if np.ndim(noise) else position + noise * rng.standard_normal(position.shape)
         name = f"motion-{seed}"
         return Recording(name, JOINTS, time[lead:], position, command[lead:], command_hold=declared, **known)
 

@@ -129,9 +129,7 @@ def test_a_start_outside_the_bounds_is_an_error(start, record, monkeypatch) -> N
         return (low, high) if group == "stiffness" else bounds(self, group)
 
     monkeypatch.setattr(RobotModel, "servo_bounds", narrow)
-    with pytest.raises(
-        CalibrationError, match=r"stiffness\[shoulder\] starts at 100, outside its bounds 300"
-    ):
+    with pytest.raises(CalibrationError, match=r"stiffness\[shoulder\] starts at 100, outside its bounds 300"):
         calibrate(start, [record(1)])
 
 

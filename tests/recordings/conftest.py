@@ -29,9 +29,7 @@ def follow(
 def make() -> Callable[..., Recording]:
     """Three joints and a gripper that move as they should, 50 Hz, 12 s; any field can be changed."""
 
-    def build(
-        name: str = "sine_01", seed: int = 0, delay: float = 0.08, sag: float = 0.015, **changes
-    ) -> Recording:
+    def build(name: str = "sine_01", seed: int = 0, delay: float = 0.08, sag: float = 0.015, **changes) -> Recording:
         rng = np.random.default_rng(seed)
         time = np.arange(600) / 50
         tones = [0.6 * np.sin(2 * np.pi * f * time + p) for f, p in ((0.31, 0.2), (0.47, 1.0), (0.73, 2.0))]

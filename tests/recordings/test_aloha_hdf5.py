@@ -76,9 +76,7 @@ def test_a_recording_reads_back_equal(tmp_path, make, same, suffix):
     usable = np.ones((600, 4), bool)
     usable[10:20, 1] = False
     for recording in (
-        make(
-            usable=usable, command_hold="linear", kind="chirp", noise=np.full(4, 1 / 3), quantum=np.zeros(4)
-        ),
+        make(usable=usable, command_hold="linear", kind="chirp", noise=np.full(4, 1 / 3), quantum=np.zeros(4)),
         make(command=None, velocity=None, effort=None, time=1.7e9 + np.arange(600) / 50),
     ):
         path = save_recording(recording, tmp_path / f"{recording.name}{suffix}")

@@ -71,10 +71,7 @@ def test_a_continuous_signal_has_no_quantum(kind, noise):
     for seed in range(20):
         rng = np.random.default_rng(seed)
         _, x = motion(50, seconds=rng.uniform(1, 60))
-        assert (
-            estimate_quantum((x * rng.uniform(0.1, 3) + noise * rng.standard_normal(x.size)).astype(kind))
-            == 0
-        )
+        assert estimate_quantum((x * rng.uniform(0.1, 3) + noise * rng.standard_normal(x.size)).astype(kind)) == 0
 
 
 def test_few_values_say_little():

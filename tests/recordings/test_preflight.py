@@ -36,9 +36,7 @@ def test_steps_ramps_and_dead_zones_are_neither_contact_nor_clipping(make, servo
         rng = np.random.default_rng(seed)
         time = np.arange(20 * rate) / rate
         stairs = np.repeat(rng.uniform(-0.8, 0.8, (10, 4)), 2 * rate, axis=0)
-        ramps = np.column_stack(
-            [np.interp(time, np.arange(0, 22, 2), rng.uniform(-0.8, 0.8, 11)) for _ in range(4)]
-        )
+        ramps = np.column_stack([np.interp(time, np.arange(0, 22, 2), rng.uniform(-0.8, 0.8, 11)) for _ in range(4)])
         for command in (stairs, ramps):
             position = np.empty_like(command)
             for j, u in enumerate(command.T):
@@ -64,10 +62,7 @@ def test_time_base(make):
     late = np.where(np.arange(600) >= 300, 0.1, 0.0) + np.where(np.arange(600) >= 400, 0.04, 0.0)
     gaps = codes(recording.with_(time=recording.time + late))
     assert set(gaps) == {"dropped-samples"}
-    assert (
-        "about 7 samples are missing in 2 gaps, the longest 0.120 s at 5.98 s"
-        in gaps["dropped-samples"].message
-    )
+    assert "about 7 samples are missing in 2 gaps, the longest 0.120 s at 5.98 s" in gaps["dropped-samples"].message
     assert "low-rate" in codes(recording.with_(time=2 * recording.time))
     assert "low-rate" not in codes(recording.with_(time=50 / 29.97 * recording.time))
 
@@ -133,9 +128,7 @@ def test_swapped_joints_are_found_when_only_one_moves(make):
 
 def test_joints_that_move_alike_are_not_swapped(make):
     recording = make()
-    alike = recording.with_(
-        command=recording.command[:, [0, 0, 0, 3]], position=recording.position[:, [0, 0, 0, 3]]
-    )
+    alike = recording.with_(command=recording.command[:, [0, 0, 0, 3]], position=recording.position[:, [0, 0, 0, 3]])
     assert codes(alike) == {} or set(codes(alike)) == {"offset"}
 
 
@@ -191,10 +184,7 @@ def test_the_other_arm_stays_in(make):
     both = make(
         joints=joints,
         units=one.units * 2,
-        **{
-            name: np.hstack([getattr(one, name), getattr(two, name)])
-            for name in ("position", "command", "effort")
-        },
+        **{name: np.hstack([getattr(one, name), getattr(two, name)]) for name in ("position", "command", "effort")},
         velocity=None,
     )
     result = preflight(both)
@@ -236,9 +226,7 @@ def test_samples_marked_before_stay_marked(make):
 
 def test_short_recordings_are_checked_too(make):
     recording = make()
-    short = make(
-        **{n: getattr(recording, n)[:10] for n in ("time", "position", "command", "velocity", "effort")}
-    )
+    short = make(**{n: getattr(recording, n)[:10] for n in ("time", "position", "command", "velocity", "effort")})
     assert isinstance(preflight(short), Preflight)
 
 

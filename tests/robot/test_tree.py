@@ -32,9 +32,7 @@ def check_against_bullet(model: RobotModel) -> None:
         place = {info[1].decode(): k for k, info in enumerate(movable)}
         to_joints = np.zeros((len(movable), model.n))
         offset = np.zeros(len(movable))
-        for name, c, gain, shift in zip(
-            tree.joint_names, tree.coordinate, tree.gain, tree.offset, strict=True
-        ):
+        for name, c, gain, shift in zip(tree.joint_names, tree.coordinate, tree.gain, tree.offset, strict=True):
             to_joints[place[name], c], offset[place[name]] = gain, shift
         q, v, a = samples(model)
         matrix, bias = model.bodies.mass_matrix_and_bias(q, v, model.nominal_mechanics)
@@ -64,9 +62,7 @@ def check_against_yourdfpy(model: RobotModel) -> None:
     children = {joint.name: joint.child for joint in urdf.robot.joints}
     for q in samples(model, 3)[0]:
         value = {name: 0.0 for name in urdf.actuated_joint_names}
-        for name, c, gain, shift in zip(
-            tree.joint_names, tree.coordinate, tree.gain, tree.offset, strict=True
-        ):
+        for name, c, gain, shift in zip(tree.joint_names, tree.coordinate, tree.gain, tree.offset, strict=True):
             if name in value:
                 value[name] = gain * q[c] + shift
         urdf.update_cfg(value)
@@ -101,9 +97,7 @@ def test_bias_is_the_slope_of_the_energy() -> None:
     q = np.array([0.3, -0.5, 0.9, 0.4, 0.3, 0.2])
     _, bias = model.bodies.mass_matrix_and_bias(q[None], np.zeros((1, 6)), model.nominal_mechanics)
     rest = np.zeros(6)
-    slope = [
-        (energy(model, q + step * e, rest) - energy(model, q - step * e, rest)) / (2 * step) for e in np.eye(6)
-    ]
+    slope = [(energy(model, q + step * e, rest) - energy(model, q - step * e, rest)) / (2 * step) for e in np.eye(6)]
     np.testing.assert_allclose(bias[0], slope, atol=1e-6)
 
 

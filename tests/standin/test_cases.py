@@ -50,9 +50,7 @@ def test_a_seed_gives_one_case_and_the_next_draw_another(plain):
 
 
 def test_strength_and_sensor_can_be_chosen():
-    both = (
-        draw_case("torque_bias", "pendulum1", rng(), strength=s, seconds=SECONDS) for s in ("faint", "strong")
-    )
+    both = (draw_case("torque_bias", "pendulum1", rng(), strength=s, seconds=SECONDS) for s in ("faint", "strong"))
     sizes = [case.truth["values"] for case in both]
     faint, strong = (abs(values["torque"]["joint1"]) for values in sizes)
     assert strong == pytest.approx(faint * 2.5 / 0.3)

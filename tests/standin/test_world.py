@@ -57,9 +57,7 @@ def test_noise_has_the_size_asked_for(build, moves):
     log = noisy.record(motion, noise=1e-3, effort_noise=0.02, velocity_noise=0.05)
     assert np.std(log.position - exact.position) == pytest.approx(1e-3, rel=0.1)
     assert np.std(log.velocity) == pytest.approx(0.05, rel=0.1)
-    np.testing.assert_allclose(
-        np.std(log.effort, axis=0), 0.02 * 0.05 * np.array(TRUTH["arm6"].stiffness), rtol=0.15
-    )
+    np.testing.assert_allclose(np.std(log.effort, axis=0), 0.02 * 0.05 * np.array(TRUTH["arm6"].stiffness), rtol=0.15)
 
 
 def test_a_seed_gives_one_robot_and_one_log(span):
@@ -109,8 +107,7 @@ def test_what_the_controller_makes_of_the_logged_commands(build, moves):
     ramp = moves.ramp(0.0, 1.0, 1.0)
     robot = build()
     smooth, straight, stairs = (
-        robot.record(ramp, rate=30.0, command_known=known, declare="hold")
-        for known in ("continuous", "linear", "hold")
+        robot.record(ramp, rate=30.0, command_known=known, declare="hold") for known in ("continuous", "linear", "hold")
     )
     np.testing.assert_allclose(straight.position, smooth.position, atol=1e-9)
     assert np.mean(smooth.position[10:] - stairs.position[10:]) == pytest.approx(1 / 60, rel=0.1)
@@ -128,9 +125,7 @@ def test_a_normalised_gripper_is_logged_in_strokes():
 
 def test_the_other_finger_follows():
     robot = gripper()
-    robot.record(
-        Motion(lambda t: np.stack([0.5 * np.sin(5 * t), 0.5 + 0.4 * np.sin(8 * t)], axis=1), 0.7, "both")
-    )
+    robot.record(Motion(lambda t: np.stack([0.5 * np.sin(5 * t), 0.5 + 0.4 * np.sin(8 * t)], axis=1), 0.7, "both"))
     q = robot._engine._data.qpos
     assert q[1] > 0.005
     assert q[2] == pytest.approx(q[1], abs=1e-6)
@@ -139,9 +134,7 @@ def test_the_other_finger_follows():
 def test_gravity_on_both_fingers_cancels_when_the_hand_lies_on_its_side():
     held = gripper().gravity_torque([[np.pi / 2, 0.5]])[0]
     assert held[1] == pytest.approx(0.0, abs=1e-9)
-    lone = StandIn(
-        GRIPPER.replace('<mimic joint="grip" multiplier="1" offset="0"/>', ""), ("grip",), 2, 0.1, 0.01, 0
-    )
+    lone = StandIn(GRIPPER.replace('<mimic joint="grip" multiplier="1" offset="0"/>', ""), ("grip",), 2, 0.1, 0.01, 0)
     assert lone.units == ("m",)
 
 
@@ -153,10 +146,7 @@ def test_two_arms_get_their_own_tilt_and_payload():
         text = one
         for name in names:
             text = text.replace(f'"{name}"', f'"{side}_{name}"')
-        both += (
-            text
-            + f'<joint name="{side}" type="fixed"><parent link="world"/><child link="{side}_base"/></joint>'
-        )
+        both += text + f'<joint name="{side}" type="fixed"><parent link="world"/><child link="{side}_base"/></joint>'
     effects = {"base_tilt": {"pitch": [0.1, 0.0]}, "payload": {"mass": [0.0, 0.2]}}
     servo = {"stiffness": 40, "damping": 1.5, "rotor_inertia": 0.01, "viscous_friction": 0.2}
     robot = StandIn(both + "</robot>", ("left_joint1", "right_joint1"), **servo, effects=effects)

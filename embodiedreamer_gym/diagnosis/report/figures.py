@@ -59,9 +59,7 @@ def overlay(comparison: Comparison, joints: Sequence[int]) -> Figure:
             color = AFTER if model == last else BEFORE
             simulated = comparison.rollouts[model][run].position[rows, j]
             label = short(comparison.labels[model], 40)
-            left.plot(
-                time, simulated, color=color, lw=1.1, ls="--" if model == 0 < last else "-", label=label
-            )
+            left.plot(time, simulated, color=color, lw=1.1, ls="--" if model == 0 < last else "-", label=label)
             right.plot(time, 1e3 * (measured - simulated), color=color, lw=0.9, label=label)
         left.set_ylabel(f"{short(comparison.joints[j])}\n[{'0..1' if unit == '1' else unit}]", fontsize=9)
         right.set_ylabel(f"error [{MILLI[unit]}]", fontsize=9)
@@ -74,9 +72,7 @@ def overlay(comparison: Comparison, joints: Sequence[int]) -> Figure:
         axes.set_xlabel("time in the recording [s]", fontsize=9)
     handles, labels = grid[0][0].get_legend_handles_labels()
     band, band_label = (part[:1] for part in grid[0][1].get_legend_handles_labels())
-    figure.legend(
-        handles + band, labels + band_label, loc="outside upper left", ncols=4, frameon=False, fontsize=9
-    )
+    figure.legend(handles + band, labels + band_label, loc="outside upper left", ncols=4, frameon=False, fontsize=9)
     return figure
 
 
@@ -101,9 +97,7 @@ def heat_map(comparison: Comparison) -> Figure:
     figure = Figure(figsize=(WIDTH, max(1.1 + 0.3 * joints, 2.0)), layout="constrained")
     grids = [comparison.grid(m) for m in models]
     top = max(float(np.nanmax(np.concatenate(grids))), 20.0)
-    for axes, model, values in zip(
-        figure.subplots(1, len(models), squeeze=False)[0], models, grids, strict=True
-    ):
+    for axes, model, values in zip(figure.subplots(1, len(models), squeeze=False)[0], models, grids, strict=True):
         shown = np.clip(values, 1.0, None)
         axes.imshow(shown, norm=LogNorm(1.0, top), cmap="YlOrRd", aspect="auto")
         for (row, column), value in np.ndenumerate(values):
@@ -148,9 +142,7 @@ def staircase(steps: Sequence[tuple[str, float]], noise: float) -> Figure:
     axes.axhline(floor, color=GREY, lw=1.0, ls="--")
     axes.annotate(f"sensor noise {number(floor)} mrad", (0.0, floor), xytext=(4, -11), fontsize=8.5,
                   textcoords="offset points", color="#3b4048")  # fmt: skip
-    axes.set_xticks(
-        [k + 0.46 for k in range(len(levels))], [short(label, 34) for label, _ in steps], fontsize=9.5
-    )
+    axes.set_xticks([k + 0.46 for k in range(len(levels))], [short(label, 34) for label, _ in steps], fontsize=9.5)
     axes.set_xlim(-0.05, len(levels))
     if log:
         axes.set_yscale("log")
@@ -164,20 +156,14 @@ def staircase(steps: Sequence[tuple[str, float]], noise: float) -> Figure:
 
 def ranking(entries: Sequence[Mapping], named: Sequence[str], most: int = 15) -> Figure:
     """Held-out chi2/n of each effect tried, the best first; those that the verdict names are marked."""
-    entries = [
-        e for e in sorted(entries, key=lambda e: e["held_out_chi2"]) if np.isfinite(e["held_out_chi2"])
-    ][:most]
+    entries = [e for e in sorted(entries, key=lambda e: e["held_out_chi2"]) if np.isfinite(e["held_out_chi2"])][:most]
     figure = Figure(figsize=(WIDTH, 0.9 + 0.27 * len(entries)), layout="constrained")
     axes = figure.subplots()
     values = [float(e["held_out_chi2"]) for e in entries]
     rows = range(len(entries))
-    axes.barh(
-        rows, values, color=[AFTER if e["effect"] in named else "#b9bfc7" for e in entries], height=0.68
-    )
+    axes.barh(rows, values, color=[AFTER if e["effect"] in named else "#b9bfc7" for e in entries], height=0.68)
     for row, value in zip(rows, values, strict=True):
-        axes.annotate(
-            number(value), (value, row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8
-        )
+        axes.annotate(number(value), (value, row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8)
     axes.set_yticks(rows, [short(str(e["effect"]).replace("_", " "), 40) for e in entries])
     axes.invert_yaxis()
     if values and max(values) > 30 * max(min(values), 1e-12):

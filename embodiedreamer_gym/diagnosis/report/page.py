@@ -40,9 +40,7 @@ def write_report(
     if comparison is None and where is not None:
         comparison = where.comparison
     if comparison is None and calibration is None and diagnosis is None:
-        raise EmbodieDreamerError(
-            "there is nothing to report; give a comparison, a calibration or a diagnosis."
-        )
+        raise EmbodieDreamerError("there is nothing to report; give a comparison, a calibration or a diagnosis.")
     text = "\n".join(_page(comparison, where, calibration, diagnosis))
     target = Path(folder) / "index.html"
     part = target.with_name(".index.html.part")

@@ -69,9 +69,7 @@ def diagnosis_numbers(data: Mapping[str, Any]) -> str:
 def comparison_numbers(comparison: Comparison) -> list[tuple[str, str]]:
     """Each model's errors, and the noise."""
     cells = []
-    for label, error, end in zip(
-        comparison.labels, comparison.error, comparison.end_effector_mm, strict=True
-    ):
+    for label, error, end in zip(comparison.labels, comparison.error, comparison.end_effector_mm, strict=True):
         more = f" · {number(end)} mm" if np.isfinite(end) else ""
         cells.append((f"{label}: joints · end effector" if more else label, f"{mrad(error)} mrad{more}"))
     return [*cells, ("sensor noise", f"{mrad(comparison.noise)} mrad")]
@@ -148,8 +146,7 @@ def goes_with(where: Where, whose: str) -> Iterator[str]:
         yield picture(
             figures.profiles(where, joints),
             f"Error of {names} against speed, angle, torque and time.",
-            "Measured minus simulated: median and middle 68 %. Above each, the share of the error that goes "
-            "with it.",
+            "Measured minus simulated: median and middle 68 %. Above each, the share of the error that goes with it.",
         )
     if np.isfinite(where.controller_share).any():
         yield picture(
@@ -189,9 +186,7 @@ def parameters(model: RobotModel) -> Iterator[str]:
     yield table(["parameter", "value", "95 % interval", "unit"], cells) + "</details>"
 
 
-def unseen(
-    unobservable: Sequence[str], undetermined: Sequence[str], unexplained: Mapping[str, float]
-) -> Iterator[str]:
+def unseen(unobservable: Sequence[str], undetermined: Sequence[str], unexplained: Mapping[str, float]) -> Iterator[str]:
     """What is not explained, and what these recordings cannot show."""
     if unexplained:
         rows = [[joint, f"{share:.0%}"] for joint, share in unexplained.items()]

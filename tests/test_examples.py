@@ -1,0 +1,36 @@
+"""Every example runs, and says what its docstring promises."""
+
+from __future__ import annotations
+
+import ast
+import runpy
+import tempfile
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[1] / "examples"
+SAYS = {
+    "01_compare_and_calibrate.py": ("stiffness[joint1]", "calibrated", "Joint joint2 is worst"),
+    "02_find_the_missing_effect.py": ("Missing: stribeck_friction on joint1, joint2, joint3.", "index.html"),
+    "03_your_own_effect.py": ("greased_friction", "coulomb_friction"),
+}
+SLOW = ("02_find_the_missing_effect.py",)
+
+
+def test_each_example_is_known_and_short() -> None:
+    files = {path.name: path for path in FOLDER.glob("*.py")}
+    assert set(files) == set(SAYS)
+    for name, path in files.items():
+        text = path.read_text()
+        assert len(text.splitlines()) <= 40, name
+        assert "\n" not in (ast.get_docstring(ast.parse(text)) or "\n"), f"{name}: say its idea in one line"
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in SAYS])
+def test_an_example_runs(name: str, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    runpy.run_path(str(FOLDER / name), run_name="__main__")
+    out = capsys.readouterr().out
+    assert [part for part in SAYS[name] if part not in out] == []
