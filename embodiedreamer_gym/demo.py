@@ -24,9 +24,9 @@ TRUTH = DATA / "truth.json"  # read when everything else is done
 BAR = 48  # characters of the largest error
 
 INTRODUCTION = """\
-A six-joint arm was recorded for 16 s. Its model is a URDF, servo gains from a data sheet, and no friction
-beyond the viscous; the arm itself has one effect more. (The arm lives in another physics engine, MuJoCo,
-with masses, gains and sensors that are not quite right either.) Fitted is on two motions, judged on two others.
+A six-joint arm was recorded for 16 s: two motions to learn from, two others to be judged by. Its model has
+a URDF, servo gains as on a data sheet, and viscous friction. The arm has one physical effect more. (It lives
+in another physics engine, MuJoCo, and its masses, gains and sensors are not quite right either.)
 """
 
 
@@ -49,8 +49,8 @@ def run(folder: str | Path = "demo_report", progress: Progress | None = None) ->
     progress.close()
     calibrated = compare(fit.model, test)
     times = float(calibrated.error[0]) / calibrated.noise
-    _say(2, "calibrate", f"gains fitted in {fit.rollouts} rollouts; now {_error(calibrated)}")
-    print(f"         Still {times:.1f} times the noise: no servo gain mends this.")
+    _say(2, "calibrate", f"now {_error(calibrated)}")
+    print(f"         {fit.rollouts} rollouts, and still {times:.1f} times the noise: no servo gain mends this.")
 
     found = diagnose(model, train, test, jobs=os.cpu_count() or 1, progress=progress)
     progress.close()

@@ -1,7 +1,8 @@
 """What a faultless robot would show: masses and centres of mass that the URDF does not have quite right.
 
 No parameter of a fit absorbs them, so a chi-square table would accuse almost every healthy robot. The residuals of
-such a robot are drawn from the linearised model: r = J_m m + J_p p, with p what a calibration would answer to m.
+such a robot are drawn from the linearised model: r = J_m m + J_p p, with p what a calibration would answer to m,
+beside the sensor's noise, whose size is only estimated.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from embodiedreamer_gym.robot import RobotModel
 
 MASS = 0.02  # relative standard deviation of a link's mass
 CENTRE = 0.0025  # m, of each coordinate of its centre of mass
+SENSOR = 0.15  # relative sd of the sensor's variance as it is estimated from a log
+FIRST_STATE = 0.02  # of a sensor's variance: the first state of a run is measured, not known
 DRAWS = 400
 
 
@@ -61,4 +64,7 @@ def draw_null(
         np.mean(residuals[unseen.joint_of == j] ** 2, axis=0) if np.any(unseen.joint_of == j) else np.zeros(DRAWS)
         for j in range(model.n)
     ], axis=1)  # fmt: skip
-    return Null(1.0 + chi2, known.rollouts + unseen.rollouts + calibrated.rollouts)
+    counts = np.maximum(unseen.joint_counts, 1)
+    sd = np.sqrt(2.0 / counts + SENSOR**2)
+    noise = FIRST_STATE + np.exp(sd * rng.standard_normal(chi2.shape))
+    return Null(noise + chi2, known.rollouts + unseen.rollouts + calibrated.rollouts)

@@ -12,6 +12,7 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 
 NORMAL_95 = 1.959963984540054
 HIGHEST_ORDER = 8  # of the autoregressive model of residuals
+HOPELESS = 50.0  # scaled units; whatever is wider is no interval
 UNDETERMINED = 1.0  # half-width in scaled units: a factor e, or a typical size of the effect
 
 
@@ -52,6 +53,7 @@ def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray)
         cov *= np.outer(wider, wider)
         covariance[np.ix_(keep, keep)] = cov
         half[keep] = NORMAL_95 * np.sqrt(np.maximum(np.diag(cov), 0.0))
+        half[half > HOPELESS] = np.inf
     return Spread(half, covariance, half > UNDETERMINED)
 
 
@@ -107,7 +109,7 @@ def autocovariance(e: np.ndarray) -> np.ndarray:
 
 
 def correlation_lag(e: np.ndarray) -> int:
-    """Lags (Andrews, Econometrica 59, 1991, AR(1) rule for Bartlett's window) of a series (T,), at most T/4."""
+    """Lags (Andrews, Econometrica 59, 1991, AR(1) rule, Bartlett's window) of a series (T,), at most T / 4."""
     centred = e - e.mean()
     power = float(centred @ centred)
     if power <= 0:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from embodiedreamer_gym.errors import CalibrationError
-from embodiedreamer_gym.phys_aligner.calibration import scan_starts
-from embodiedreamer_gym.phys_aligner.least_squares import DAMPINGS, HUBER, Progress, _cost, _step, _weight
+from embodiedreamer_gym.phys_aligner.least_squares import DAMPINGS, Progress, _cost, _step, _weight
 from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.robust import huber_limit
+from embodiedreamer_gym.phys_aligner.starts import scan_starts
 
 BUDGET = 150
 LONGEST = 1.0  # scaled units, a factor e: farther the linear model is not believed
@@ -68,7 +69,7 @@ def trajectory_surrogate(
     for iteration in range(iterations):
         if problem.rollouts + len(DAMPINGS) > budget:
             break
-        limit = HUBER * np.maximum(problem.joint_rms(model.residuals)[0], 1.0)[problem.joint_of]
+        limit = huber_limit(problem, model.residuals)
         before = _cost(problem, model.residuals, limit)
         if progress is not None:
             progress("trajectory surrogate", iteration, before)

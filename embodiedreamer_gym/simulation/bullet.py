@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
+from functools import partial
+from pathlib import Path
 from types import TracebackType
 
 import numpy as np
@@ -25,9 +28,10 @@ from embodiedreamer_gym.simulation.rollout import (
 class BulletPlant:
     """A robot model in PyBullet under torque control.
 
-    PyBullet ignores URDF joint friction, knows no rotor inertia, damps joints explicitly and caches masses; so its
-    motors and dampings are switched off and each step gets the torque that makes its bodies accelerate as the
-    model's drive says (inverse dynamics of PyBullet's own masses). Payload, tilt and rotor inertia come in this way.
+    PyBullet ignores URDF joint friction, knows no rotor inertia, damps joints explicitly, caches masses and gives
+    1 kg to a link without an inertial; so its motors and dampings are switched off, such links are made weightless,
+    and each step gets the torque that makes its bodies accelerate as the model's drive says (inverse dynamics of
+    PyBullet's own masses). Payload, tilt and rotor inertia come in this way.
     """
 
     def __init__(self, model: RobotModel, client: BulletClient | None = None, dt: float = TIME_STEP) -> None:
@@ -38,13 +42,16 @@ class BulletPlant:
         self.client.setGravity(0.0, 0.0, -9.81)
         flags = pybullet.URDF_USE_INERTIA_FROM_FILE
         self.body = self.client.loadURDF(str(model.urdf), useFixedBase=True, flags=flags)
-        names = {
-            self.client.getJointInfo(self.body, j)[1].decode(): j for j in range(self.client.getNumJoints(self.body))
-        }
+        infos = [self.client.getJointInfo(self.body, j) for j in range(self.client.getNumJoints(self.body))]
+        names = {info[1].decode(): j for j, info in enumerate(infos)}
         self._ids = [names[name] for name in model.tree.joint_names]
-        for link in range(-1, self.client.getNumJoints(self.body)):
-            self.client.changeDynamics(self.body, link, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
-                                       maxJointVelocity=1e4)  # fmt: skip
+        weightless = _weightless(model.urdf)
+        for link in range(-1, len(infos)):
+            change = partial(self.client.changeDynamics, self.body, link)
+            change(maxJointVelocity=1e4)  # in one call with jointDamping, PyBullet drops the latter
+            change(linearDamping=0.0, angularDamping=0.0, jointDamping=0.0)
+            if link >= 0 and infos[link][12].decode() in weightless:
+                change(mass=0.0, localInertiaDiagonal=(0.0, 0.0, 0.0))
         zero = [0.0] * len(self._ids)
         self.client.setJointMotorControlArray(self.body, self._ids, pybullet.VELOCITY_CONTROL, forces=zero)
         tree = model.tree
@@ -115,3 +122,9 @@ def replay(model: RobotModel, recording: Recording, dt: float = TIME_STEP, hold:
     sampler.take(track, 0)
     run = sampler.rollout()
     return Rollout(run.time, run.position[0], run.velocity[0], run.torque[0])
+
+
+def _weightless(urdf: Path) -> set[str]:
+    """Names of the links to which a URDF gives no mass."""
+    links = ElementTree.parse(urdf).getroot().iter("link")
+    return {str(link.get("name")) for link in links if link.find("inertial/mass") is None}

@@ -37,8 +37,8 @@ class Drive:
         values = [(effect, _values(effect, model, sets, self.sets)) for effect in model.effects]
         self.mechanics = _mechanics(model, servo["rotor_inertia"], values)
         servo["rotor_inertia"] = self.mechanics.rotor_inertia
-        self._servo = {g: np.tile(v, (rollouts, 1)) for g, v in servo.items()}
-        tiled = [(e, SimpleNamespace(**{k: np.tile(v, (rollouts, 1)) for k, v in p.items()})) for e, p in values]
+        self._servo = {g: _tile(v, rollouts) for g, v in servo.items()}
+        tiled = [(e, SimpleNamespace(**{k: _tile(v, rollouts) for k, v in p.items()})) for e, p in values]
         self._laws = {s: [(e, p) for e, p in tiled if isinstance(e, SignalLaw) and e.stage == s] for s in STAGES}
         self._budgets = [(e, p) for e, p in tiled if isinstance(e, TorqueBudget)]
         self._lower, self._upper = model.tree.lower, model.tree.upper
@@ -151,6 +151,11 @@ class Drive:
             if taken is not None:
                 forward, backward = forward + taken[0], backward + taken[1]
         return forward, backward, limits
+
+
+def _tile(values: np.ndarray, rollouts: int) -> np.ndarray:
+    """Values (P, m) once for each rollout, in C order: each memory layout would be compiled on its own."""
+    return np.ascontiguousarray(np.tile(values, (rollouts, 1)))
 
 
 def _values(effect: Effect, model: RobotModel, sets: Sets, count: int) -> dict[str, np.ndarray]:

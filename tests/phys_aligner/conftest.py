@@ -69,7 +69,7 @@ Record = Callable[..., Recording]
 
 @pytest.fixture(scope="session")
 def record(truth: RobotModel) -> Record:
-    """Logs of the truth: `record(seed, noise=, rate=, rule=, declared=, seconds=)`, from rest."""
+    """Logs of the truth from rest: `record(seed, noise=, rate=, rule=, declared=, seconds=)`."""
 
     def play(seed, noise=NOISE, rate=50.0, rule="linear", declared="linear", seconds=5.0, model=truth):
         rng = np.random.default_rng(seed)

@@ -12,18 +12,18 @@ from embodiedreamer_gym.phys_aligner.searches import SEARCHES
 from embodiedreamer_gym.phys_aligner.surrogate import recorded_steps, step_from
 
 SHORT = {  # enough to lower the cost, no more
-    "surrogate": {"samples": 12, "epochs": 6, "steps": 400, "lr": 5e-3, "width": 32},
+    "surrogate": {"epochs": 20, "steps": 1500},
     "surrogate-trajectory": {},
-    "annealing": {"steps": 40},
-    "annealing-scaled": {"steps": 40},
+    "annealing": {"steps": 25},
+    "annealing-scaled": {"steps": 30},
     "cma-es": {"budget": 60},
 }
-MOST = {"surrogate": 12, "surrogate-trajectory": 150, "annealing": 40, "annealing-scaled": 40, "cma-es": 60}
+MOST = {"surrogate": 50, "surrogate-trajectory": 150, "annealing": 40, "annealing-scaled": 40, "cma-es": 60}
 
 
 @pytest.fixture(scope="module")
 def log(record):
-    return record(1, seconds=3.0)
+    return record(1, seconds=2.0)
 
 
 @pytest.mark.parametrize("method", SEARCHES)
@@ -63,7 +63,7 @@ def test_the_trajectory_surrogate_reaches_least_squares_with_fewer_rollouts(star
 
 def test_the_papers_surrogate_learns_from_free_runs_too(start, log) -> None:
     problem = Problem(start, [log])
-    options = {**SHORT["surrogate"], "data": "simulated"}
+    options = {"samples": 8, "epochs": 2, "steps": 50, "data": "simulated"}
     x = SEARCHES["surrogate"](problem, np.random.default_rng(3), **options)
     assert problem.rollouts == options["samples"] and np.all(np.isfinite(x))
 
@@ -80,9 +80,9 @@ def test_one_step_from_a_recorded_state_is_a_step_of_the_free_run(rule: str, tru
 
 
 def test_simpler_envs_temperature_accepts_nearly_everything(start, log) -> None:
-    _, hot = anneal(Problem(start, [log]), np.random.default_rng(0), None, 40, 1.5, 1.0)
+    _, hot = anneal(Problem(start, [log]), np.random.default_rng(0), None, 60, 1.5, 1.0)
     _, cold = anneal(Problem(start, [log]), np.random.default_rng(0), None, 40, 0.02, 0.15, scaled=True)
-    assert hot > 0.9 > 0.7 > cold
+    assert hot > 0.85 > 0.7 > cold
 
 
 def test_the_range_is_a_factor_around_the_start(start, log) -> None:

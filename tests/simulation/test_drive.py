@@ -67,17 +67,16 @@ def test_a_steep_motor_neither_rings_nor_explodes() -> None:
     model = robot("arm6")
     low, high = 0.2, model.torque_scale * 1e3
     limit = VelocityLimit(forward=every(model, low), backward=every(model, low), stall_torque=every(model, high))
-    recording = fast(model, 2.0)
-    run = simulate(model.with_effect(limit), recording)
-    assert np.abs(run.velocity).max() < 1.3 * low
-    swings = np.abs(np.diff(run.velocity, axis=0)).max()
-    assert swings < 2.1 * low
+    run = simulate(model.with_effect(limit), fast(model, 2.0, rate=240.0))
+    speed = np.abs(run.velocity[24:])
+    assert speed.max() < 2.0 * low, "the mean of two steps is limited, one of them may be beyond"
+    assert np.mean(speed > 1.05 * low) < 0.02
 
 
 def test_a_limit_of_the_range_is_a_stop() -> None:
     model = robot("arm6")
     top = model.tree.upper
-    time = np.arange(201) / 100
+    time = np.arange(481) / 240  # the plant's own instants
     command = centre(model) + np.clip(time - 0.1, 0, 1)[:, None] * 2 * (top - centre(model))
     run = simulate(model, log(model, time, command))
     assert np.all(run.position <= top + 1e-9)
@@ -86,10 +85,10 @@ def test_a_limit_of_the_range_is_a_stop() -> None:
 
 def test_a_start_beyond_the_range_comes_back_gently() -> None:
     model = robot("arm6")
-    beyond = model.tree.upper + 0.01
-    time = np.arange(101) / 100
-    run = simulate(model, log(model, time, np.tile(centre(model), (101, 1)), np.tile(beyond, (101, 1))))
-    assert np.abs(run.velocity).max() < 20
+    top, time = model.tree.upper, np.arange(101) / 100
+    run = simulate(model, log(model, time, np.tile(top, (101, 1)), np.tile(top + 0.01, (101, 1))))
+    assert np.abs(run.velocity).max() < 5
+    assert np.all(np.abs(run.position[-1] - top) < 0.05)
 
 
 class HalfTorque(SignalLaw):
@@ -108,13 +107,15 @@ class HalfTorque(SignalLaw):
 
 def test_a_law_on_the_drives_torque_is_a_change_of_gains() -> None:
     model = robot("arm6")
-    halved = model.with_effect(HalfTorque(share=every(model, 0.5)))
-    weaker = model.with_(stiffness=model.stiffness / 2, damping=model.damping / 2)
+    less = model.with_effect(HalfTorque(share=every(model, 0.5)))
+    weaker = model.with_(stiffness=0.5 * model.stiffness, damping=0.5 * model.damping)
     recording = fast(model, 1.5)
-    a, b = simulate(halved, recording), simulate(weaker, recording)
-    # the law acts on the step's torque, so its damping is not taken at the mean speed: an error of the step
-    assert np.sqrt(np.mean((a.position - b.position) ** 2)) < 5e-4
-    np.testing.assert_allclose(a.torque, b.torque, atol=0.3)
+    errors = []
+    for dt in (TIME_STEP, TIME_STEP / 4):
+        a, b = simulate(less, recording, dt=dt), simulate(weaker, recording, dt=dt)
+        errors.append(np.sqrt(np.mean((a.position - b.position) ** 2)))
+    # the law acts on the torque of a whole step, whose damping is then that of the full servo: an error of the step
+    assert errors[0] < 5e-3 and errors[1] < 0.4 * errors[0]
 
 
 def test_a_diverging_set_is_clipped_and_a_diverging_model_is_said_so() -> None:

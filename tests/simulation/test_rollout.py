@@ -55,7 +55,7 @@ def test_irregular_time_stamps_sample_one_and_the_same_motion() -> None:
     run = simulate(model, held)
     np.testing.assert_allclose(run.time, thin.time + 100.0)
     # what differs is only that the command between the stamps is a line
-    np.testing.assert_allclose(run.position, motion.position[rows], atol=3e-3)
+    np.testing.assert_allclose(run.position, motion.position[rows], atol=8e-3)
     # exactly the same commands: a straight line is known from any two of its samples
     line = np.linspace(0, 0.5, len(dense.time))[:, None] * np.ones(6)
     a = simulate(model, log(model, dense.time, line, position=0 * line))
@@ -69,7 +69,7 @@ def test_a_sample_between_two_steps_lies_on_the_path() -> None:
     dense = fast(model, 1.0, rate=2400.0)
     run = simulate(model, dense)
     speed = np.gradient(run.position, dense.time, axis=0)
-    np.testing.assert_allclose(run.velocity[5:-5], speed[5:-5], atol=0.02)
+    assert np.sqrt(np.mean((run.velocity - speed)[5:-5] ** 2)) < 2e-3
     steps = run.position[::10]
     np.testing.assert_allclose(steps, simulate(model, fast(model, 1.0, rate=240.0)).position, atol=2e-4)
 
@@ -83,7 +83,7 @@ def test_a_held_command_keeps_its_edges_in_time(rate: float) -> None:
     fine = simulate(model, recording, dt=1 / 4000, hold="hold")
     linear = simulate(model, recording, hold="linear")
     assert 1e3 * np.sqrt(np.mean((linear.position - fine.position) ** 2)) > 3.0, "the rules differ"
-    assert 1e3 * np.sqrt(np.mean((coarse.position - fine.position) ** 2)) < 0.06, "mrad"
+    assert 1e3 * np.sqrt(np.mean((coarse.position - fine.position) ** 2)) < 0.25, "mrad"
 
 
 def test_commands_on_the_plants_grid() -> None:
@@ -95,8 +95,9 @@ def test_commands_on_the_plants_grid() -> None:
     held = plant_commands(recording, "hold")[:, 0]
     inside = np.abs((grid * 10 + 0.5) % 1 - 0.5) > 10 * TIME_STEP  # no edge within half a step
     np.testing.assert_allclose(held[inside], np.minimum(np.floor(grid * 10) / 10, 1.0)[inside], atol=1e-9)
-    exact = np.sum(np.floor(np.arange(0, 1, 1e-4) * 10 + 1e-9) / 10) * 1e-4
-    assert np.sum(held[grid < 1.0]) * TIME_STEP == pytest.approx(exact, abs=1e-3), "no area is lost"
+    steps = grid < 1.0 - TIME_STEP / 2  # they cover the time until half a step before the end
+    area = 0.1 * np.sum(np.arange(10) / 10) - 0.9 * TIME_STEP / 2
+    assert np.sum(held[steps]) * TIME_STEP == pytest.approx(area, abs=1e-9), "no area is lost"
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,193 @@
+"""The loop on a two-joint arm: nothing missing is not accused, what is missing is named, and the error falls."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from embodiedreamer_gym.diagnosis import add_effect, diagnose
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain, score
+from embodiedreamer_gym.diagnosis.null import draw_null
+from embodiedreamer_gym.diagnosis.verdict import contenders, explained, pays, total_explained
+from embodiedreamer_gym.effects import Parameter, SignalLaw
+from embodiedreamer_gym.errors import CalibrationError
+from embodiedreamer_gym.phys_aligner.calibration import fit_least_squares
+from embodiedreamer_gym.recordings import Recording, Recordings
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation import simulate
+
+NOISE = 4e-4  # rad
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory) -> RobotModel:
+    """A two-link arm in the vertical plane, its gains known to 20 %."""
+    folder = tmp_path_factory.mktemp("arm")
+    link = (
+        '<link name="{0}"><inertial><origin xyz="0.15 0 0"/><mass value="{1}"/>'
+        '<inertia ixx="0.002" iyy="0.008" izz="0.008" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+    joint = (
+        '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><origin xyz="{3} 0 0"/>'
+        '<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="10"/></joint>'
+    )
+    text = '<robot name="two"><link name="base"/>' + link.format("upper", 1.5) + link.format("lower", 0.8)
+    text += joint.format("shoulder", "base", "upper", 0) + joint.format("elbow", "upper", "lower", 0.3) + "</robot>"
+    (folder / "two.urdf").write_text(text)
+    (folder / "two.json").write_text(
+        '{"robot": {"urdf": "two.urdf", "joints": ["shoulder", "elbow"]}, "rotor_inertia": [0.02, 0.01],'
+        '"servo": {"stiffness": [90, 40], "damping": [4, 1.5]}, "viscous_friction": [0, 0], "effects": []}'
+    )
+    return RobotModel.load(folder / "two.json")
+
+
+def record(truth: RobotModel, seed: int, speed: float, kind: str) -> Recording:
+    """A noisy recording of a multisine, 3 s at 100 Hz, from rest: the arm has sagged for 1 s before."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(-100, 300) / 100.0
+    command = np.zeros((len(time), 2))
+    for frequency in (0.3, 0.7, 1.3):
+        for j in range(2):
+            phase = rng.uniform(0, 2 * np.pi)
+            command[:, j] += 0.3 * np.sin(2 * np.pi * speed * frequency * time + phase) - 0.3 * np.sin(phase)
+    command *= np.clip(time / 0.5, 0.0, 1.0)[:, None]
+    known = {"noise": np.full(2, NOISE), "quantum": np.zeros(2), "command_hold": "linear", "kind": kind}
+    blank = Recording(f"{kind}-{seed}", truth.joints, time, command, command, **known)
+    position = simulate(truth, blank).position + NOISE * rng.standard_normal(command.shape)
+    return Recording(f"{kind}-{seed}", truth.joints, time[100:], position[100:], command[100:], **known)
+
+
+def logs(truth: RobotModel) -> tuple[Recordings, Recordings]:
+    """Two recordings to learn from and two, slower, to judge by."""
+    truth = truth.with_(stiffness=truth.stiffness * 1.2, damping=truth.damping * 0.85)
+    return (
+        Recordings([record(truth, k, 1.0, "fast") for k in (1, 2)]),
+        Recordings([record(truth, k, 0.6, "slow") for k in (3, 4)]),
+    )
+
+
+def test_a_faultless_arm_is_not_accused(model) -> None:
+    found = diagnose(model, *logs(model), jobs=1)
+    assert found.verdict == "nothing_missing"
+    assert found.effects == () and found.best is None
+    assert found.error["with_effect"] is None
+    assert found.error["calibrated"] < 1.1 * found.error["noise"] < found.error["nominal"]
+    assert found.as_dict()["error"]["unit"] == "rad"
+
+
+@pytest.fixture(scope="module")
+def friction(model):
+    """Recordings of the arm with dry friction in its elbow, and the diagnosis."""
+    truth = model.with_effect("coulomb_friction").with_values({"coulomb_friction.torque": {"elbow": 0.4}})
+    train, test = logs(truth)
+    return train, test, diagnose(model, train, test, jobs=1)
+
+
+def test_the_missing_effect_is_named_on_its_joint(friction) -> None:
+    found = friction[2]
+    assert found.verdict == "missing"
+    assert found.effects == ("coulomb_friction",)
+    assert found.joints == {"coulomb_friction": ("elbow",)}
+    row = found.parameters["coulomb_friction"]["elbow"]
+    assert row["unit"] == "N m" and row["low"] <= row["value"] <= row["high"]
+    assert row["value"] == pytest.approx(0.4, rel=0.05)
+
+
+def test_the_error_falls_to_the_noise(friction) -> None:
+    found = friction[2]
+    assert found.error["with_effect"] < 1.1 * found.error["noise"] < 0.5 * found.error["calibrated"]
+    assert [label for label, _ in found.steps] == ["nominal", "calibrated", "+ coulomb_friction"]
+    assert found.end_effector_mm["with_effect"] < found.end_effector_mm["calibrated"]
+    assert found.ranking[0].gain > found.ranking[-1].gain
+    assert "coulomb_friction" in str(found)
+
+
+def test_the_better_model_survives_its_file_and_does_as_well(friction, tmp_path) -> None:
+    _, test, found = friction
+    found.model.with_(urdf=found.model.urdf).save(tmp_path / "better.json")
+    again = evaluate(RobotModel.load(tmp_path / "better.json"), test)
+    assert again.error == pytest.approx(found.error["with_effect"], abs=1e-7)
+    without = evaluate(RobotModel.load(tmp_path / "better.json").without_effect("coulomb_friction"), test)
+    assert without.error > 2 * again.error
+
+
+def test_an_effect_outside_the_catalogue_is_unknown_and_a_users_own_is_found(model) -> None:
+    class Wind(SignalLaw):
+        """A torque that swings with time."""
+
+        name, stage = "wind", "load"
+        parameters = (Parameter("torque", "N m", off=0.0, low=-5.0, high=5.0, typical=0.5),)
+        symptom = reveals = "time"
+
+        @staticmethod
+        def law(signal, joint, memory, p):
+            return signal + p.torque * np.sin(9.0 * joint.time), memory
+
+    blown = model.with_effect(Wind).with_values({"wind.torque": {"elbow": 0.6, "shoulder": 0.8}})
+    train, test = logs(blown)
+    found = diagnose(model, train, test, jobs=1)
+    assert found.verdict == "unknown"
+    assert found.effects == () and found.error["with_effect"] is None
+    known = diagnose(model, train, test, catalogue={**model.catalogue, "wind": Wind}, jobs=1)
+    assert known.verdict == "missing" and known.effects == ("wind",)
+    assert known.parameters["wind"]["elbow"]["value"] == pytest.approx(0.6, rel=0.1)
+
+
+def test_add_effect_shows_before_and_after(friction, model) -> None:
+    train, test, _ = friction
+    added = add_effect(model, "coulomb_friction", train, test)
+    assert added.comparison.error[1] < 0.5 * added.comparison.error[0]
+    assert added.after.model.effects[0].name == "coulomb_friction"
+
+
+def test_held_out_recordings_are_needed(model) -> None:
+    train, _ = logs(model)
+    with pytest.raises(CalibrationError, match="held out"):
+        diagnose(model, train, Recordings([]))
+
+
+def test_wrong_masses_are_no_alarm_but_are_expected(model) -> None:
+    train, test = logs(model)
+    problem, fit = fit_least_squares(model, train)
+    null = draw_null(problem.model_at(fit.x), fit, problem, test, np.random.default_rng(0))
+    assert np.all(null.chi2 > 0.5) and 1.0 < np.median(null.chi2) < 2.0
+    assert null.p_value(0.0) == 1.0
+    assert null.p_value(1e9) == pytest.approx(1 / (1 + len(null.chi2)))
+
+
+def held(chi2: np.ndarray, spread: float = 0.0, seed: int = 0) -> HeldOut:
+    """A HeldOut of 12 pieces of 100 samples whose chi2 vary by `spread`."""
+    noise = 1 + spread * np.random.default_rng(seed).standard_normal((12, len(chi2)))
+    blocks = 100 * chi2 * np.abs(noise)
+    return HeldOut(blocks.sum(0) / 1200, np.sqrt(chi2), blocks, np.full((12, len(chi2)), 100))
+
+
+def test_score_counts_nothing_below_the_noise() -> None:
+    assert score(np.array([0.5, np.e])) == pytest.approx(1.0)
+
+
+def test_a_gain_needs_to_be_larger_than_its_accidents() -> None:
+    before, after = held(np.array([9.0, 1.0])), held(np.array([3.0, 1.0]))
+    assert gain(before, after)[0] == pytest.approx(np.log(3.0))
+    assert pays(before, after) and not pays(after, before)
+    assert not pays(held(np.array([3.2, 1.0]), 0.9, 1), held(np.array([3.0, 1.0]), 0.9, 2))
+
+
+def test_explained_is_a_share_of_the_excess() -> None:
+    null = np.ones((50, 3)) + 0.01 * np.random.default_rng(0).random((50, 3))
+    before, after = held(np.array([11.0, 5.0, 1.0])), held(np.array([1.0, 5.0, 1.0]))
+    share = explained(before, after, null)
+    assert share[0] == pytest.approx(1.0, abs=0.02) and share[1] == 0.0 and np.isnan(share[2])
+    assert 0.5 < total_explained(before, after, null) < 0.7
+
+
+def test_the_special_case_goes_before_the_richer_law() -> None:
+    class Fake:
+        def __init__(self, name: str, chi2: float) -> None:
+            self.kind = type(name, (), {"name": name})
+            self.held_out, self.trained = held(np.array([chi2])), np.array([chi2])
+
+    close = contenders([Fake("stribeck_friction", 1.50), Fake("coulomb_friction", 1.52), Fake("payload", 9.0)])  # type: ignore[list-item]
+    assert [c.kind.name for c in close] == ["coulomb_friction"]
+    tie = contenders([Fake("torque_bias", 1.50), Fake("encoder_offset", 1.52)])  # type: ignore[list-item]
+    assert len(tie) == 2
