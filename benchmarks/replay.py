@@ -1,8 +1,8 @@
 """Replay: does the diagnosed model, read back from its file, do in PyBullet what the diagnosis said it does?
 
 A stand-in robot with a hidden effect is diagnosed; the better model is saved, loaded and played in PyBullet under
-the held-out commands. Its error, joint by joint, must be the one that `compare` gives, within 0.1 mrad; and with
-the effect deleted from the file it must not be.
+the recorded commands, learnt from and held out. Its error, joint by joint, must be the one that `compare` gives,
+within 0.1 mrad; and with the effect deleted from the file it must not be.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def run(effect: str, arm: str, seed: int, jobs: int = 2) -> Replayed:
     with tempfile.TemporaryDirectory() as name:
         model = RobotModel.load(case.write(name))
         found = diagnose(model, case.train, case.test, jobs=jobs)
-        return round_trip(found.model, case.test, Path(name))
+        return round_trip(found.model, [*case.train, *case.test], Path(name))
 
 
 def main(arguments: list[str] | None = None) -> int:
