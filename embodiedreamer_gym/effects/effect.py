@@ -24,6 +24,7 @@ class Parameter:
     """One number per joint (or per arm) of an effect.
 
     off: the value at which the effect vanishes, inside [low, high]; typical: a size that is plainly visible.
+    A limit, whose off value is its upper bound, reaches the law as infinity when off.
     scale: "torque" multiplies low, high and typical by a torque typical of the joint [N m]; "" takes them as they
     are; per: one value for each joint or for each arm.
     """

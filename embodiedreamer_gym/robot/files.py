@@ -49,6 +49,8 @@ def read_json(path: Path) -> dict[str, Any]:
     unknown = [key for key in data if key not in KEYS]
     if unknown:
         raise ModelError(f"model {path} has the unknown key '{unknown[0]}'; known keys: {', '.join(KEYS)}.")
+    if not isinstance(data.get("name", ""), str):
+        raise ModelError(f"model {path}: name must be a text.")
     robot = data.get("robot")
     if not isinstance(robot, dict) or not isinstance(robot.get("urdf"), str):
         raise ModelError(f'model {path} needs {{"robot": {{"urdf": "arm.urdf", "joints": [...]}}}}.')
@@ -89,12 +91,35 @@ def numbers(value: Any, count: int, what: str, path: Path) -> list[float]:
     return [float(v) for v in value]
 
 
-def ends(value: Any, what: str, path: Path) -> tuple[float, float]:
-    """A pair of finite numbers, [value at 0, value at 1].
+def table(data: Mapping[str, Any], key: str, known: tuple[str, ...] | None, path: Path) -> dict[str, Any]:
+    """A JSON object inside another, empty where it is left out; known: the keys it may have.
+
+    Raises: ModelError for anything else, or a key that is not known.
+    """
+    value = data.get(key, {})
+    if not isinstance(value, dict):
+        raise ModelError(f"model {path}: {key} must be an object.")
+    for name in value:
+        if known is not None and name not in known:
+            raise ModelError(f"model {path} has the unknown key '{name}' in {key}; known keys: {', '.join(known)}.")
+    return value
+
+
+def pair(value: Any, what: str, path: Path) -> tuple[float, float]:
+    """Two finite numbers.
 
     Raises: ModelError for anything else.
     """
-    zero, one = numbers(value, 2, what, path)
+    first, second = numbers(value, 2, what, path)
+    return first, second
+
+
+def ends(value: Any, what: str, path: Path) -> tuple[float, float]:
+    """A joint's values at 0 and at 1 of a normalised gripper.
+
+    Raises: ModelError for anything but two different finite numbers.
+    """
+    zero, one = pair(value, what, path)
     if zero == one:
         raise ModelError(f"model {path}: {what} must be two different numbers.")
     return zero, one

@@ -25,6 +25,8 @@ SERVO_UNITS = {
     "viscous_friction": "N m s/rad",
 }
 GRAVITY = np.array([0.0, 0.0, -9.81])
+FINGER_FORCE = 10.0  # N, of a sliding joint too light to show what drives it
+ROBOT_KEYS = ("urdf", "joints", "end_effectors", "normalised")
 HOLDS = ("linear", "hold", "unknown")
 
 
@@ -65,7 +67,7 @@ class RobotModel:
                 raise ModelError(f"model {self.name}: {group} must be finite and not negative.")
             values.setflags(write=False)
             object.__setattr__(self, group, values)
-        if self.command_hold not in HOLDS:
+        if not isinstance(self.command_hold, str) or self.command_hold not in HOLDS:
             raise ModelError(f"model {self.name}: command_hold '{self.command_hold}' is none of {', '.join(HOLDS)}.")
         names = [e.name for e in self.effects]
         if len(set(names)) != len(names):
@@ -185,11 +187,13 @@ class RobotModel:
         q = low + (high - low) * rng.random((64, self.n))
         matrix, bias = self.bodies.mass_matrix_and_bias(q, np.zeros_like(q), self.nominal_mechanics)
         inertia = np.median(np.diagonal(matrix, axis1=1, axis2=2), axis=0)
-        turning = np.array([u == "rad" for u in self.units])
-        torque = np.abs(bias).max(0) + inertia * np.where(turning, 10.0, 1.0)
+        gain = np.array([np.abs(self.tree.gain[self.tree.coordinate == j]).max() for j in range(self.n)])
+        sliding = np.array([self.tree.prismatic[self.tree.coordinate == j].any() for j in range(self.n)])
+        torque = np.abs(bias).max(0) + inertia * 10.0 / gain
         for arm in range(self.tree.arms):  # a light wrist's gears are not lighter than that of its arm in proportion
-            same = turning & (self.tree.arm == arm)
-            torque[same] = np.maximum(torque[same], 0.03 * torque[same].max(initial=0.0))
+            same = self.tree.arm == arm
+            strongest = torque[same & ~sliding].max(initial=0.0)
+            torque[same] = np.maximum(torque[same], np.where(sliding, FINGER_FORCE, 0.03 * strongest)[same] * gain[same])
         return inertia, torque
 
     def parameter_bounds(self, parameter) -> tuple[np.ndarray, np.ndarray]:
@@ -270,13 +274,15 @@ class RobotModel:
         """
         path = files.find_model(source)
         data = files.read_json(path)
-        robot, servo = data["robot"], data.get("servo", {})
+        robot, servo = files.table(data, "robot", ROBOT_KEYS, path), files.table(data, "servo", SERVO_GROUPS[:2], path)
         urdf = files.urdf_path(robot["urdf"], path)
         joints = files.names(robot.get("joints"), "robot.joints", path)
+        if not joints:
+            raise ModelError(f"model {path} names no joint; list the driven ones in robot.joints.")
         tips = files.names(robot.get("end_effectors", []), "robot.end_effectors", path)
         normalised = {
             joint: files.ends(ends, f"robot.normalised of {joint}", path)
-            for joint, ends in robot.get("normalised", {}).items()
+            for joint, ends in files.table(robot, "normalised", joints, path).items()
         }
         tree = build_tree(urdf, joints, normalised, tips)
         n = len(joints)
@@ -287,10 +293,12 @@ class RobotModel:
         model = RobotModel(
             name=data.get("name", path.stem), urdf=urdf, joints=joints, tree=tree, **{**blank, **given},
             command_hold=data.get("command_hold", "unknown"), given=frozenset(given), catalogue=catalogue,
-            intervals={k: tuple(v) for k, v in data.get("intervals", {}).items()},
+            intervals={k: files.pair(v, f"interval of {k}", path) for k, v in files.table(data, "intervals", None, path).items()},
             normalised=normalised, end_effectors=tips,
         )  # fmt: skip
         model = model.with_(**{g: v for g, v in model.first_guess().items() if g not in given})
+        if not isinstance(data.get("effects", []), list):
+            raise ModelError(f"model {path}: effects must be a list of objects, each with a name.")
         effects = tuple(_read_effect(entry, model, path) for entry in data.get("effects", []))
         return model.with_(effects=effects)
 

@@ -9,6 +9,7 @@ import numpy as np
 import yourdfpy
 
 from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.robot.urdf import read_urdf, root_link
 
 WORLD = -1
 
@@ -57,27 +58,6 @@ class KinematicTree:
         return f"KinematicTree({self.bodies} bodies, {len(self.arm)} driven joints, {self.arms} arms)"
 
 
-def read_urdf(path: Path) -> yourdfpy.URDF:
-    """Parse a URDF without its meshes.
-
-    Raises: ModelError when the file is missing or is no URDF.
-    """
-    if not path.is_file():
-        raise ModelError(f"URDF {path} does not exist.")
-    try:
-        urdf = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=False)
-    except Exception as error:  # yourdfpy and lxml raise many kinds
-        raise ModelError(f"URDF {path} cannot be read: {type(error).__name__}: {error}.") from error
-    links = {link.name for link in urdf.robot.links}
-    if not links:
-        raise ModelError(f"URDF {path} holds no link.")
-    for joint in urdf.robot.joints:
-        for end, name in (("parent", joint.parent), ("child", joint.child)):
-            if name not in links:
-                raise ModelError(f"URDF {path}: joint '{joint.name}' names the {end} link '{name}', which is missing.")
-    return urdf
-
-
 def build_tree(
     path: Path,
     joints: tuple[str, ...],
@@ -90,6 +70,8 @@ def build_tree(
     """
     urdf = read_urdf(path)
     normalised = normalised or {}
+    if len(set(end_effectors)) != len(end_effectors):
+        raise ModelError(f"the end effectors of the model are not unique: {', '.join(end_effectors)}.")
     by_name = {j.name: j for j in urdf.robot.joints}
     movable = [j.name for j in urdf.robot.joints if j.type in ("revolute", "continuous", "prismatic")]
     for name in joints:
@@ -100,11 +82,7 @@ def build_tree(
     children: dict[str, list[yourdfpy.Joint]] = {}
     for joint in urdf.robot.joints:
         children.setdefault(joint.parent, []).append(joint)
-    child_links = {j.child for j in urdf.robot.joints}
-    roots = [link.name for link in urdf.robot.links if link.name not in child_links]
-    if len(roots) != 1:
-        raise ModelError(f"{path.name} must have one root link, but has {len(roots)}: {', '.join(roots) or 'a loop'}.")
-
+    root = root_link(urdf.robot, path)
     links = {link.name: link for link in urdf.robot.links}
     rows: list[dict] = []
     frames: dict[str, tuple[int, np.ndarray, np.ndarray]] = {}
@@ -131,7 +109,7 @@ def build_tree(
             )  # fmt: skip
             visit(joint.child, len(rows) - 1, np.eye(3), np.zeros(3))
 
-    visit(roots[0], WORLD, np.eye(3), np.zeros(3))
+    visit(root, WORLD, np.eye(3), np.zeros(3))
     _check_bodies(rows, path)
     parent = np.array([row["parent"] for row in rows], np.int64)
     coordinate = np.array([row["coordinate"] for row in rows], np.int64)

@@ -166,7 +166,10 @@ def _values(effect: Effect, model: RobotModel, sets: Sets, count: int) -> dict[s
         own = model.parameter_off(p).copy()
         for name, value in effect.values[p.name].items():
             own[names.index(name)] = value
-        arrays[p.name] = np.array(np.broadcast_to(sets.get(f"{effect.name}.{p.name}", own), (count, len(names))))
+        values = np.array(np.broadcast_to(sets.get(f"{effect.name}.{p.name}", own), (count, len(names))))
+        if p.off == p.high:  # a limit that is off is none
+            values[values >= model.parameter_off(p) * (1 - 1e-9)] = np.inf
+        arrays[p.name] = values
     return arrays
 
 
