@@ -47,6 +47,8 @@ def _worse(best: Candidate, other: Candidate) -> bool:
     fall, error = gain(other.held_out, best.held_out)
     if fall > max(TIE, 2.0 * error):
         return True
+    if best.kind.name in NESTED.get(other.kind.name, ()):
+        return False  # the richer law always fits the training motion better
     trained = score(other.trained) - score(best.trained)
     return fall > 0.0 and trained > 3.0 * TIE
 
