@@ -175,6 +175,7 @@ def run(task: Task, label: str, seed: int) -> dict[str, float]:
 
 def resumed(out: Path, settings: dict[str, Any]) -> dict[str, Any]:
     """Finished rows of an earlier run with the same settings."""
+    settings = json.loads(json.dumps(settings))  # tuples become lists, as in the file
     if out.exists():
         kept = json.loads(out.read_text())
         if kept.get("settings") == settings:
@@ -226,14 +227,14 @@ def table(rows: dict[str, dict[str, float]], block: str, columns: tuple[tuple[st
         name, method, _ = job.split(" | ")
         if name == block:
             methods.setdefault(method, []).append(row)
-    lines = [f"{'truth: ' + block:<23}{'starts':>6}" + "".join(f"{title:>24}" for _, title, _ in columns)]
+    lines = [f"{'truth: ' + block:<23}{'starts':>6}" + "".join(f"{title:>27}" for _, title, _ in columns)]
     for method, found in methods.items():
         cells = []
         for key, _, digits in columns:
             v = np.array([row[key] for row in found])
             spread = f" [{v.min():.{digits}f}, {v.max():.{digits}f}]" if len(v) > 1 and v.max() > 0 else ""
             cells.append(f"{np.median(v):.{digits}f}{spread}")
-        lines.append(f"{method:<23}{len(found):>6}" + "".join(f"{cell:>24}" for cell in cells))
+        lines.append(f"{method:<23}{len(found):>6}" + "".join(f"{cell:>27}" for cell in cells))
     return "\n".join(lines)
 
 
