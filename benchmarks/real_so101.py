@@ -1,6 +1,6 @@
 """Real SO-101: 38 motions of a six-servo arm; what does the simulator lack, and what can it not explain?
 
-python -m benchmarks.real_so101 [--data ../shared/data/so101_sage] [--urdf so101.urdf] [--offset 0] [--out FILE.json]
+python -m benchmarks.real_so101 [--data ../shared/data/so101_sage] [--model so101] [--swap] [--out FILE.json]
 
 Data: github.com/isaac-sim2real/sage, commit 4ffd262 (Apache-2.0), not shipped. Every other motion is held out.
 """

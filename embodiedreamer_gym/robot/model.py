@@ -193,7 +193,9 @@ class RobotModel:
         for arm in range(self.tree.arms):  # a light wrist's gears are not lighter than that of its arm in proportion
             same = self.tree.arm == arm
             strongest = torque[same & ~sliding].max(initial=0.0)
-            torque[same] = np.maximum(torque[same], np.where(sliding, FINGER_FORCE, 0.03 * strongest)[same] * gain[same])
+            torque[same] = np.maximum(
+                torque[same], np.where(sliding, FINGER_FORCE, 0.03 * strongest)[same] * gain[same]
+            )
         return inertia, torque
 
     def parameter_bounds(self, parameter) -> tuple[np.ndarray, np.ndarray]:

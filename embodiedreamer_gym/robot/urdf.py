@@ -53,7 +53,9 @@ def _check_names(robot: yourdfpy.Robot, path: Path) -> None:
     if not robot.links:
         raise ModelError(f"URDF {path} holds no link.")
     if len(robot.joints) > MOST_JOINTS:
-        raise ModelError(f"{path.name} has {len(robot.joints)} joints; more than {MOST_JOINTS} are no robot of this kind.")
+        raise ModelError(
+            f"{path.name} has {len(robot.joints)} joints; more than {MOST_JOINTS} are no robot of this kind."
+        )
     links = {link.name for link in robot.links}
     for what, names in (("links", [k.name for k in robot.links]), ("joints", [j.name for j in robot.joints])):
         for name, count in Counter(names).items():
