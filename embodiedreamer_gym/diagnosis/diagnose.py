@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from joblib import Parallel, delayed
 
-from embodiedreamer_gym.diagnosis.candidates import Candidate, prune, refit
+from embodiedreamer_gym.diagnosis.candidates import Candidate, polish, prune, refit
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, Ranked, summarise
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain
 from embodiedreamer_gym.diagnosis.null import Null, draw_null
@@ -94,10 +94,10 @@ def diagnose(
             closest = min(candidates, key=lambda c: c.held_out.score)
         if not worthy:
             break
-        close = contenders(worthy)
+        close = contenders(held, worthy)
         if len(close) > 1 and not steps:
             tie = close
-        chosen = prune(close[0], train, test)
+        chosen = polish(prune(close[0], train, test), test)
         search.rollouts += chosen.rollouts - close[0].rollouts
         steps.append(chosen)
         current, held = (chosen.model, chosen.problem, chosen.fit), chosen.held_out

@@ -14,6 +14,7 @@ ALARM = 0.01  # p-value below which a model is called wrong
 SMALLEST_GAIN = 0.1  # fall of the summed log chi2 that an effect must bring to be worth naming
 SURE = 2.5  # standard errors of the gain
 TIE = 0.1  # difference of scores below which two effects are not told apart
+RICHER = 0.1  # share of the whole gain that a richer law must bring beyond its special case
 EXPLAINED = 0.5  # share of the excess error that the effects together must explain, else "unknown"
 NESTED = {  # the simpler effect is a special case of the richer one
     "coulomb_friction": ("stribeck_friction", "direction_dependent_friction"),
@@ -28,27 +29,29 @@ def pays(before: HeldOut, after: HeldOut) -> bool:
     return fall > max(SMALLEST_GAIN, SURE * error)
 
 
-def contenders(candidates: Sequence[Candidate]) -> list[Candidate]:
+def contenders(before: HeldOut, candidates: Sequence[Candidate]) -> list[Candidate]:
     """The candidates that held-out error cannot tell from the best, the one to prefer first.
 
-    Among them a special case goes before the richer law that contains it.
+    Among them a special case goes before the richer law that contains it, unless the richer one brings a good deal
+    more of the whole fall from `before`.
     """
     ranked = sorted(candidates, key=lambda c: c.held_out.score)
     best = ranked[0]
-    close = [c for c in ranked if not _worse(best, c)]
+    close = [c for c in ranked if not _worse(before, best, c)]
     names = {c.kind.name for c in close}
     richer = {rich for simple in names for rich in NESTED.get(simple, ())}
     plain = [c for c in close if c.kind.name not in richer]
     return plain or close
 
 
-def _worse(best: Candidate, other: Candidate) -> bool:
+def _worse(before: HeldOut, best: Candidate, other: Candidate) -> bool:
     """Whether held-out motion tells two candidates apart, or training motion does and held-out does not object."""
     fall, error = gain(other.held_out, best.held_out)
-    if fall > max(TIE, 2.0 * error):
+    least = max(TIE, 2.0 * error)
+    if best.kind.name in NESTED.get(other.kind.name, ()):  # the richer law always fits the training motion better
+        return fall > max(least, RICHER * (before.score - best.held_out.score))
+    if fall > least:
         return True
-    if best.kind.name in NESTED.get(other.kind.name, ()):
-        return False  # the richer law always fits the training motion better
     trained = score(other.trained) - score(best.trained)
     return fall > 0.0 and trained > 3.0 * TIE
 

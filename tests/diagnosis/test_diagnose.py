@@ -187,7 +187,8 @@ def test_the_special_case_goes_before_the_richer_law() -> None:
             self.kind = type(name, (), {"name": name})
             self.held_out, self.trained = held(np.array([chi2])), np.array([chi2])
 
-    close = contenders([Fake("stribeck_friction", 1.50), Fake("coulomb_friction", 1.52), Fake("payload", 9.0)])  # type: ignore[list-item]
+    before = held(np.array([99.0]))
+    close = contenders(before, [Fake("stribeck_friction", 1.50), Fake("coulomb_friction", 1.52), Fake("payload", 9.0)])  # type: ignore[list-item]
     assert [c.kind.name for c in close] == ["coulomb_friction"]
-    tie = contenders([Fake("torque_bias", 1.50), Fake("encoder_offset", 1.52)])  # type: ignore[list-item]
+    tie = contenders(before, [Fake("torque_bias", 1.50), Fake("encoder_offset", 1.52)])  # type: ignore[list-item]
     assert len(tie) == 2
