@@ -94,14 +94,16 @@ for name in names:
     assert loaded, "the wheel holds no robot"
 
 
-def test_it_makes_an_environment(installed: Path) -> None:
+def test_it_simulates(installed: Path) -> None:
     code = f"""
-import gymnasium
-import {NAME}
-names = sorted(i for i in gymnasium.registry if i.startswith("EmbodieDreamer/"))
-env = gymnasium.make(names[0])
-env.reset(seed=0)
-env.step(env.action_space.sample())
-env.close()
+import numpy
+from {NAME}.robot import RobotModel
+from {NAME}.simulation.bullet import BulletPlant
+model = RobotModel.load("aloha")
+with BulletPlant(model) as plant:
+    plant.reset(numpy.zeros(14), numpy.zeros(14), numpy.zeros(14))
+    for _ in range(10):
+        plant.step(numpy.zeros(14))
+    assert numpy.isfinite(plant.measured).all()
 """
     run(installed, "-c", code, cwd=installed.parent)

@@ -14,7 +14,7 @@ ALARM = 0.01  # p-value below which a model is called wrong
 SMALLEST_GAIN = 0.1  # fall of the summed log chi2 that an effect must bring to be worth naming
 SURE = 2.5  # standard errors of the gain
 TIE = 0.1  # difference of scores below which two effects are not told apart
-RICHER = 0.1  # share of the whole gain that a richer law must bring beyond its special case
+RICHER = 0.05  # share of the whole gain that a richer law must bring beyond its special case
 EXPLAINED = 0.5  # share of the excess error that the effects together must explain, else "unknown"
 NESTED = {  # the simpler effect is a special case of the richer one
     "coulomb_friction": ("stribeck_friction", "direction_dependent_friction"),

@@ -61,22 +61,26 @@ class Calibration:
                 "rollouts": self.rollouts, "seconds": self.seconds, "converged": self.converged}  # fmt: skip
 
 
+ROLLOUTS = 13  # per parameter; a fit that takes more is creeping along a bend of the cost
+
+
 def fit_least_squares(
     model: RobotModel, recordings: Sequence[Recording], groups: Sequence[str] | None = None, scan: bool = True,
-    iterations: int = 30, tolerance: float = 1e-4, progress: Progress | None = None, budget: int | None = None,
+    iterations: int = 30, tolerance: float = 1e-4, progress: Progress | None = None, budget: float | None = None,
 ) -> tuple[Problem, Fit]:  # fmt: skip
-    """Least squares with a scan of starts.
+    """Least squares with a scan of starts; budget: rollouts after which no further step is begun.
 
     The rule between two commands is fitted too where neither the model nor the recordings state it.
     """
     unknown = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in recordings)
     problem = Problem(model, recordings, groups, hold="linear" if unknown else None)
     start = scan_starts(problem) if scan else problem.start
+    budget = ROLLOUTS * (len(problem.rows) + 1) if budget is None else budget
     fit = minimise(problem, start, iterations, tolerance, progress, budget)
     if unknown:
         held = Problem(model, recordings, groups, hold="hold")
         held.rollouts = problem.rollouts
-        other = minimise(held, fit.x, iterations, tolerance, progress, budget)
+        other = minimise(held, fit.x, iterations, tolerance, progress, problem.rollouts + budget)
         problem.rollouts = held.rollouts
         if other.cost < fit.cost:
             problem, fit = held, other

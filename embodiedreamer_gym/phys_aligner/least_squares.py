@@ -15,6 +15,7 @@ import numpy as np
 from embodiedreamer_gym.phys_aligner.problem import Problem
 
 HUBER = 3.0  # joint rms beyond which a residual counts linearly
+STRAY = 0.1  # largest share of a joint's samples that are taken for outliers
 DAMPINGS = np.array([0.03, 1.0, 30.0])  # tried at once, relative to the present damping
 Progress = Callable[[str, int, float], None]
 
@@ -37,7 +38,7 @@ class Fit:
 
 def minimise(
     problem: Problem, start: np.ndarray, iterations: int = 30, tolerance: float = 1e-4, progress: Progress | None = None,
-    budget: int | None = None,
+    budget: float = np.inf,
 ) -> Fit:  # fmt: skip
     """Minimise a problem's cost inside its bounds from scaled parameters (m,).
 
@@ -48,7 +49,7 @@ def minimise(
     r, jacobian = problem.jacobian(x)
     converged = False
     for iteration in range(iterations):
-        limit = HUBER * np.maximum(problem.joint_rms(r)[0], 1.0)[problem.joint_of]
+        limit = _limit(problem, r)
         cost = _cost(problem, r, limit)
         if progress is not None:
             progress("least squares", iteration, cost)
@@ -57,28 +58,41 @@ def minimise(
         if tried is None:
             converged = True
             break
-        new, new_residuals, new_cost, damping = tried
+        new, new_cost, damping = tried
         converged = cost - new_cost < tolerance or np.abs(new - x).max() < 1e-6
         x = new
-        spent = budget is not None and problem.rollouts + len(x) + 4 > budget
-        r, jacobian = problem.jacobian(x) if not spent else (new_residuals, jacobian)
-        if converged or spent:
+        r, jacobian = problem.jacobian(x)
+        if converged or problem.rollouts + len(DAMPINGS) + len(x) + 1 > budget:
             break
-    limit = HUBER * np.maximum(problem.joint_rms(r)[0], 1.0)[problem.joint_of]
+    limit = _limit(problem, r)
     return Fit(x, _cost(problem, r, limit), r, jacobian, _weight(problem, r, limit), converged)
 
 
 def _descend(problem, x, r, jacobian, weight, limit, cost, damping):
-    """The best of three damped steps, with larger damping until one descends: x, residuals, cost, damping; or None."""
+    """The best of three damped steps, with larger damping until one descends: x, cost, damping; or None."""
     for _ in range(4):
         trials = np.stack([_step(problem, x, r, jacobian, weight, d * damping) for d in DAMPINGS])
         residuals = problem.residuals(trials)
         costs = [_cost(problem, row, limit) for row in residuals]
         best = int(np.argmin(costs))
         if costs[best] < cost:
-            return trials[best], residuals[best], costs[best], float(np.clip(damping * DAMPINGS[best], 1e-8, 1e8))
+            return trials[best], costs[best], float(np.clip(damping * DAMPINGS[best], 1e-8, 1e8))
         damping *= 100.0
     return None
+
+
+def _limit(problem: Problem, r: np.ndarray) -> np.ndarray:
+    """Size (N,) beyond which a residual counts linearly: three rms of its joint, or of its bulk where a few stray.
+
+    A few: at most one in ten is beyond six times the bulk's size, and they make the rms three times as large.
+    """
+    scale = np.maximum(problem.joint_rms(r)[0], 1.0)
+    for j in range(len(scale)):
+        size = np.abs(r[problem.joint_of == j])
+        bulk = max(1.4826 * float(np.median(size)), 1.0) if len(size) else 1.0
+        if scale[j] > 3.0 * bulk and np.mean(size > 6.0 * bulk) < STRAY:
+            scale[j] = bulk
+    return HUBER * scale[problem.joint_of]
 
 
 def _cost(problem: Problem, r: np.ndarray, limit: np.ndarray) -> float:
