@@ -16,7 +16,7 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 
 HUBER = 3.0  # joint rms beyond which a residual counts linearly
 STRAY = 0.1  # largest share of a joint's samples that are taken for outliers
-DAMPINGS = np.array([0.03, 1.0, 30.0])  # tried at once, relative to the present damping
+DAMPINGS = np.array([0.1, 1.0, 10.0])  # tried at once, relative to the present damping
 Progress = Callable[[str, int, float], None]
 
 
