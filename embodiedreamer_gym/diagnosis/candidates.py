@@ -38,11 +38,6 @@ class Candidate:
         """chi2 (n,) on the training recordings."""
         return self.problem.joint_rms(self.fit.residuals)[0] ** 2
 
-    @property
-    def size(self) -> int:
-        """Number of parameters that the effect brings."""
-        return sum(row.group.split(".")[0] == self.kind.name for row in self.problem.rows)
-
 
 def refit(
     base: RobotModel, screened: Screened, problem: Problem, train: Sequence[Recording], test: Sequence[Recording],

@@ -118,11 +118,6 @@ class Effect:
     def __hash__(self) -> int:
         return hash((self.name, tuple((k, tuple(v.items())) for k, v in self.values.items())))
 
-    @classmethod
-    def siblings(cls) -> tuple[str, ...]:
-        """Names of the effects that a motion may fail to tell from this one."""
-        return cls.confused_with
-
 
 class SignalLaw(Effect):
     """A pure function of a signal: (signal, joint, memory, p) -> (signal, memory).
