@@ -1,8 +1,9 @@
 """Real SO-101: 38 motions of a six-servo arm; what does the simulator lack, and what can it not explain?
 
-python -m benchmarks.real_so101 [--data ../shared/data/so101_sage] [--model so101] [--swap] [--out FILE.json]
+python -m benchmarks.real_so101 [--data ../shared/data/so101_sage] [--model so101] [--swap] [--ladder] [--out FILE.json]
 
-Data: github.com/isaac-sim2real/sage, commit 4ffd262 (Apache-2.0), not shipped. Every other motion is held out.
+--ladder adds effects by hand and prints each joint's held-out error: how much a delay explains once the servo's own
+damping brings a lag. Data: github.com/isaac-sim2real/sage, commit 4ffd262 (Apache-2.0), not shipped. Every other motion is held out.
 """
 
 from __future__ import annotations
@@ -13,9 +14,26 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import data_folder, pin_threads, save
-from embodiedreamer_gym.diagnosis import diagnose
+from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose
 from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight
 from embodiedreamer_gym.robot import RobotModel
+
+LADDER = (("command_delay",), ("coulomb_friction",), ("coulomb_friction", "command_delay"), ("stribeck_friction",))
+
+
+def ladder(model: RobotModel, train: Recordings, test: Recordings) -> list[dict]:
+    """Held-out error of each joint with effects added by hand, everything fitted again each time."""
+    rows = []
+    for names in LADDER:
+        fitted = model
+        for name in names:
+            fitted = add_effect(fitted, name, train, test).after.model
+        rms = compare(fitted, test).joint_rms[0]
+        lag = fitted.damping / fitted.stiffness
+        rows.append({"effects": names, "joint_rms": rms.tolist(), "lag": lag.tolist()})
+        print(f"{' + '.join(names):<34}{1e3 * rms.mean():6.1f} mrad  ({', '.join(f'{1e3 * x:.1f}' for x in rms)})  "
+              f"d/p {', '.join(f'{1e3 * x:.0f}' for x in lag)} ms", flush=True)  # fmt: skip
+    return rows
 
 
 def main() -> None:
@@ -24,6 +42,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=data_folder("so101_sage"))
     parser.add_argument("--model", default="so101")
     parser.add_argument("--swap", action="store_true", help="exchange the training and the held-out motions")
+    parser.add_argument("--ladder", action="store_true", help="add effects by hand instead of a diagnosis")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
     pin_threads()
@@ -34,6 +53,9 @@ def main() -> None:
     raw = np.sqrt(np.mean(np.concatenate([(r.position - r.command) ** 2 for r in test]), axis=0))
     print(f"{len(train)} motions to learn from, {len(test)} held out, {sum(r.duration for r in logs):.0f} s")
     print(f"held-out position minus command: {1e3 * raw.mean():.1f} mrad ({', '.join(f'{1e3 * x:.1f}' for x in raw)})")
+    if arguments.ladder:
+        save(ladder(RobotModel.load(arguments.model), train, test), arguments.out)
+        return
     found = diagnose(RobotModel.load(arguments.model), train, test, progress=show)
     print(found)
     save({"raw": raw.tolist(), **found.as_dict()}, arguments.out)

@@ -14,7 +14,7 @@ from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, Ranked, summarise
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain
 from embodiedreamer_gym.diagnosis.null import Null, draw_null
 from embodiedreamer_gym.diagnosis.screen import SEEN_SHARE, Screened, grounds, screen
-from embodiedreamer_gym.diagnosis.verdict import ALARM, EXPLAINED, contenders, pays, total_explained
+from embodiedreamer_gym.diagnosis.verdict import ALARM, EXPLAINED, contenders, mends, pays, total_explained
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner import Calibration
@@ -89,7 +89,7 @@ def diagnose(
     current, held = (calibrated.model, problem, fit), base
     while len(steps) < max_effects and (p_value if not steps else null.p_value(held.score)) < ALARM:
         candidates = _candidates(search, *current, held, null, first=not steps)
-        worthy = [c for c in candidates if pays(held, c.held_out)]
+        worthy = [c for c in candidates if pays(held, c.held_out) and (not steps or mends(held, c.held_out, null.chi2))]
         if candidates and closest is None:
             closest = min(candidates, key=lambda c: c.held_out.score)
         if not worthy:

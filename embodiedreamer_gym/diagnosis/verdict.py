@@ -29,6 +29,11 @@ def pays(before: HeldOut, after: HeldOut) -> bool:
     return fall > max(SMALLEST_GAIN, SURE * error)
 
 
+def mends(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
+    """Whether a further effect explains most of what is left: one that takes a little off is a stopgap, not a cause."""
+    return total_explained(before, after, null) >= EXPLAINED
+
+
 def contenders(before: HeldOut, candidates: Sequence[Candidate]) -> list[Candidate]:
     """The candidates that held-out error cannot tell from the best, the one to prefer first.
 

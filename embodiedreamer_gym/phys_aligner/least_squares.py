@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.robust import huber_limit, robust_cost, robust_weight
 
-HUBER = 3.0  # joint rms beyond which a residual counts linearly
-STRAY = 0.1  # largest share of a joint's samples that are taken for outliers
 DAMPINGS = np.array([0.1, 1.0, 10.0])  # tried at once, relative to the present damping
 Progress = Callable[[str, int, float], None]
 
@@ -49,11 +48,11 @@ def minimise(
     r, jacobian = problem.jacobian(x)
     converged = False
     for iteration in range(iterations):
-        limit = _limit(problem, r)
-        cost = _cost(problem, r, limit)
+        limit = huber_limit(problem, r)
+        cost = robust_cost(problem, r, limit)
         if progress is not None:
             progress("least squares", iteration, cost)
-        weight = _weight(problem, r, limit)
+        weight = robust_weight(problem, r, limit)
         tried = _descend(problem, x, r, jacobian, weight, limit, cost, damping)
         if tried is None:
             converged = True
@@ -64,16 +63,16 @@ def minimise(
         r, jacobian = problem.jacobian(x)
         if converged or problem.rollouts + len(DAMPINGS) + len(x) + 1 > budget:
             break
-    limit = _limit(problem, r)
-    return Fit(x, _cost(problem, r, limit), r, jacobian, _weight(problem, r, limit), converged)
+    limit = huber_limit(problem, r)
+    return Fit(x, robust_cost(problem, r, limit), r, jacobian, robust_weight(problem, r, limit), converged)
 
 
 def _descend(problem, x, r, jacobian, weight, limit, cost, damping):
     """The best of three damped steps, with larger damping until one descends: x, cost, damping; or None."""
     for _ in range(4):
-        trials = np.stack([_step(problem, x, r, jacobian, weight, d * damping) for d in DAMPINGS])
+        trials = np.stack([damped_step(problem, x, r, jacobian, weight, d * damping) for d in DAMPINGS])
         residuals = problem.residuals(trials)
-        costs = [_cost(problem, row, limit) for row in residuals]
+        costs = [robust_cost(problem, row, limit) for row in residuals]
         best = int(np.argmin(costs))
         if costs[best] < cost:
             return trials[best], costs[best], float(np.clip(damping * DAMPINGS[best], 1e-8, 1e8))
@@ -81,36 +80,7 @@ def _descend(problem, x, r, jacobian, weight, limit, cost, damping):
     return None
 
 
-def _limit(problem: Problem, r: np.ndarray) -> np.ndarray:
-    """Size (N,) beyond which a residual counts linearly: three rms of its joint, or of its bulk where a few stray.
-
-    A few: at most one in ten is beyond six times the bulk's size, and they make the rms three times as large.
-    """
-    scale = np.maximum(problem.joint_rms(r)[0], 1.0)
-    for j in range(len(scale)):
-        size = np.abs(r[problem.joint_of == j])
-        bulk = max(1.4826 * float(np.median(size)), 1.0) if len(size) else 1.0
-        if scale[j] > 3.0 * bulk and np.mean(size > 6.0 * bulk) < STRAY:
-            scale[j] = bulk
-    return HUBER * scale[problem.joint_of]
-
-
-def _cost(problem: Problem, r: np.ndarray, limit: np.ndarray) -> float:
-    """Mean over joints of log(1 + mean Huber loss): r^2 inside the limit, linear outside."""
-    size = np.abs(r)
-    loss = np.where(size <= limit, r**2, limit * (2 * size - limit))
-    return float(np.mean(np.log1p(problem.joint_mean(loss)[problem.joint_counts > 0])))
-
-
-def _weight(problem: Problem, r: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """Square root of each residual's weight (N,): Huber's, and one over its joint's size."""
-    size = np.abs(r)
-    loss = np.where(size <= limit, r**2, limit * (2 * size - limit))
-    joint = 2.0 / (1.0 + problem.joint_mean(loss))
-    return np.sqrt(np.minimum(1.0, limit / np.maximum(size, 1e-300)) * joint[problem.joint_of])
-
-
-def _step(
+def damped_step(
     problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray, w: np.ndarray, damping: float
 ) -> np.ndarray:  # fmt: skip
     """A damped Gauss-Newton step kept inside the bounds: parameters that would leave are fixed there, one pass each."""

@@ -1,4 +1,4 @@
-"""From which size on a residual counts as an outlier."""
+"""A cost that outliers, and a joint that no parameter can explain, do not rule."""
 
 from __future__ import annotations
 
@@ -6,19 +6,34 @@ import numpy as np
 
 from embodiedreamer_gym.phys_aligner.problem import Problem
 
-HUBER = 3.0  # robust standard deviations of a joint beyond which a residual counts linearly
-SHARE = 0.8  # of the residuals that set the size: blind to a fifth of outliers, yet sees a joint that moves seldom
-NORMAL = 1.2815515655446004  # that quantile of the size of a standard normal number
+HUBER = 3.0  # joint rms beyond which a residual counts linearly
+STRAY = 0.1  # largest share of a joint's samples that are taken for outliers
 
 
 def huber_limit(problem: Problem, r: np.ndarray) -> np.ndarray:
-    """Limit (N,) of residuals (N,) beyond which they count linearly: by joint, never below that of the noise.
+    """Size (N,) beyond which a residual counts linearly: three rms of its joint, or of its bulk where a few stray.
 
-    A root mean square would not do: with 5 % of samples far off it grows until they are no outliers.
+    A few: at most one in ten is beyond six times the bulk's size, and they make the rms three times as large.
     """
-    size = np.ones(problem.model.n)
-    for joint in range(problem.model.n):
-        own = np.abs(r[problem.joint_of == joint])
-        if len(own):
-            size[joint] = max(float(np.quantile(own, SHARE)) / NORMAL, 1.0)
-    return HUBER * size[problem.joint_of]
+    scale = np.maximum(problem.joint_rms(r)[0], 1.0)
+    for j in range(len(scale)):
+        size = np.abs(r[problem.joint_of == j])
+        bulk = max(1.4826 * float(np.median(size)), 1.0) if len(size) else 1.0
+        if scale[j] > 3.0 * bulk and np.mean(size > 6.0 * bulk) < STRAY:
+            scale[j] = bulk
+    return HUBER * scale[problem.joint_of]
+
+
+def robust_cost(problem: Problem, r: np.ndarray, limit: np.ndarray) -> float:
+    """Mean over joints of log(1 + mean Huber loss): r^2 inside the limit, linear outside."""
+    size = np.abs(r)
+    loss = np.where(size <= limit, r**2, limit * (2 * size - limit))
+    return float(np.mean(np.log1p(problem.joint_mean(loss)[problem.joint_counts > 0])))
+
+
+def robust_weight(problem: Problem, r: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Square root of each residual's weight (N,): Huber's, and one over its joint's size."""
+    size = np.abs(r)
+    loss = np.where(size <= limit, r**2, limit * (2 * size - limit))
+    joint = 2.0 / (1.0 + problem.joint_mean(loss))
+    return np.sqrt(np.minimum(1.0, limit / np.maximum(size, 1e-300)) * joint[problem.joint_of])

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from embodiedreamer_gym.errors import CalibrationError
-from embodiedreamer_gym.phys_aligner.least_squares import DAMPINGS, Progress, _cost, _step, _weight
+from embodiedreamer_gym.phys_aligner.least_squares import DAMPINGS, Progress, damped_step
 from embodiedreamer_gym.phys_aligner.problem import Problem
-from embodiedreamer_gym.phys_aligner.robust import huber_limit
+from embodiedreamer_gym.phys_aligner.robust import huber_limit, robust_cost, robust_weight
 from embodiedreamer_gym.phys_aligner.starts import scan_starts
 
 BUDGET = 150
@@ -70,12 +70,12 @@ def trajectory_surrogate(
         if problem.rollouts + len(DAMPINGS) > budget:
             break
         limit = huber_limit(problem, model.residuals)
-        before = _cost(problem, model.residuals, limit)
+        before = robust_cost(problem, model.residuals, limit)
         if progress is not None:
             progress("trajectory surrogate", iteration, before)
         points = np.stack([_descend(problem, model, limit, d * damping) for d in DAMPINGS])
         residuals = problem.residuals(points)
-        costs = [_cost(problem, row, limit) for row in residuals]
+        costs = [robust_cost(problem, row, limit) for row in residuals]
         best = int(np.argmin(costs))
         gain = before - costs[best]
         if model.complete and abs(gain) < tolerance and model.moved < NEAR:
@@ -95,8 +95,8 @@ def trajectory_surrogate(
 
 def _descend(problem: Problem, model: _Model, limit: np.ndarray, damping: float) -> np.ndarray:
     """The model's damped minimum (m,) inside the bounds, at most LONGEST away in each parameter."""
-    weight = _weight(problem, model.residuals, limit)
-    there = _step(problem, model.centre, model.residuals, model.jacobian, weight, damping)
+    weight = robust_weight(problem, model.residuals, limit)
+    there = damped_step(problem, model.centre, model.residuals, model.jacobian, weight, damping)
     return np.clip(there, model.centre - LONGEST, model.centre + LONGEST)
 
 
