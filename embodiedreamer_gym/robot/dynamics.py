@@ -11,18 +11,19 @@ import numpy as np
 
 from embodiedreamer_gym.robot.tree import KinematicTree
 
-LANES = 8  # samples worked on side by side, so that the compiler can use vector instructions
+LANES = (0,) * 8  # samples worked on side by side, so that the compiler can use vector instructions:
+ONE = (0,)  # the length of a tuple is part of its type, hence a constant of the compiled loops
 
 jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 @jit
-def _place(i, x, sin, cos, parent, rotation, origin, axis, prismatic, turned, placed, screw):
+def _place(lanes, i, x, sin, cos, parent, rotation, origin, axis, prismatic, turned, placed, screw):
     """World rotation (9, L) and origin (3, L) of body i at joint values x (L,), and its joint's screw (6, L)."""
     up = parent[i]
     a0, a1, a2 = axis[i, 0], axis[i, 1], axis[i, 2]
     for r in range(3):
-        for l in range(LANES):
+        for l in range(len(lanes)):
             if up < 0:
                 f0, f1, f2 = rotation[i, r, 0], rotation[i, r, 1], rotation[i, r, 2]
                 o = origin[i, r]
@@ -44,7 +45,7 @@ def _place(i, x, sin, cos, parent, rotation, origin, axis, prismatic, turned, pl
                 turned[i, 3 * r, l] = c * f0 + s * (f1 * a2 - f2 * a1) + d * a0
                 turned[i, 3 * r + 1, l] = c * f1 + s * (f2 * a0 - f0 * a2) + d * a1
                 turned[i, 3 * r + 2, l] = c * f2 + s * (f0 * a1 - f1 * a0) + d * a2
-    for l in range(LANES):
+    for l in range(len(lanes)):
         d0, d1, d2 = screw[i, 0, l], screw[i, 1, l], screw[i, 2, l]
         p0, p1, p2 = placed[i, 0, l], placed[i, 1, l], placed[i, 2, l]
         if prismatic[i]:
@@ -55,9 +56,9 @@ def _place(i, x, sin, cos, parent, rotation, origin, axis, prismatic, turned, pl
 
 
 @jit
-def _inertia(i, bodies, mass, moment_b, inertia_b, turned, placed, total):
+def _inertia(lanes, i, bodies, mass, moment_b, inertia_b, turned, placed, total):
     """Mass, first moment and inertia (xx, xy, xz, yy, yz, zz) of body i at the world's origin, (10, L)."""
-    for l in range(LANES):
+    for l in range(len(lanes)):
         b = bodies[l]
         m = mass[b, i]
         t00, t01, t02 = turned[i, 0, l], turned[i, 1, l], turned[i, 2, l]
@@ -84,9 +85,9 @@ def _inertia(i, bodies, mass, moment_b, inertia_b, turned, placed, total):
 
 
 @jit
-def _momentum(i, total, motion, out):
+def _momentum(lanes, i, total, motion, out):
     """Spatial inertia (10, L) of body i times a motion (6, L), angular then linear."""
-    for l in range(LANES):
+    for l in range(len(lanes)):
         m, m0, m1, m2 = total[i, 0, l], total[i, 1, l], total[i, 2, l], total[i, 3, l]
         xx, xy, xz = total[i, 4, l], total[i, 5, l], total[i, 6, l]
         yy, yz, zz = total[i, 7, l], total[i, 8, l], total[i, 9, l]
@@ -101,14 +102,14 @@ def _momentum(i, total, motion, out):
 
 
 @jit
-def _motion(i, up, rate, push, gravity, groups, arm, screw, speed, accel):
+def _motion(lanes, i, up, rate, push, gravity, groups, arm, screw, speed, accel):
     """Velocity and acceleration (6, L) of body i from its parent's; gravity is an acceleration of the world."""
     for r in range(6):
-        for l in range(LANES):
+        for l in range(len(lanes)):
             speed[i, r, l] = screw[i, r, l] * rate[l] + (speed[up, r, l] if up >= 0 else 0.0)
             below = accel[up, r, l] if up >= 0 else (-gravity[groups[l], arm, r - 3] if r >= 3 else 0.0)
             accel[i, r, l] = screw[i, r, l] * push[l] + below
-    for l in range(LANES):
+    for l in range(len(lanes)):
         x = rate[l]
         w0, w1, w2 = speed[i, 0, l], speed[i, 1, l], speed[i, 2, l]
         u0, u1, u2 = speed[i, 3, l], speed[i, 4, l], speed[i, 5, l]
@@ -123,11 +124,11 @@ def _motion(i, up, rate, push, gravity, groups, arm, screw, speed, accel):
 
 
 @jit
-def _force(i, total, speed, accel, momentum, force):
+def _force(lanes, i, total, speed, accel, momentum, force):
     """Force (6, L) that body i needs: inertia times acceleration, and velocity cross momentum."""
-    _momentum(i, total, speed, momentum)
-    _momentum(i, total, accel, force[i])
-    for l in range(LANES):
+    _momentum(lanes, i, total, speed, momentum)
+    _momentum(lanes, i, total, accel, force[i])
+    for l in range(len(lanes)):
         w0, w1, w2 = speed[i, 0, l], speed[i, 1, l], speed[i, 2, l]
         u0, u1, u2 = speed[i, 3, l], speed[i, 4, l], speed[i, 5, l]
         p0, p1, p2 = momentum[0, l], momentum[1, l], momentum[2, l]
@@ -141,55 +142,61 @@ def _force(i, total, speed, accel, momentum, force):
 
 
 @jit
-def _dot(a, b, out):
+def _dot(lanes, a, b, out):
     """Sums (L,) of the products of two spatial vectors (6, L)."""
-    for l in range(LANES):
+    for l in range(len(lanes)):
         out[l] = a[0, l] * b[0, l] + a[1, l] * b[1, l] + a[2, l] * b[2, l]
-    for l in range(LANES):
+    for l in range(len(lanes)):
         out[l] += a[3, l] * b[3, l] + a[4, l] * b[4, l] + a[5, l] * b[5, l]
 
 
 @jit
-def _kernel(q, v, a, parent, rotation, origin, axis, prismatic, coordinate, gain, offset, body_arm,
+def _kernel(lanes, q, v, a, parent, rotation, origin, axis, prismatic, coordinate, gain, offset, body_arm,
             mass, moment_b, inertia_b, gravity, with_matrix, matrix, bias, body_force):  # fmt: skip
     batch, k = q.shape[0], parent.shape[0]
-    turned, placed, screw = np.empty((k, 9, LANES)), np.empty((k, 3, LANES)), np.empty((k, 6, LANES))
-    speed, accel, force = np.empty((k, 6, LANES)), np.empty((k, 6, LANES)), np.empty((k, 6, LANES))
-    total, momentum, along = np.empty((k, 10, LANES)), np.empty((6, LANES)), np.empty(LANES)
-    x, sin, cos, rate, push = (np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES))
-    bodies, groups = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
-    for first in range(0, batch, LANES):
-        count = min(LANES, batch - first)
-        for l in range(LANES):
+    turned, placed, screw = np.empty((k, 9, len(lanes))), np.empty((k, 3, len(lanes))), np.empty((k, 6, len(lanes)))
+    speed, accel, force = np.empty((k, 6, len(lanes))), np.empty((k, 6, len(lanes))), np.empty((k, 6, len(lanes)))
+    total, momentum, along = np.empty((k, 10, len(lanes))), np.empty((6, len(lanes))), np.empty(len(lanes))
+    x, sin, cos, rate, push = (
+        np.empty(len(lanes)),
+        np.empty(len(lanes)),
+        np.empty(len(lanes)),
+        np.empty(len(lanes)),
+        np.empty(len(lanes)),
+    )
+    bodies, groups = np.empty(len(lanes), np.int64), np.empty(len(lanes), np.int64)
+    for first in range(0, batch, len(lanes)):
+        count = min(len(lanes), batch - first)
+        for l in range(len(lanes)):
             b = first + min(l, count - 1)  # the last sample fills the lanes that are left over
             bodies[l], groups[l] = b % mass.shape[0], b % gravity.shape[0]
         for i in range(k):
             c, g = coordinate[i], gain[i]
-            for l in range(LANES):
+            for l in range(len(lanes)):
                 b = first + min(l, count - 1)
                 x[l], rate[l], push[l] = g * q[b, c] + offset[i], g * v[b, c], g * a[b, c]
                 sin[l], cos[l] = np.sin(x[l]), np.cos(x[l])
-            _place(i, x, sin, cos, parent, rotation, origin, axis, prismatic, turned, placed, screw)
-            _inertia(i, bodies, mass, moment_b, inertia_b, turned, placed, total)
-            _motion(i, parent[i], rate, push, gravity, groups, body_arm[i], screw, speed, accel)
-            _force(i, total, speed, accel, momentum, force)
+            _place(lanes, i, x, sin, cos, parent, rotation, origin, axis, prismatic, turned, placed, screw)
+            _inertia(lanes, i, bodies, mass, moment_b, inertia_b, turned, placed, total)
+            _motion(lanes, i, parent[i], rate, push, gravity, groups, body_arm[i], screw, speed, accel)
+            _force(lanes, i, total, speed, accel, momentum, force)
         bias[first : first + count] = 0.0
         if with_matrix:
             matrix[first : first + count] = 0.0
         for i in range(k - 1, -1, -1):
             c, g, up = coordinate[i], gain[i], parent[i]
-            _dot(screw[i], force[i], along)
+            _dot(lanes, screw[i], force[i], along)
             for l in range(count):
                 body_force[first + l, i] = along[l]
                 bias[first + l, c] += g * along[l]
             if with_matrix:
-                _momentum(i, total, screw, momentum)
-                _dot(screw[i], momentum, along)
+                _momentum(lanes, i, total, screw, momentum)
+                _dot(lanes, screw[i], momentum, along)
                 for l in range(count):
                     matrix[first + l, c, c] += g * g * along[l]
                 above = up
                 while above >= 0:
-                    _dot(screw[above], momentum, along)
+                    _dot(lanes, screw[above], momentum, along)
                     d, both = coordinate[above], g * gain[above]
                     for l in range(count):
                         matrix[first + l, c, d] += both * along[l]
@@ -197,12 +204,16 @@ def _kernel(q, v, a, parent, rotation, origin, axis, prismatic, coordinate, gain
                     above = parent[above]
             if up >= 0:
                 for r in range(6):
-                    for l in range(LANES):
+                    for l in range(len(lanes)):
                         force[up, r, l] += force[i, r, l]
                 if with_matrix:
                     for r in range(10):
-                        for l in range(LANES):
+                        for l in range(len(lanes)):
                             total[up, r, l] += total[i, r, l]
+
+
+def _lanes(batch: int) -> tuple[int, ...]:
+    return ONE if batch == 1 else LANES
 
 
 class RigidBodies:
@@ -222,7 +233,7 @@ class RigidBodies:
         batch, n = q.shape
         matrix, bias = np.empty((batch, n, n)), np.empty((batch, n))
         force = np.empty((batch, self.tree.bodies))
-        _kernel(q, v, np.zeros_like(q), *self._fixed, mechanics.mass, mechanics.first_moment, mechanics.inertia,
+        _kernel(_lanes(batch), q, v, np.zeros_like(q), *self._fixed, mechanics.mass, mechanics.first_moment, mechanics.inertia,
                 mechanics.gravity, True, matrix, bias, force)  # fmt: skip
         return matrix, bias
 
@@ -230,6 +241,6 @@ class RigidBodies:
         """Torque (B, n) that makes the acceleration a, and the same for each body's joint (B, k)."""
         batch, n = q.shape
         torque, force = np.empty((batch, n)), np.empty((batch, self.tree.bodies))
-        _kernel(q, v, a, *self._fixed, mechanics.mass, mechanics.first_moment, mechanics.inertia,
+        _kernel(_lanes(batch), q, v, a, *self._fixed, mechanics.mass, mechanics.first_moment, mechanics.inertia,
                 mechanics.gravity, False, np.empty((1, 1, 1)), torque, force)  # fmt: skip
         return torque, force
