@@ -82,12 +82,12 @@ def diagnose(
     search.progress("null distribution", 0, base.error)
     null = draw_null(calibrated.model, fit, problem, test, search.rng)
     search.rollouts += null.rollouts
-    p_value = null.p_value(base.score)
+    p_value = null.p_value(base.chi2)
     steps: list[Candidate] = []
     tie: list[Candidate] = []
     closest: Candidate | None = None
     current, held = (calibrated.model, problem, fit), base
-    while len(steps) < max_effects and (p_value if not steps else null.p_value(held.score)) < ALARM:
+    while len(steps) < max_effects and (p_value if not steps else null.p_value(held.chi2)) < ALARM:
         candidates = _candidates(search, *current, held, null, first=not steps)
         worthy = [c for c in candidates if pays(held, c.held_out) and (not steps or mends(held, c.held_out, null.chi2))]
         if candidates and closest is None:

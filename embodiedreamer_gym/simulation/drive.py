@@ -13,7 +13,7 @@ from embodiedreamer_gym.effects import Effect, JointState, Mechanics, MechanicsC
 from embodiedreamer_gym.effects.effect import STAGES
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.model import GRAVITY, SERVO_GROUPS
-from embodiedreamer_gym.simulation.solve import solve_step
+from embodiedreamer_gym.simulation.solve import end_stops, solve_step
 
 TIME_STEP = 1.0 / 240.0  # s, the environment's own
 UNLIMITED = 1e12  # N m or rad/s
@@ -68,6 +68,12 @@ class Drive:
         self._before = self.velocity
         self.torque = np.zeros_like(self.position)
         self.measured = np.array(measured, float)
+        self._free = self._unlimited()
+
+    def _unlimited(self) -> tuple[np.ndarray, ...]:
+        """Friction's torque forward and backward, the drive's limits and the joints a law holds, where there are none."""
+        shape = self.position.shape
+        return np.zeros(shape), np.zeros(shape), np.full((5, *shape), UNLIMITED), np.zeros(shape, np.bool_)
 
     def accelerate(self, command: np.ndarray) -> np.ndarray:
         """Acceleration (B, n) of this step under the command (B, n); sets `measured` and `torque` of this instant."""
@@ -81,14 +87,15 @@ class Drive:
         load = self._pass("load", np.zeros_like(position), joint)
         servo = self._servo
         pull = servo["stiffness"] * error
-        wanted = self.torque if self._laws["drive"] else pull - servo["damping"] * now
-        forward, backward, limits = self._budget(joint, wanted)
-        slowest = np.minimum((self._lower - position) / dt, 0.0)
-        fastest = np.maximum((self._upper - position) / dt, 0.0)
+        forward, backward, limits, fixed = self._free
+        if self._budgets:
+            wanted = self.torque if self._laws["drive"] else pull - servo["damping"] * now
+            forward, backward, limits = self._budget(joint, wanted)
+        slowest, fastest = end_stops(position, self._lower, self._upper, dt)
         mass, bias = self.model.bodies.mass_matrix_and_bias(position, now, self.mechanics)
         acceleration, torque = np.empty_like(position), np.empty_like(position)
         impulse = self._impulse.copy()
-        fixed, fixed_torque = np.zeros(position.shape, np.bool_), torque
+        fixed_torque = torque
 
         def solve() -> None:
             solve_step(mass, bias, velocity, pull, servo["stiffness"], servo["damping"], servo["viscous_friction"],
@@ -106,6 +113,14 @@ class Drive:
         self._impulse, self.torque = impulse, torque
         return acceleration
 
+    def read(self) -> np.ndarray:
+        """What the sensors (B, n) see of the present position; no memory moves on."""
+        joint = JointState(self.position, self.velocity, self.torque, self.dt, self.time)
+        signal = self.position
+        for effect, p in self._laws["sensor"]:
+            signal, _ = effect.law(signal, joint, self._memory[self._index[id(effect)]], p)
+        return np.array(signal, float)
+
     def advance(self, acceleration: np.ndarray) -> None:
         """Move freely for one step, as PyBullet would: v += a dt, q += v dt."""
         self.velocity = self.velocity + acceleration * self.dt
@@ -119,6 +134,7 @@ class Drive:
         self.rollouts, self.batch = rollouts, b
         for name in ("position", "velocity", "torque", "measured", "_impulse", "_before"):
             setattr(self, name, getattr(self, name)[:b])
+        self._free = self._unlimited()
         self._servo = {k: v[:b] for k, v in self._servo.items()}
         for _, p in [*(law for laws in self._laws.values() for law in laws), *self._budgets]:
             for key, value in vars(p).items():

@@ -83,6 +83,17 @@ def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, l
 
 
 @jit
+def end_stops(position, lower, upper, dt):
+    """Slowest and fastest speed (B, n) that do not pass the end stops (n,) within a step from the positions (B, n)."""
+    slowest, fastest = np.empty_like(position), np.empty_like(position)
+    for b in range(position.shape[0]):
+        for i in range(position.shape[1]):
+            slowest[b, i] = min((lower[i] - position[b, i]) / dt, 0.0)
+            fastest[b, i] = max((upper[i] - position[b, i]) / dt, 0.0)
+    return slowest, fastest
+
+
+@jit
 def _drive(state, i, b, pull, damping, fixed_torque, limits, give, slope):
     """The drive's torque as give - slope * mean velocity, in each of its states."""
     if state == FREE:

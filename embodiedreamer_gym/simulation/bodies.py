@@ -1,0 +1,123 @@
+"""A robot model as the bodies PyBullet simulates: one URDF for each arm, and the rotors' inertia for its links.
+
+An arm of its own is a fifth faster than a body with two arms, and arms of different bodies collide. In free motion the
+torque of each step undoes whatever inertia the bodies have; in contact a link must resist as its geared rotor does, or a
+gripper would close on a cup with a sixth of its force. PyBullet takes no inertia about one axis alone (it breaks the
+triangle rule), so a rotor adds to all three.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from embodiedreamer_gym.effects import Mechanics
+from embodiedreamer_gym.robot import RobotModel
+
+FIXED = "fixed"
+
+
+@dataclass(frozen=True)
+class ArmBody:
+    """One body for PyBullet: its URDF and the links to which that gives no mass (PyBullet would make it 1 kg)."""
+
+    urdf: str
+    weightless: frozenset[str]
+
+
+def arm_bodies(model: RobotModel) -> tuple[ArmBody, ...]:
+    """URDF of each arm, cut where the arms leave the static part of the robot; meshes by absolute path."""
+    text = model.urdf.read_text(encoding="utf-8")
+    root = ElementTree.fromstring(text)
+    _absolute_meshes(root, model.urdf.parent)
+    return tuple(ArmBody(_write(part), _weightless(part)) for part in _cut(root))
+
+
+def bullet_mechanics(model: RobotModel) -> Mechanics:
+    """Masses and inertias of those bodies: the URDF's, and each rotor's share on the link that it moves."""
+    tree, rotor = model.tree, rotors(model)
+    mechanics = model.nominal_mechanics
+    mass, moment, inertia = mechanics.mass.copy(), mechanics.first_moment.copy(), mechanics.inertia.copy()
+    for b, share in enumerate(rotor):
+        if tree.prismatic[b]:
+            centre = tree.first_moment[b] / tree.mass[b]
+            mass[0, b] += share
+            moment[0, b] += share * centre
+            inertia[0, b] += share * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+        else:
+            inertia[0, b] += share * np.eye(3)
+    return replace(mechanics, mass=mass, first_moment=moment, inertia=inertia)
+
+
+def rotors(model: RobotModel) -> np.ndarray:
+    """Share (k,) of the rotor inertia that each moving body carries, kg m^2 or, sliding, kg."""
+    tree = model.tree
+    whole = np.bincount(tree.coordinate, tree.gain**2, minlength=model.n)
+    return model.rotor_inertia[tree.coordinate] / whole[tree.coordinate]
+
+
+def _cut(root: Element) -> Iterator[Element]:
+    """The robot once for each branch of moving links; a static link's shapes go with the branch that grows on it."""
+    joints = root.findall("joint")
+    children: dict[str, list[Element]] = {}
+    for joint in joints:
+        children.setdefault(_end(joint, "parent"), []).append(joint)
+    above = {_end(j, "child"): j for j in joints}
+    static = {str(link.get("name")) for link in root.findall("link")} - set(above)
+    branches: list[set[str]] = []
+    owners: dict[str, list[int]] = {}
+    waiting = sorted(static)
+    while waiting:
+        link = waiting.pop(0)
+        for joint in children.get(link, []):
+            if joint.get("type") == FIXED:
+                static.add(_end(joint, "child"))
+                waiting.append(_end(joint, "child"))
+            else:
+                branches.append(_below(_end(joint, "child"), children))
+                foot: str | None = link
+                while foot is not None:
+                    owners.setdefault(foot, []).append(len(branches) - 1)
+                    foot = _end(above[foot], "parent") if foot in above else None
+    for number, branch in enumerate(branches):
+        part = ElementTree.fromstring(ElementTree.tostring(root))
+        for joint in part.findall("joint"):
+            if _end(joint, "child") not in branch | static:
+                part.remove(joint)
+        for link in part.findall("link"):
+            name = str(link.get("name"))
+            if name not in branch | static:
+                part.remove(link)
+            elif name in static and owners.get(name, [0])[0] != number:
+                for shape in (*link.findall("visual"), *link.findall("collision")):
+                    link.remove(shape)
+        yield part
+
+
+def _below(link: str, children: dict[str, list[Element]]) -> set[str]:
+    return {link}.union(*(_below(_end(joint, "child"), children) for joint in children.get(link, [])))
+
+
+def _absolute_meshes(root: Element, folder: Path) -> None:
+    for mesh in root.iter("mesh"):
+        name = str(mesh.get("filename", ""))
+        if "://" not in name and not Path(name).is_absolute():
+            mesh.set("filename", str(folder / name))
+
+
+def _weightless(root: Element) -> frozenset[str]:
+    return frozenset(str(link.get("name")) for link in root.iter("link") if link.find("inertial/mass") is None)
+
+
+def _end(joint: Element, which: str) -> str:
+    end = joint.find(which)
+    return "" if end is None else str(end.get("link"))
+
+
+def _write(root: Element) -> str:
+    return ElementTree.tostring(root, encoding="unicode")
