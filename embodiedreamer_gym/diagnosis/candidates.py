@@ -74,8 +74,9 @@ def prune(
 ) -> Candidate:  # fmt: skip
     """Keep the effect only on the joints (or arms) where switching it off costs held-out score, and refit.
 
-    A joint stays when switching it off alone loses more than `share` of what the dearest joint loses. The smaller
-    effect is taken unless it does worse on the held-out recordings.
+    A joint stays when switching it off alone loses more than `share` of what the dearest joint loses, both as it stands
+    and if all other parameters could answer (linearly). The smaller effect is taken unless it does worse on the held-out
+    recordings.
     """
     kind, model = candidate.kind, candidate.model
     effect = next(e for e in model.effects if e.name == kind.name)
@@ -90,7 +91,7 @@ def prune(
             if place in names:
                 values[f"{kind.name}.{p.name}"] = {place: float(model.parameter_off(p)[names.index(place)])}
         off = evaluate(model.with_values(values), test, candidate.problem.hold)
-        losses.append(off.score - candidate.held_out.score)
+        losses.append(min(off.score - candidate.held_out.score, _answered_loss(candidate, place)))
     dearest = max(losses)
     keep = [p for p, loss in zip(places, losses, strict=True) if loss > max(share * dearest, TRIFLE)]
     spent = candidate.rollouts + len(places)
@@ -106,6 +107,26 @@ def prune(
     if held_out.score > candidate.held_out.score + TRIFLE * (len(places) - len(keep)):
         return replace(candidate, rollouts=spent)
     return Candidate(kind, fitted, new, fit, held_out, spent)
+
+
+def _answered_loss(candidate: Candidate, place: str) -> float:
+    """Loss of training score when the effect is switched off on one joint (or arm) and the other parameters answer.
+
+    Half the squared distance from off in units of the estimate's covariance, whose Hessian is that of the sum over
+    joints of log(1 + chi2). An effect that is off at a bound far away (a limit) looks dearer than it is.
+    """
+    problem, fit = candidate.problem, candidate.fit
+    rows = [
+        (i, r) for i, r in enumerate(problem.rows) if r.joint == place and r.group.startswith(f"{candidate.kind.name}.")
+    ]
+    own = np.array([i for i, _ in rows], int)
+    off = problem.scale(np.array([r.value if r.off is None else r.off for r in problem.rows]))[own]
+    weighted = fit.jacobian * (fit.weight / np.sqrt(problem.joint_counts[problem.joint_of]))[:, None]
+    free = (fit.x > problem.lower + 1e-9) & (fit.x < problem.upper - 1e-9)
+    free[own] = False
+    own_part, others = weighted[:, own], weighted[:, free]
+    left = own_part - others @ np.linalg.lstsq(others, own_part, rcond=1e-6)[0]
+    return 0.5 * float(np.sum((left @ (fit.x[own] - off)) ** 2))
 
 
 def polish(candidate: Candidate, test: Sequence[Recording]) -> Candidate:
