@@ -19,19 +19,20 @@ class CommandDelay(SignalLaw):
 
     @staticmethod
     def start(signal, p, dt):
-        """A line (B, n, k) full of the first command, and the place where the next one goes."""
-        slots = int(np.ceil(np.max(p.seconds) / dt)) + 2
-        return np.repeat(signal[..., None], slots, axis=-1), -1
+        """A line (B, n, k) full of the first command, the place where the next one goes, and each delay in steps."""
+        steps = np.array(np.broadcast_to(p.seconds / dt, signal.shape))
+        slots = int(np.ceil(np.max(steps))) + 2
+        first = np.arange(signal.size).reshape(signal.shape) * slots  # of each joint's line, in the flat array
+        whole = np.floor(steps).astype(np.intp)
+        return np.repeat(signal[..., None], slots, axis=-1), -1, first, whole, steps - whole
 
     @staticmethod
     def law(signal, joint, memory, p):
         """Linear interpolation between the two neighbours on the line."""
-        line, head = memory
+        line, head, first, whole, share = memory
         slots = line.shape[-1]
         head = (head + 1) % slots
         line[..., head] = signal
-        steps = np.broadcast_to(p.seconds / joint.dt, signal.shape)
-        whole = np.floor(steps).astype(np.intp)
-        later = np.take_along_axis(line, ((head - whole) % slots)[..., None], -1)[..., 0]
-        earlier = np.take_along_axis(line, ((head - whole - 1) % slots)[..., None], -1)[..., 0]
-        return later + (steps - whole) * (earlier - later), (line, head)
+        later = line.take(first + (head - whole) % slots)
+        earlier = line.take(first + (head - whole - 1) % slots)
+        return later + share * (earlier - later), (line, head, first, whole, share)

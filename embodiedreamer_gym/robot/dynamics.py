@@ -224,6 +224,7 @@ class RigidBodies:
 
     def __init__(self, tree: KinematicTree) -> None:
         self.tree = tree
+        self._still = np.zeros((0, 0))
         branch = tree.arm[tree.coordinate]
         self._fixed = (tree.parent, tree.rotation, tree.origin, tree.axis, tree.prismatic, tree.coordinate,
                        tree.gain, tree.offset, branch)  # fmt: skip
@@ -233,7 +234,10 @@ class RigidBodies:
         batch, n = q.shape
         matrix, bias = np.empty((batch, n, n)), np.empty((batch, n))
         force = np.empty((batch, self.tree.bodies))
-        _kernel(_lanes(batch), q, v, np.zeros_like(q), *self._fixed, mechanics.mass, mechanics.first_moment, mechanics.inertia,
+        still = self._still  # a local name: threads of other batches may put theirs in its place
+        if still.shape != q.shape:
+            still = self._still = np.zeros_like(q)
+        _kernel(_lanes(batch), q, v, still, *self._fixed, mechanics.mass, mechanics.first_moment, mechanics.inertia,
                 mechanics.gravity, True, matrix, bias, force)  # fmt: skip
         return matrix, bias
 

@@ -44,6 +44,8 @@ class BulletPlant:
         self.model, self.dt = model, dt
         self._own = client is None
         self.client = BulletClient(pybullet.DIRECT) if client is None else client
+        self._joint_states, self._drive_joints = self.client.getJointStates, self.client.setJointMotorControlArray
+        self._advance = self.client.stepSimulation  # looked up once: the client builds them anew at each call
         self.client.setTimeStep(dt)
         self.client.setGravity(0.0, 0.0, -9.81)
         self.links: dict[str, tuple[int, int]] = {}
@@ -142,14 +144,14 @@ class BulletPlant:
         _, force = self.model.bodies.inverse_dynamics(drive.position, drive.velocity, acceleration, self._mechanics)
         forces = (force[0] - linkage)[self._order].tolist()
         for body, ids, rows in self._calls:
-            self.client.setJointMotorControlArray(body, ids, pybullet.TORQUE_CONTROL, forces=forces[rows])
-        self.client.stepSimulation()
+            self._drive_joints(body, ids, pybullet.TORQUE_CONTROL, forces=forces[rows])
+        self._advance()
         drive.time += self.dt
         return acceleration[0]
 
     def _read(self) -> np.ndarray:
         """Take PyBullet's joints over into the drive; the forces (k,) that are to hold linked joints together."""
-        states = [s for body, ids, _ in self._calls for s in self.client.getJointStates(body, ids)]
+        states = [s for body, ids, _ in self._calls for s in self._joint_states(body, ids)]
         q = self._read_q @ np.array([s[0] for s in states]) - self._shift
         v = self._read_v @ np.array([s[1] for s in states])
         n = self.model.n

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,7 +12,7 @@ from embodiedreamer_gym.effects import Effect, JointState, Mechanics, MechanicsC
 from embodiedreamer_gym.effects.effect import STAGES
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.model import GRAVITY, SERVO_GROUPS
-from embodiedreamer_gym.simulation.solve import end_stops, solve_step
+from embodiedreamer_gym.simulation.solve import end_stops, solve_step, tightened, within_limits
 
 TIME_STEP = 1.0 / 240.0  # s, the environment's own
 UNLIMITED = 1e12  # N m or rad/s
@@ -84,7 +83,7 @@ class Drive:
         self.measured = self._pass("sensor", position, joint)
         heard = self._pass("command", command, joint)
         error = self._pass("servo", heard - self.measured, joint)
-        load = self._pass("load", np.zeros_like(position), joint)
+        load = self._pass("load", self._free[0], joint)
         servo = self._servo
         pull = servo["stiffness"] * error
         forward, backward, limits, fixed = self._free
@@ -152,21 +151,23 @@ class Drive:
 
         wanted: the servo's torque (B, n) at this instant; what the limits leave of it loads the gears.
         """
-        forward, backward = np.zeros_like(joint.position), np.zeros_like(joint.position)
-        limits = np.full((5, *joint.position.shape), UNLIMITED)
+        forward, backward, limits, _ = self._free
+        shape = joint.position.shape
         for effect, p in self._budgets:
             given = effect.drive(joint, p)
             if given is not None:
-                limits = np.minimum(limits, np.stack(np.broadcast_arrays(*given)))
-        if self._budgets:
-            top = np.minimum(limits[0], limits[4] * (1.0 - joint.velocity / limits[2]))
-            bottom = np.minimum(limits[1], limits[4] * (1.0 + joint.velocity / limits[3]))
-            joint = replace(joint, torque=np.clip(wanted, -bottom, top))
+                limits = tightened(limits, tuple(x if x.shape == shape else _spread(x, shape) for x in given))
+        limited = within_limits(wanted, joint.velocity, limits)
+        joint = JointState(joint.position, joint.velocity, limited, joint.dt, joint.time)
         for effect, p in self._budgets:
             taken = effect.friction(joint, p)
             if taken is not None:
                 forward, backward = forward + taken[0], backward + taken[1]
         return forward, backward, limits
+
+
+def _spread(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    return np.ascontiguousarray(np.broadcast_to(values, shape))
 
 
 def _tile(values: np.ndarray, rollouts: int) -> np.ndarray:

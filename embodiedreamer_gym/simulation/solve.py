@@ -94,6 +94,30 @@ def end_stops(position, lower, upper, dt):
 
 
 @jit
+def tightened(limits, given):
+    """The drive's limits (5, B, n) and those of one more effect, five arrays (B, n), taken together."""
+    out = limits.copy()
+    for k in range(5):
+        own = given[k]
+        for b in range(own.shape[0]):
+            for i in range(own.shape[1]):
+                out[k, b, i] = min(out[k, b, i], own[b, i])
+    return out
+
+
+@jit
+def within_limits(wanted, velocity, limits):
+    """A wanted torque (B, n) as far as the drive's limits leave it at a speed (B, n)."""
+    out = np.empty_like(wanted)
+    for b in range(wanted.shape[0]):
+        for i in range(wanted.shape[1]):
+            top = min(limits[0, b, i], limits[4, b, i] * (1.0 - velocity[b, i] / limits[2, b, i]))
+            bottom = min(limits[1, b, i], limits[4, b, i] * (1.0 + velocity[b, i] / limits[3, b, i]))
+            out[b, i] = min(max(wanted[b, i], -bottom), top)
+    return out
+
+
+@jit
 def _drive(state, i, b, pull, damping, fixed_torque, limits, give, slope):
     """The drive's torque as give - slope * mean velocity, in each of its states."""
     if state == FREE:
