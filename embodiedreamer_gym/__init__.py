@@ -1,9 +1,14 @@
-"""Close the gap between a real robot arm and its simulation; names are loaded when they are first used."""
+"""Close the gap between a real robot arm and its simulation; names are loaded when they are first used.
+
+Importing the package registers its environments with Gymnasium.
+"""
 
 from __future__ import annotations
 
 import importlib
 from typing import TYPE_CHECKING, Any
+
+from embodiedreamer_gym.envs import register_envs
 
 if TYPE_CHECKING:
     from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose, where
@@ -63,6 +68,9 @@ def __getattr__(name: str) -> Any:
     value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
     globals()[name] = value
     return value
+
+
+register_envs()
 
 
 def __dir__() -> list[str]:
