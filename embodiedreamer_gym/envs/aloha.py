@@ -1,0 +1,270 @@
+"""The ALOHA environment: one class for all tasks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pybullet
+from gymnasium import spaces
+from gymnasium.utils import EzPickle
+
+from embodiedreamer_gym.envs import observations as observe
+from embodiedreamer_gym.envs.arguments import check_choice, check_size, choose, control_steps, vector, within
+from embodiedreamer_gym.envs.cameras import CAMERAS, Frame, Renderer, load_cameras
+from embodiedreamer_gym.envs.robots import draw_parameters, home, load_robot
+from embodiedreamer_gym.envs.scene import Scene
+from embodiedreamer_gym.envs.tasks import TASKS
+from embodiedreamer_gym.envs.tasks.task import SIDES, Situation
+from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.simulation.world import World
+
+RENDER_SIZE = (640, 480)
+RESET_OPTIONS = ("joint_positions", "joint_velocities", "command")
+
+
+class AlohaEnv(gym.Env, EzPickle):
+    """Two six-joint arms with grippers at a table, run by a calibrated robot model.
+
+    Action (14,): joint targets, left arm's six (rad) and gripper (0 closed .. 1 open), then the right arm's. Between two
+    actions the controller does what the robot model says: it ramps to the action (`linear`) or holds it (`hold`).
+    Reward: minus the distance of the acting arm's end effector to the task's target, m. An episode never ends by itself;
+    `gym.make` cuts it after 300 steps.
+
+    task: a name in TASKS; robot: a built-in robot or a model file; obs_type: state, pixels or pixels_agent_pos; cameras:
+    names, of the file `camera_file` where given; image_size: width, height; control_hz: 50, 40, 30 or 20; renderer:
+    auto, tiny or egl; randomize: None, or "calibration" to draw the robot's parameters from its calibration's
+    intervals at each reset; collisions: False lets the arms pass through everything, to replay logs of free motion.
+    Raises: ModelError, SimulationError or ValueError that names what is allowed.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 30}
+
+    def __init__(
+        self,
+        task: str = "PutCupOnMat",
+        robot: str = "aloha",
+        obs_type: str = "pixels_agent_pos",
+        cameras: tuple[str, ...] = ("head",),
+        camera_file: str | None = None,
+        image_size: tuple[int, int] = (128, 96),
+        control_hz: int = 30,
+        renderer: str = "auto",
+        randomize: str | None = None,
+        render_mode: str | None = None,
+        collisions: bool = True,
+    ) -> None:
+        EzPickle.__init__(self, task, robot, obs_type, cameras, camera_file, image_size, control_hz, renderer,
+                          randomize, render_mode, collisions)  # fmt: skip
+        self.task = TASKS[check_choice("task", task, TASKS)]()
+        self.obs_type = check_choice("obs_type", obs_type, observe.OBS_TYPES)
+        self.randomize = check_choice("randomize", randomize, (None, "calibration"))
+        self.render_mode = check_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        self.image_size = check_size("image_size", image_size)
+        known = CAMERAS if camera_file is None else load_cameras(camera_file)
+        self.cameras = choose("camera", cameras, known)
+        self._render_camera = known["head"] if "head" in known else next(iter(known.values()))
+        dt, self._shares = control_steps(control_hz)
+        self.robot = load_robot(robot)
+        if self.randomize and not self.robot.intervals:
+            raise ModelError(
+                f"randomize='calibration' needs a robot with a calibration's intervals, and {robot} has none; "
+                "calibrate it first, or use randomize=None."
+            )
+        self._client = World()
+        seen = RENDER_SIZE if obs_type == "state" and render_mode else self.image_size
+        self.renderer = Renderer(self._client, renderer, seen)
+        self.scene = Scene(self._client, self.robot, self.task.props, dt, collisions)
+        self._lay_floor()
+        for camera in (*self.cameras.values(), self._render_camera):
+            check_choice(f"link of camera {camera.name}", camera.link, (None, *self.scene.plant.links))
+        self._shares = self._shares[self.robot.command_hold == "hold"][:, None]
+        self.control_hz = int(control_hz)
+        self.metadata = {**self.metadata, "render_fps": self.control_hz, "renderer": self.renderer.name,
+                         "light": self.renderer.light, "command_hold": self.robot.command_hold}  # fmt: skip
+        self.action_space: spaces.Box = observe.action_space(self.robot)  # pyright: ignore[reportIncompatibleVariableOverride]
+        self._joint_space = observe.joint_space(self.robot)
+        self._state_space = observe.state_space(self.robot)
+        self.observation_space = self._space()
+        self._command: np.ndarray | None = None
+        self._arms: dict[str, list[tuple[int, int]]] = dict(zip(SIDES, self.scene.fingers, strict=True))
+
+    # ---- gymnasium ---------------------------------------------------------------------------------------------
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Start an episode: props at random, arms at home, or as the options say.
+
+        options: joint_positions (14,) that the encoders read, joint_velocities (14,), command (14,) heard before the
+        first action; units of the action.
+        Raises: ValueError for another option, or one of another shape or outside what the joints can do.
+        """
+        position, velocity, command = self._beginning(options or {})
+        super().reset(seed=seed)
+        self._side, poses = self.task.place(self.np_random)
+        sets = draw_parameters(self.robot, self.np_random) if self.randomize else None
+        if options:  # arms may begin where they touch the table, of which PyBullet still knows: away from it first
+            rest = home(self.robot)
+            self.scene.reset(rest, np.zeros_like(rest), rest, poses)
+        self.scene.reset(position, velocity, command, poses, sets)
+        self._command = command
+        self._start = poses[self.task.object.name]
+        self._grasped = False
+        self._steps = 0
+        return self._observe()[0:2]
+
+    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Drive the joints to their targets (14,) for one control period.
+
+        Raises: ValueError for an action of another shape, or one that is not finite.
+        """
+        if self._command is None:
+            raise gym.error.ResetNeeded("call reset before the first step.")
+        target = np.clip(vector("action", action, self.robot.n), self.action_space.low, self.action_space.high)
+        step = self.scene.plant.step
+        for command in self._command + self._shares * (target - self._command):
+            step(command)
+        self._command = target
+        self._steps += 1
+        observation, info = self._observe()
+        return observation, -info["distance"], False, False, info
+
+    def render(self) -> np.ndarray | None:
+        """The head camera's picture (480, 640, 3)."""
+        if self.render_mode is None:
+            return None
+        return self.renderer.rgb(self._render_camera, RENDER_SIZE, self._mount(self._render_camera))
+
+    def close(self) -> None:
+        """Close the physics; twice does no harm."""
+        if self._client.isConnected():
+            self.renderer.close()
+            self._client.disconnect()
+
+    # ---- for data sets and experts -----------------------------------------------------------------------------
+
+    @property
+    def task_description(self) -> str:
+        """The task in words, as language-conditioned policies want it."""
+        return self.task.description
+
+    @property
+    def side(self) -> str:
+        """The arm that acts in this episode: left or right.
+
+        Raises: ResetNeeded before the first episode.
+        """
+        if self._command is None:
+            raise gym.error.ResetNeeded("call reset first: which arm acts is drawn there.")
+        return self._side
+
+    @property
+    def segmentation_classes(self) -> tuple[str, ...]:
+        """What the numbers of a segmentation mean."""
+        return self.scene.class_names
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the numbers in the state vector."""
+        return observe.state_names(self.robot)
+
+    def capture(self, camera: str = "head", size: tuple[int, int] | None = None) -> Frame:
+        """Colour (H, W, 3), depth (H, W) m and class numbers (H, W) of one camera; size: width, height.
+
+        Raises: ValueError for an unknown camera.
+        """
+        found = {**CAMERAS, **self.cameras}[check_choice("camera", camera, {**CAMERAS, **self.cameras})]
+        size = self.image_size if size is None else check_size("size", size)
+        return self.renderer.capture(found, size, self._mount(found), self.scene.classes)
+
+    def joint_positions(self) -> np.ndarray:
+        """What the encoders (14,) read at this instant, in the units of the action."""
+        return self.scene.plant.observe()[0]
+
+    def situation(self) -> Situation:
+        """The world at this instant, as the task judges it."""
+        scene, task = self.scene, self.task
+        thing = task.object.name
+        touched = scene.touching(thing)
+        goal = task.goal.name if task.goal else thing
+        fingers = sum(finger in touched for finger in self._arms[self._side])
+        return Situation(
+            side=self._side, base=scene.bases[SIDES.index(self._side)].copy(), tip=scene.tip(SIDES.index(self._side)),
+            object=scene.pose(thing), goal=scene.pose(goal), start=self._start, speed=scene.speed(thing), fingers=fingers,
+            on_goal=(scene.props[goal], -1) in touched, on_table=(scene.table, -1) in touched, grasped=self._grasped,
+        )  # fmt: skip
+
+    # ---- inside ------------------------------------------------------------------------------------------------
+
+    def _lay_floor(self) -> None:
+        """Ground below the table, which no camera draws: what is pushed off would fall for ever."""
+        make = self._client
+        box = make.createCollisionShape(pybullet.GEOM_BOX, halfExtents=(observe.REACH, observe.REACH, 0.1))
+        # Without a visual shape PyBullet would draw the collision shape; this one is a speck inside it.
+        speck = make.createVisualShape(pybullet.GEOM_SPHERE, radius=1e-3)
+        make.createMultiBody(0.0, box, speck, basePosition=(0.0, 0.0, -0.1))
+
+    def _beginning(self, options: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Joint positions, joint velocities and command (14,) that an episode begins with."""
+        for key in options:
+            check_choice("reset option", key, RESET_OPTIONS)
+        n, space = self.robot.n, self._joint_space
+        position = vector("joint_positions", options.get("joint_positions", home(self.robot)), n)
+        velocity = vector("joint_velocities", options.get("joint_velocities", np.zeros(n)), n)
+        command = vector("command", options.get("command", position), n)
+        fastest = np.full(n, observe.FASTEST)
+        within("joint_positions", position, space.low, space.high)
+        return position, within("joint_velocities", velocity, -fastest, fastest), command
+
+    def _space(self) -> spaces.Space:
+        """The observation space of this obs_type."""
+        if self.obs_type == "state":
+            return self._state_space
+        pixels = observe.pixel_space(tuple(self.cameras), self.image_size)
+        if self.obs_type == "pixels":
+            return pixels
+        return spaces.Dict({"pixels": pixels, "agent_pos": self._joint_space})
+
+    def _observe(self) -> tuple[Any, dict[str, Any]]:
+        """Observation and info of this instant."""
+        position, velocity = self.scene.plant.observe()
+        now = self.situation()
+        target = self.task.target(now)
+        self._grasped = self._grasped or self.task.picked_up(now)
+        info = self._info(now, target)
+        return self._assemble(position, velocity, now, target), info
+
+    def _assemble(self, position: np.ndarray, velocity: np.ndarray, now: Situation, target: np.ndarray) -> Any:
+        """The observation of this obs_type."""
+        if self.obs_type == "state":
+            tips = [self.scene.tip(arm).position for arm in range(len(SIDES))]
+            return observe.clipped(observe.state_vector(position, velocity, tips, now, target), self._state_space)
+        pictures = {
+            name: self.renderer.rgb(camera, self.image_size, self._mount(camera))
+            for name, camera in self.cameras.items()
+        }
+        pixels = pictures if len(pictures) > 1 else next(iter(pictures.values()))
+        if self.obs_type == "pixels":
+            return pixels
+        return {"pixels": pixels, "agent_pos": observe.clipped(position, self._joint_space)}
+
+    def _info(self, now: Situation, target: np.ndarray) -> dict[str, Any]:
+        """What is logged beside the reward; keys and types never change."""
+        done = bool(self._grasped and self.task.done(now))
+        return {
+            "is_success": done,
+            "task_success": done,
+            "grasp_success": bool(self._grasped),
+            "distance": float(np.linalg.norm(now.tip.position - target)),
+            "object_distance": float(np.linalg.norm(now.object.position - now.goal.position)),
+            "contacts": int(now.fingers),
+            "sim_time": self._steps / self.control_hz,
+            "side": now.side,
+        }
+
+    def _mount(self, camera) -> tuple[np.ndarray, np.ndarray] | None:
+        """Pose of the link that carries a camera."""
+        if camera.link is None:
+            return None
+        pose = self.scene.link_pose(camera.link)
+        return pose.position, pose.quaternion

@@ -1,0 +1,88 @@
+"""Checks of what a user hands to an environment; each message lists what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+
+from embodiedreamer_gym.errors import SimulationError
+
+Thing = TypeVar("Thing")
+
+RATES = {50: 250, 40: 240, 30: 240, 20: 240}  # Hz of control -> of physics, which it divides
+
+
+def check_choice(what: str, value: Any, allowed: Collection[Any]) -> Any:
+    """Return a value that is one of those allowed.
+
+    Raises: SimulationError that lists them.
+    """
+    if not isinstance(value, (str, type(None))) or value not in allowed:
+        raise SimulationError(f"{what} {value!r} is none of {', '.join(repr(a) for a in allowed)}.")
+    return value
+
+
+def check_size(what: str, size: Any) -> tuple[int, int]:
+    """Return width and height of a picture.
+
+    Raises: SimulationError for anything but two whole numbers from 8 to 4096.
+    """
+    whole = isinstance(size, (tuple, list)) and all(isinstance(x, (int, np.integer)) for x in size)
+    width, height = size if whole and len(size) == 2 else (0, 0)
+    if not (8 <= width <= 4096 and 8 <= height <= 4096):
+        raise SimulationError(f"{what} {size!r} is no width and height from 8 to 4096 pixels.")
+    return int(width), int(height)
+
+
+def choose(what: str, names: Any, known: Mapping[str, Thing]) -> dict[str, Thing]:
+    """Return the things of these names, one or several.
+
+    Raises: SimulationError that lists them.
+    """
+    if isinstance(names, str) or not isinstance(names, Collection) or not names:
+        names = (names,)
+    return {name: known[check_choice(what, name, known)] for name in names}
+
+
+def control_steps(rate: Any) -> tuple[float, dict[bool, np.ndarray]]:
+    """Physics step (s) of a control rate (Hz), and which share of a new action its controller heeds at each of them.
+
+    Shares: False -> of a controller that ramps to the action, True -> of one that holds it (its edge lies on the first
+    step, whose mean is half old and half new).
+    Raises: SimulationError for a rate that physics steps do not divide.
+    """
+    if not isinstance(rate, (int, float, np.integer)) or rate not in RATES:
+        raise SimulationError(f"control_hz {rate!r} is none of {', '.join(map(str, RATES))}.")
+    rate = int(rate)
+    steps = RATES[rate] // rate
+    held = np.ones(steps)
+    held[0] = 0.5
+    return 1.0 / RATES[rate], {False: np.arange(steps) / steps, True: held}
+
+
+def vector(what: str, values: Any, n: int) -> np.ndarray:
+    """Return values as an array (n,).
+
+    Raises: SimulationError for another shape, or numbers that are not finite.
+    """
+    try:
+        array = np.array(values, float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != (n,):
+        raise SimulationError(f"{what} needs {n} numbers, shape ({n},), not shape {array.shape}.")
+    if not np.isfinite(array).all():
+        raise SimulationError(f"{what} holds a number that is not finite.")
+    return array
+
+
+def within(what: str, values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return values (n,) that lie inside bounds (n,).
+
+    Raises: SimulationError that names the first one outside.
+    """
+    for i in np.flatnonzero((values < low) | (values > high)):
+        raise SimulationError(f"{what}[{i}] is {values[i]:g}, not within {low[i]:.4g} .. {high[i]:.4g}.")
+    return values

@@ -1,0 +1,125 @@
+"""PyBullet's OpenGL renderer without a display: whether it can be loaded here, and whose turn it is to draw.
+
+The plugin ends the process where it finds no driver, so another process tries it first. It also draws into whatever
+context is current: with two of them in one process, each has to be made current before it is used.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import importlib.util
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+
+from pybullet_utils.bullet_client import BulletClient
+
+from embodiedreamer_gym.errors import SimulationError
+
+PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri"  # Debian's names
+PLUGIN, ENTRY = "eglRenderer", "_eglRendererPlugin"  # a module of pybullet's wheel, its functions' suffix
+TRIAL = f"import pybullet as p, sys; p.connect(p.DIRECT); sys.exit(p.loadPlugin(sys.argv[1], {ENTRY!r}) < 0)"
+TRIAL_TIME = 60.0  # s
+LARGEST = (1024, 768)  # pixels of its buffer; a larger picture would be this one blown up
+DRAW, READ = 0x3059, 0x305A  # EGL_DRAW, EGL_READ
+
+
+def plugin_path() -> str | None:
+    """Where pybullet's plugin lies, or None on a system for which it has none."""
+    found = importlib.util.find_spec(PLUGIN)
+    return None if found is None else found.origin
+
+
+@functools.cache
+def is_available() -> bool:
+    """Whether the plugin finds a driver here, tried once in a process of its own."""
+    path = plugin_path()
+    if path is None:
+        return False
+    try:
+        trial = [sys.executable, "-c", TRIAL, path]
+        return subprocess.run(trial, capture_output=True, timeout=TRIAL_TIME).returncode == 0
+    except (OSError, subprocess.SubprocessError):
+        return False
+
+
+def fits(size: tuple[int, int]) -> bool:
+    """Whether the plugin can draw a picture of a size (width, height)."""
+    return size[0] <= LARGEST[0] and size[1] <= LARGEST[1]
+
+
+class EglContext:
+    """The plugin in one PyBullet world, which must hold no body yet: it would never be drawn.
+
+    Raises: SimulationError when there are bodies, or the plugin cannot be loaded.
+    """
+
+    def __init__(self, client: BulletClient) -> None:
+        if client.getNumBodies():
+            raise SimulationError(
+                f"the world holds {client.getNumBodies()} bodies that renderer 'egl' would not draw; "
+                "make the renderer first, then load them."
+            )
+        self._client, self._plugin = client, -1
+        path = plugin_path() if is_available() else None
+        if path is not None:
+            with _quiet():
+                self._plugin = client.loadPlugin(path, ENTRY)
+        if self._plugin < 0:
+            raise SimulationError(
+                f"renderer 'egl' cannot be loaded here; install the Debian packages {PACKAGES}, or take 'tiny'."
+            )
+        self._egl = _library()
+        self._handles = (
+            self._egl.eglGetCurrentDisplay(), self._egl.eglGetCurrentSurface(DRAW),
+            self._egl.eglGetCurrentSurface(READ), self._egl.eglGetCurrentContext(),
+        )  # fmt: skip
+
+    def make_current(self) -> None:
+        """Let OpenGL draw here from now on, in this thread.
+
+        Raises: SimulationError when it is closed, or another thread draws here.
+        """
+        if self._plugin < 0:
+            raise SimulationError("renderer 'egl' is closed; make another, for another world.")
+        if not self._egl.eglMakeCurrent(*self._handles):
+            raise SimulationError("renderer 'egl' is in use by another thread; make one environment for each thread.")
+
+    def close(self) -> None:
+        """Unload the plugin; twice does no harm."""
+        if self._client.isConnected() and self._plugin >= 0:
+            self.make_current()
+            with _quiet():
+                self._client.unloadPlugin(self._plugin)
+        self._plugin = -1
+
+
+def _library() -> ctypes.CDLL:
+    """The EGL that the plugin has loaded."""
+    egl = ctypes.CDLL("libEGL.so.1")
+    for function in (egl.eglGetCurrentDisplay, egl.eglGetCurrentSurface, egl.eglGetCurrentContext):
+        function.restype = ctypes.c_void_p
+    egl.eglGetCurrentSurface.argtypes = [ctypes.c_int]
+    egl.eglMakeCurrent.argtypes = [ctypes.c_void_p] * 4
+    return egl
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep off the terminal what C code prints meanwhile."""
+    flush = ctypes.CDLL(None).fflush
+    flush(None)
+    saved = {stream: os.dup(stream) for stream in (1, 2)}
+    with open(os.devnull, "wb") as nothing:
+        for stream in saved:
+            os.dup2(nothing.fileno(), stream)
+    try:
+        yield
+    finally:
+        flush(None)
+        for stream, copy in saved.items():
+            os.dup2(copy, stream)
+            os.close(copy)

@@ -1,0 +1,7 @@
+"""Scripted experts, which fulfil the tasks through the environment's actions alone."""
+
+from __future__ import annotations
+
+from embodiedreamer_gym.envs.experts.scripted import ScriptedExpert
+
+__all__ = ["ScriptedExpert"]

@@ -1,0 +1,56 @@
+"""Smooth ways of one arm's joints: straight in the joints, or along a straight line of the end effector."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.spatial.transform import Rotation, Slerp
+
+from embodiedreamer_gym.envs.tasks.task import Pose
+from embodiedreamer_gym.robot.kinematics import Kinematics
+
+SPEED = 1.3  # rad/s, of the fastest joint at its peak; the arms can do 3
+SHORTEST = 0.4  # s
+KNOT = 0.02  # m from one solved pose to the next on a straight line
+PEAK = 1.875  # highest speed over mean speed of a minimum-jerk motion
+
+
+class Path:
+    """A motion from rest to rest through joint angles (k, m), rad, that takes `seconds`."""
+
+    def __init__(self, knots: np.ndarray) -> None:
+        shares = np.linspace(0.0, 1.0, len(knots))
+        self._curve = make_interp_spline(shares, knots, k=min(3, len(knots) - 1))
+        self._slope = self._curve.derivative()
+        fastest = float(np.abs(self._slope(np.linspace(0.0, 1.0, 50))).max())
+        self.seconds = max(SHORTEST, PEAK * fastest / SPEED)
+
+    @property
+    def end(self) -> np.ndarray:
+        """Angles (m,) at its end, rad."""
+        return self.at(self.seconds)[0]
+
+    def __repr__(self) -> str:
+        return f"Path({self.seconds:.1f} s)"
+
+    def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Angles (m,), rad, and speeds (m,), rad/s, at a time, s: minimum jerk along the way."""
+        x = min(max(time / self.seconds, 0.0), 1.0)
+        share = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+        rate = 30.0 * x**2 * (1.0 - x) ** 2 / self.seconds
+        return self._curve(share), rate * self._slope(share)
+
+
+def line(arm: Kinematics, start: np.ndarray, end: Pose) -> np.ndarray | None:
+    """Knots (k, m) from angles (m,) to a pose, the end effector moving straight; None where the arm does not reach."""
+    position, rotation = arm.pose(start)
+    count = 1 + max(1, int(np.ceil(np.linalg.norm(end.position - position) / KNOT)))
+    turns = Slerp([0.0, 1.0], Rotation.concatenate([Rotation.from_matrix(rotation), Rotation.from_quat(end.quaternion)]))
+    knots = [start]
+    for share in np.linspace(0.0, 1.0, count)[1:]:
+        at = position + share * (end.position - position)
+        found = arm.solve(at, turns(share).as_matrix(), knots[-1])
+        if found is None or np.abs(found - knots[-1]).max() > 1.0:  # rad: it has flipped to another posture
+            return None
+        knots.append(found)
+    return np.array(knots)

@@ -1,0 +1,73 @@
+"""Which joint angles lead an arm to an object, up with it, to the goal and away."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from operator import itemgetter
+
+import numpy as np
+
+from embodiedreamer_gym.envs.experts.paths import Path, line
+from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
+from embodiedreamer_gym.robot.kinematics import Kinematics
+
+BACK = 0.08  # m from which a gripper approaches, and to which it retreats
+LIFT = 0.10  # m
+ABOVE = 0.06  # m over its place from which an object is lowered
+READY = np.array([0.0, 1.6, -1.5, 0.0, 0.8, 0.0])  # rad: from here inverse kinematics searches too
+
+Paths = tuple[Path, Path, Path]
+
+
+class Planner:
+    """Finds ways of one arm for a task; no physics, no chance."""
+
+    def __init__(self, arm: Kinematics, task: Task) -> None:
+        self.arm, self.task = arm, task
+
+    def pick(self, now: Situation, start: np.ndarray) -> Paths | None:
+        """From angles (m,) to before the object, up to it, and up with it: the quickest that leads to the goal too."""
+        ways = []
+        for grip in self.task.grips(now):
+            paths = self._join(start, moved(grip, ahead=-BACK), grip, moved(grip, up=LIFT))
+            onward = None
+            if paths is not None and self.task.goal is not None:
+                onward = self.place(replace(now, tip=grip), paths[-1].end)
+            if paths is not None and (onward is not None or self.task.goal is None):
+                ways.append((_seconds(paths) + _seconds(onward or ()), paths))
+        return min(ways, key=itemgetter(0), default=(0.0, None))[1]
+
+    def place(self, held: Situation, start: np.ndarray) -> Paths | None:
+        """From angles (m,) to above the goal, down to it and away, with the object as it is held: the quickest."""
+        ways = [
+            self._join(start, moved(release, up=ABOVE), release, moved(release, ahead=-BACK))
+            for release in self.task.releases(held)
+        ]
+        return min((way for way in ways if way is not None), key=_seconds, default=None)
+
+    def _join(self, start: np.ndarray, first: Pose, second: Pose, third: Pose) -> Paths | None:
+        """From angles (m,) to a pose whichever way, then straight to two more."""
+        at = self._reach(first, start)
+        to = None if at is None else line(self.arm, at, second)
+        off = None if to is None else line(self.arm, to[-1], third)
+        return None if off is None else (Path(np.array([start, at])), Path(to), Path(off))
+
+    def _reach(self, pose: Pose, start: np.ndarray) -> np.ndarray | None:
+        """Angles (m,) of a pose: near the start's, else near those of an arm that faces it."""
+        base = self.arm.base
+        ahead = float(np.arctan2(*(pose.position - base)[1::-1]))
+        for guess in (start, np.array([ahead, *READY[1:]])):
+            found = self.arm.solve(pose.position, pose.rotation, guess)
+            if found is not None:
+                return found
+        return None
+
+
+def _seconds(paths: Sequence[Path]) -> float:
+    return sum(path.seconds for path in paths)
+
+
+def moved(pose: Pose, ahead: float = 0.0, up: float = 0.0) -> Pose:
+    """A gripper's pose moved along the direction it points in, and upwards, m."""
+    return Pose(pose.position + ahead * pose.rotation[:, 2] + [0.0, 0.0, up], pose.quaternion)

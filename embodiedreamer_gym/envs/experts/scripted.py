@@ -1,0 +1,129 @@
+"""One recipe for all tasks: reach, close, lift, carry, lower, open, retreat."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import gymnasium as gym
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from embodiedreamer_gym.envs.aloha import AlohaEnv
+from embodiedreamer_gym.envs.experts.paths import Path
+from embodiedreamer_gym.envs.experts.plan import Planner
+from embodiedreamer_gym.envs.tasks.task import SIDES
+from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.robot.kinematics import RADIUS, Kinematics
+
+CLOSING, OPENING = 0.5, 0.4  # s
+PATIENCE = 0.8  # s to come to rest
+NEAR = 1.5e-3  # m, of the end effector from where it is to be, at rest
+GAIN = 2.5  # 1/s at which measured errors are integrated into the command
+DAMPING = 0.02  # m, of the least squares that turn errors of the end effector into angles
+MOST = 0.4  # rad of correction
+
+Order = tuple[np.ndarray, np.ndarray, float]  # angles (m,) rad, their speeds, the gripper's opening
+
+
+class ScriptedExpert:
+    """Plays one episode of an ALOHA environment's task; make one after each reset.
+
+    It sees the poses of arm and props, plans with the robot's kinematics, and commands joint targets. The servos sag and
+    lag, so it leads them by the robot model's damping over stiffness, and integrates the error of the end effector.
+    Raises: SimulationError for another environment.
+    """
+
+    def __init__(self, env: gym.Env) -> None:
+        aloha = env.unwrapped
+        if not isinstance(aloha, AlohaEnv):
+            raise SimulationError(f"{env} is no ALOHA environment, the only kind that the scripted expert plays.")
+        robot, side = aloha.robot, SIDES.index(aloha.side)
+        self._env = aloha
+        self._arm = Kinematics(robot, robot.arms[side])
+        self._plan = Planner(self._arm, aloha.task)
+        own = np.flatnonzero(robot.tree.arm == robot.tree.arm[self._arm.joints[0]])
+        self._gripper = next(int(j) for j in own if robot.units[j] == "1")
+        self._action = np.clip(aloha.joint_positions(), aloha.action_space.low, aloha.action_space.high)
+        lag = (robot.damping + robot.viscous_friction) / robot.stiffness
+        self._lag = lag[self._arm.joints]
+        self._angles = self._action[self._arm.joints]
+        self._trim = np.zeros(len(self._angles))
+        self._script = self._recipe()
+
+    def act(self) -> np.ndarray:
+        """The next action (14,); the other arm keeps still."""
+        self._correct()
+        angles, speed, opening = next(self._script)
+        self._angles = angles
+        self._action[self._arm.joints] = angles + self._lag * speed + self._trim
+        self._action[self._gripper] = opening
+        space = self._env.action_space
+        return np.clip(self._action, space.low, space.high).astype(space.dtype)
+
+    # ---- what it does ------------------------------------------------------------------------------------------
+
+    def _recipe(self) -> Iterator[Order]:
+        """The whole episode, one control period after another; ends in holding still."""
+        task, opening = self._env.task, self._env.task.opening
+        while True:
+            pick = self._plan.pick(self._env.situation(), self._angles)
+            if pick is None:
+                yield from self._hold(opening)
+            yield from self._follow(pick[0], opening)
+            yield from self._follow(pick[1], opening)
+            yield from self._rest(opening)
+            yield from self._wait(CLOSING, 0.0)
+            yield from self._follow(pick[2], 0.0)
+            if self._env.situation().fingers == 2:
+                break
+            yield from self._wait(OPENING, opening)
+        if task.goal is None:
+            yield from self._hold(0.0)
+        place = self._plan.place(self._env.situation(), self._angles)
+        if place is None:
+            yield from self._hold(0.0)
+        yield from self._follow(place[0], 0.0)
+        yield from self._rest(0.0)
+        yield from self._follow(place[1], 0.0)
+        yield from self._rest(0.0)
+        yield from self._wait(OPENING, opening)
+        yield from self._follow(place[2], opening)
+        yield from self._hold(opening)
+
+    def _follow(self, path: Path, opening: float) -> Iterator[Order]:
+        """Along a path."""
+        for time in np.arange(1.0, np.ceil(path.seconds * self._env.control_hz) + 1.0) / self._env.control_hz:
+            yield (*path.at(time), opening)
+
+    def _wait(self, seconds: float, opening: float) -> Iterator[Order]:
+        """Stay, while the gripper moves."""
+        for _ in range(round(seconds * self._env.control_hz)):
+            yield self._angles, np.zeros_like(self._angles), opening
+
+    def _rest(self, opening: float) -> Iterator[Order]:
+        """Stay until the end effector is where it is to be."""
+        for order in self._wait(PATIENCE, opening):
+            if np.abs(self._error()).max() < NEAR:
+                return
+            yield order
+
+    def _hold(self, opening: float) -> Iterator[Order]:
+        """Stay for ever."""
+        while True:
+            yield self._angles, np.zeros_like(self._angles), opening
+
+    # ---- how it stays on course --------------------------------------------------------------------------------
+
+    def _error(self) -> np.ndarray:
+        """How far (6,) the end effector is from where it was sent: m, and rad times the distance at which they count."""
+        tip = self._env.situation().tip
+        position, rotation = self._arm.pose(self._angles)
+        turn = Rotation.from_matrix(rotation @ tip.rotation.T).as_rotvec()
+        return np.concatenate([position - tip.position, RADIUS * turn])
+
+    def _correct(self) -> None:
+        """Integrate that error, as joint angles."""
+        jacobian = self._arm.jacobian(self._angles)
+        jacobian[3:] *= RADIUS
+        step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING**2 * np.eye(6), self._error())
+        self._trim = np.clip(self._trim + GAIN / self._env.control_hz * step, -MOST, MOST)

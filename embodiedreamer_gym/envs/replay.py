@@ -1,0 +1,40 @@
+"""Play a log's commands through an environment: what a policy is trained in is what was calibrated."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+
+from embodiedreamer_gym.envs.aloha import AlohaEnv
+from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.simulation.rollout import check_names, command_rule, first_state
+
+
+def replay(env: gym.Env, recording: Recording) -> np.ndarray:
+    """Joint positions (T, 14) that the encoders read when an ALOHA environment hears a recording's commands.
+
+    It starts where the recording does; the props stand where its seed puts them, so make it with `collisions=False` for a
+    log of free motion. The recording's rate must be the environment's control rate.
+    Raises: SimulationError when the robots or the rates differ.
+    """
+    aloha = env.unwrapped
+    if not isinstance(aloha, AlohaEnv):
+        raise SimulationError(f"{aloha} is no ALOHA environment.")
+    check_names(aloha.robot, recording)
+    if abs(recording.rate - aloha.control_hz) > 0.01 * aloha.control_hz:
+        raise SimulationError(
+            f"recording {recording.name} runs at {recording.rate:.4g} Hz, the environment at {aloha.control_hz} Hz; "
+            "make the environment with control_hz of the recording."
+        )
+    command = np.asarray(recording.command, float)
+    position, velocity = first_state(recording)
+    aloha.reset(
+        options={"joint_positions": position, "joint_velocities": velocity, "command": command[0]}
+    )  # fmt: skip
+    held = command_rule(aloha.robot, recording) == "hold"
+    seen = [aloha.joint_positions()]
+    for action in command[:-1] if held else command[1:]:
+        aloha.step(action)
+        seen.append(aloha.joint_positions())
+    return np.array(seen)

@@ -1,0 +1,72 @@
+"""Which robot models the environments take, and how a calibration's uncertainty is drawn."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.model import SERVO_GROUPS
+
+JOINTS = 14
+HOME = np.array([0.0, 1.57, -1.3485, 0.0, 0.0, 0.0, 1.0] * 2)  # rad; grippers open
+DEVIATIONS = 3.92  # standard deviations in a 95 % interval
+PARAMETER = re.compile(r"(?P<group>[^\[]+)\[(?P<place>.+)\]")
+
+
+def load_robot(source: str | Path) -> RobotModel:
+    """Read a model for an environment: two arms of six joints and a gripper (0..1) each, left one first.
+
+    Raises: ModelError when the file holds another robot.
+    """
+    if not isinstance(source, (str, Path)):
+        raise ModelError(
+            f"robot must be a built-in robot's name or a model file's path, not a {type(source).__name__}."
+        )
+    model = RobotModel.load(source)
+    grippers = [i for i, unit in enumerate(model.units) if unit == "1"]
+    if model.n != JOINTS or grippers != [6, 13] or len(model.arms) != 2 or len(model.tree.tips) != 2:
+        raise ModelError(
+            f"robot {source} has {model.n} joints on {len(model.arms)} arms; the ALOHA environments take 14: "
+            "6 and a normalised gripper for the left arm, then the same for the right, as in the built-in 'aloha'."
+        )
+    return model
+
+
+def home(model: RobotModel) -> np.ndarray:
+    """Where the joints (14,) start."""
+    return np.clip(HOME, model.tree.lower, model.tree.upper)
+
+
+def draw_parameters(model: RobotModel, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Parameter sets (1, joints or arms) drawn from the intervals of the model's calibration, normal and cut at them."""
+    sets: dict[str, np.ndarray] = {}
+    rows = {row.name: row for row in model.parameters()}
+    for name in sorted(model.intervals):
+        low, high = model.intervals[name]
+        row, match = rows.get(name), PARAMETER.fullmatch(name)
+        if row is None or match is None:
+            continue
+        drawn = float(np.clip(rng.normal(row.value, (high - low) / DEVIATIONS), max(low, row.low), min(high, row.high)))
+        group = match["group"]
+        if group not in sets:
+            sets[group] = _own(model, group)
+        sets[group][0, row.index] = drawn
+    return sets
+
+
+def _own(model: RobotModel, group: str) -> np.ndarray:
+    """The model's own values (1, joints or arms) of a group."""
+    if group in SERVO_GROUPS:
+        return np.array(getattr(model, group))[None].copy()
+    effect_name, parameter_name = group.split(".")
+    effect = next(e for e in model.effects if e.name == effect_name)
+    parameter = next(p for p in effect.parameters if p.name == parameter_name)
+    names = model.joints if parameter.per == "joint" else model.arms
+    values = model.parameter_off(parameter).copy()
+    for place, value in effect.values[parameter_name].items():
+        values[names.index(place)] = value
+    return values[None]

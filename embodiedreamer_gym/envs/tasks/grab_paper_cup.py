@@ -1,0 +1,40 @@
+"""Grab a paper cup."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from embodiedreamer_gym.envs.tasks.grips import outward
+from embodiedreamer_gym.envs.tasks.prop import Prop, Shape, ring
+from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
+
+HEIGHT, BOTTOM, TOP = 0.085, 0.026, 0.032  # m; between a 7 oz and a 9 oz paper cup, see assets/SOURCES.md
+GRIP = 0.05  # m above its base, where the gripper holds it
+PITCHES = np.radians([55.0, 65.0, 75.0])  # of the gripper, below the horizontal
+CUP = Prop(
+    "cup", (2 * TOP, 2 * TOP, HEIGHT), 0.03, (0.85, 0.33, 0.2, 1.0),
+    shapes=(*ring(BOTTOM, TOP, HEIGHT, 0.002), Shape("cylinder", (BOTTOM - 0.001, 0.003), (0.0, 0.0, 0.0015))),
+    hull=(Shape("frustum", (BOTTOM, TOP, HEIGHT), (0.0, 0.0, HEIGHT / 2)),),
+)  # fmt: skip
+
+
+class GrabPaperCup(Task):
+    """Done while the cup is held above the table."""
+
+    description = "grab the paper cup"
+    object = CUP
+
+    def target(self, situation: Situation) -> np.ndarray:
+        """The middle of the cup."""
+        return situation.object.point((0.0, 0.0, GRIP))
+
+    def done(self, situation: Situation) -> bool:
+        """Held and lifted."""
+        return self.picked_up(situation)
+
+    def grips(self, situation: Situation) -> Iterator[Pose]:
+        """Slanting down on the cup, away from the arm."""
+        for pitch in PITCHES:
+            yield outward(situation, situation.object.point((0.0, 0.0, GRIP)), pitch)

@@ -1,0 +1,26 @@
+"""Poses of a gripper: it points along z of its end effector's frame and closes along y."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from embodiedreamer_gym.envs.tasks.task import Pose, Situation
+
+
+def outward(situation: Situation, point: np.ndarray, pitch: float) -> Pose:
+    """The gripper at a point (3,), pointing away from its arm's base and down by a pitch, rad; it closes sideways."""
+    x, y = (point - situation.base)[:2] / np.linalg.norm((point - situation.base)[:2])
+    ahead = np.array([x * np.cos(pitch), y * np.cos(pitch), -np.sin(pitch)])
+    return _pose(point, ahead, np.array([-y, x, 0.0]))
+
+
+def downward(point: np.ndarray, across: np.ndarray) -> Pose:
+    """The gripper at a point (3,), pointing straight down; it closes along the horizontal part of `across` (3,)."""
+    flat = across * [1.0, 1.0, 0.0]
+    return _pose(point, np.array([0.0, 0.0, -1.0]), flat / np.linalg.norm(flat))
+
+
+def _pose(point: np.ndarray, ahead: np.ndarray, across: np.ndarray) -> Pose:
+    axes = np.stack([np.cross(across, ahead), across, ahead], axis=1)
+    return Pose(np.array(point, float), Rotation.from_matrix(axes).as_quat())

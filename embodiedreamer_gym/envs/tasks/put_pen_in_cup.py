@@ -1,0 +1,72 @@
+"""Put a pen into a pen holder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from embodiedreamer_gym.envs.tasks.grips import downward, outward
+from embodiedreamer_gym.envs.tasks.prop import Prop, Shape, ring
+from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
+
+LENGTH, THICK = 0.145, 0.012  # m
+PEN = Prop(
+    "pen", (LENGTH, THICK, THICK), 0.02, (0.13, 0.2, 0.55, 1.0),
+    shapes=(Shape("cylinder", (THICK / 2, LENGTH - 0.02), (-0.01, 0.0, THICK / 2), (0.0, np.pi / 2, 0.0)),
+            Shape("frustum", (THICK / 2, 0.001, 0.02), (LENGTH / 2 - 0.01, 0.0, THICK / 2), (0.0, np.pi / 2, 0.0))),
+    hull=(Shape("box", (LENGTH, THICK, THICK), (0.0, 0.0, THICK / 2)),),
+)  # fmt: skip
+RADIUS, HEIGHT, WALL = 0.04, 0.1, 0.003  # m
+HOLDER = Prop("holder", (2 * RADIUS, 2 * RADIUS, HEIGHT), 0.2, (0.2, 0.45, 0.42, 1.0),
+              (*ring(RADIUS, RADIUS, HEIGHT, WALL, 12), Shape("cylinder", (RADIUS - WALL, WALL), (0.0, 0.0, WALL / 2))),
+              fixed=True)  # fmt: skip
+END = 0.035  # m from the end that stays up, where the gripper holds the pen
+HANG = LENGTH - END
+DEPTH = 0.04  # m of the pen inside the holder when it is let go
+PITCHES = np.radians([20.0, 25.0, 30.0, 35.0, 40.0])
+
+
+class PutPenInCup(Task):
+    """Done when the pen stands at rest with its lower end inside the holder, and the gripper has let go."""
+
+    description = "put the pen into the pen holder"
+    object = PEN
+    goal = HOLDER
+    opening = 0.6
+    area = ((0.40, 0.55), (0.16, 0.44))
+    goal_area = ((0.42, 0.60), (0.12, 0.48))
+
+    def target(self, situation: Situation) -> np.ndarray:
+        """Where the gripper is when it lets the pen go into the holder."""
+        return self._over(situation, np.array([HANG, 0.0, 0.0]), PITCHES[2]).position
+
+    def done(self, situation: Situation) -> bool:
+        """Its lower end in the lower half of the holder, at rest, released."""
+        seen = (_ends(situation.object) - situation.goal.position) @ situation.goal.rotation
+        lower = seen[np.argmin(seen[:, 2])]
+        inside = np.linalg.norm(lower[:2]) < RADIUS and lower[2] < HEIGHT / 2
+        return bool(inside and situation.on_goal and situation.speed < 0.02 and situation.fingers == 0)
+
+    def grips(self, situation: Situation) -> Iterator[Pose]:
+        """Across it from above, near one end: the longer part points to the arm, and will hang down from the gripper."""
+        for way in (1.0, -1.0):
+            point = situation.object.point((way * (LENGTH / 2 - END), 0.0, THICK / 2))
+            yield downward(point, way * situation.object.rotation[:, 1])
+
+    def releases(self, situation: Situation) -> Iterator[Pose]:
+        """Ahead over the holder, the pen's lower end below its rim."""
+        ends = (_ends(situation.object) - situation.tip.position) @ situation.tip.rotation
+        for pitch in PITCHES:
+            yield self._over(situation, ends[np.argmax(ends[:, 0])], pitch)
+
+    def _over(self, situation: Situation, end: np.ndarray, pitch: float) -> Pose:
+        """The gripper that holds a pen's end (3,), m in its own frame, in the holder."""
+        way = outward(situation, situation.goal.position, pitch)
+        inside = [0.0, 0.0, HEIGHT - DEPTH] - 0.5 * DEPTH * np.tan(pitch) * way.rotation[:, 2] * [1.0, 1.0, 0.0]
+        return Pose(situation.goal.position + inside - way.rotation @ end, way.quaternion)
+
+
+def _ends(pen: Pose) -> np.ndarray:
+    """Both ends (2, 3) of a pen, m."""
+    return np.array([pen.point((x, 0.0, THICK / 2)) for x in (-LENGTH / 2, LENGTH / 2)])

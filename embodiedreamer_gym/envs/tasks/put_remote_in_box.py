@@ -1,0 +1,51 @@
+"""Put a remote control into a box."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from embodiedreamer_gym.envs.tasks.grips import downward
+from embodiedreamer_gym.envs.tasks.prop import Prop, Shape, open_box
+from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
+
+LENGTH, WIDTH, THICK = 0.16, 0.046, 0.02  # m
+REMOTE = Prop("remote", (LENGTH, WIDTH, THICK), 0.1, (0.12, 0.12, 0.14, 1.0),
+              (Shape("box", (LENGTH, WIDTH, THICK), (0.0, 0.0, THICK / 2)),), friction=0.5)  # fmt: skip
+DEPTH, BREADTH, HEIGHT, WALL = 0.22, 0.16, 0.07, 0.003  # m
+BOX = Prop("box", (DEPTH, BREADTH, HEIGHT), 0.2, (0.72, 0.54, 0.34, 1.0), open_box(DEPTH, BREADTH, HEIGHT, WALL), fixed=True)  # fmt: skip
+GRIP = 0.012  # m above its underside, where the gripper holds it
+DROP = 0.01  # m it falls when let go
+
+
+class PutRemoteInBox(Task):
+    """Done when the remote lies at rest wholly inside the box, and the gripper has let go."""
+
+    description = "put the remote control into the box"
+    object = REMOTE
+    goal = BOX
+    area = ((0.42, 0.56), (0.10, 0.50))
+    goal_area = ((0.48, 0.56), (0.10, 0.50))
+
+    def target(self, situation: Situation) -> np.ndarray:
+        """Where the gripper is when it lets the remote go."""
+        return situation.goal.point((0.0, 0.0, WALL + DROP + GRIP))
+
+    def done(self, situation: Situation) -> bool:
+        """Its corners between the walls and under the rim, at rest, released."""
+        corners = [situation.object.point((x, y, THICK / 2)) for x in (-LENGTH / 2, LENGTH / 2) for y in (-WIDTH / 2, WIDTH / 2)]
+        seen = (np.array(corners) - situation.goal.position) @ situation.goal.rotation
+        inside = np.abs(seen[:, :2]).max(axis=0) < (DEPTH / 2, BREADTH / 2)
+        low = seen[:, 2].max() < HEIGHT
+        return bool(inside.all() and low and situation.on_goal and situation.speed < 0.02 and situation.fingers == 0)
+
+    def grips(self, situation: Situation) -> Iterator[Pose]:
+        """Across its middle, from above."""
+        for way in (1.0, -1.0):
+            yield downward(situation.object.point((0.0, 0.0, GRIP)), way * situation.object.rotation[:, 1])
+
+    def releases(self, situation: Situation) -> Iterator[Pose]:
+        """Over the box's middle, the remote along the box."""
+        for way in (1.0, -1.0):
+            yield downward(self.target(situation), way * situation.goal.rotation[:, 1])
