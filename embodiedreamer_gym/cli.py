@@ -13,8 +13,10 @@ import numpy as np
 
 from embodiedreamer_gym.demo import run as run_demo
 from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose, where
+from embodiedreamer_gym.diagnosis.next_motion import propose_motion
 from embodiedreamer_gym.diagnosis.progress import Progress
 from embodiedreamer_gym.diagnosis.report import write_report
+from embodiedreamer_gym.diagnosis.report.dry_run import dry_run
 from embodiedreamer_gym.effects import CATALOGUE, load_effects
 from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
 from embodiedreamer_gym.phys_aligner import METHODS, calibrate
@@ -69,11 +71,32 @@ def build_parser() -> argparse.ArgumentParser:
     verb("diagnose", _diagnose, "calibrate, then find the effects that are missing", out="optional", split=True)
     add = verb("add", _add, "add an effect and fit again", out="required", split=True)
     add.add_argument("effect", metavar="EFFECT", help=f"one of {', '.join(CATALOGUE)}, or of --effects")
+    _excite_parser(verbs, common)
     demo = verbs.add_parser("demo", help="from recordings with a hidden effect to a model that has it")
     demo.set_defaults(verb=_demo)
     demo.add_argument("--out", type=Path, default=Path("demo_report"), metavar="DIR", help="default: %(default)s")
     demo.add_argument("--quiet", action="store_true", help="no progress")
     return parser
+
+
+def _excite_parser(verbs: Any, common: Parser) -> None:
+    """Add the verb that proposes the next motion."""
+    text = "the motion that tells two effects apart, safe to run: a csv of commands and a picture of it"
+    one = verbs.add_parser("excite", parents=[common], help=text, description=text)
+    one.set_defaults(verb=_excite)
+    one.add_argument("--model", required=True, metavar="M", help="JSON file or built-in robot")
+    one.add_argument("--separate", required=True, metavar="A,B", help="two effects")
+    one.add_argument("--out", type=Path, required=True, metavar="FILE.csv", help="commands; FILE.png beside it")
+    one.add_argument("recordings", nargs="*", metavar="REC", help="what both effects have to explain so far")
+    one.add_argument("--table", type=float, metavar="Z", help="height of a table in the URDF's root frame, m")
+    one.add_argument("--seconds", type=_positive, default=8.0, metavar="S", help="of motion (default %(default)s)")
+    one.add_argument(
+        "--speed", type=_positive, default=0.5, metavar="X", help="share of the speed limits (default %(default)s)"
+    )
+    one.add_argument("--acceleration", type=_positive, default=6.0, metavar="A", help="rad/s^2 (default %(default)s)")
+    one.add_argument(
+        "--reach", type=_positive, default=0.6, metavar="R", help="rad to either side (default %(default)s)"
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -150,6 +173,25 @@ def _add(a: argparse.Namespace, progress: Progress) -> None:
     data = {"effect": a.effect, **{key: part.as_dict() for key, part in parts.items()}}
     _answer(a, found.comparison, lambda: write_report(a.report, **parts), data)
     found.after.model.save(a.out)
+
+
+def _excite(a: argparse.Namespace, progress: Progress) -> None:
+    _check_outputs(a)
+    model = _model(a, a.model)
+    pair = tuple(name.strip() for name in a.separate.split(","))
+    if len(pair) != 2:
+        raise EmbodieDreamerError(f"--separate takes two effects with a comma between them, not '{a.separate}'.")
+    logs = _recordings(a, model, a.recordings, fit=True) if a.recordings else ()
+    found = propose_motion(
+        model, pair, logs, a.seconds, min(a.speed, 1.0), a.acceleration, a.reach, table=a.table,
+        rng=np.random.default_rng(a.seed), progress=progress,
+    )  # fmt: skip
+    progress.close()
+    _answer(a, found, lambda: a.report)
+    found.save(a.out)
+    picture = a.out.with_suffix(".png")
+    dry_run(found).savefig(picture, dpi=110)
+    print(f"\ncommands: {a.out}\npicture: {picture}; look at it before the robot moves")
 
 
 def _demo(a: argparse.Namespace, progress: Progress) -> None:

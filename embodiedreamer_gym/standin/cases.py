@@ -19,15 +19,15 @@ import h5py
 import numpy as np
 
 from embodiedreamer_gym.errors import ModelError
-from embodiedreamer_gym.recordings import Recording, Recordings, save_recording
-from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
-from embodiedreamer_gym.standin.motions import (
+from embodiedreamer_gym.motions import (
     MOTIONS,
     multisine,
     point_to_point,
     span_of,
     teleoperation,
 )
+from embodiedreamer_gym.recordings import Recording, Recordings, save_recording
+from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
 from embodiedreamer_gym.standin.sizes import STRENGTHS, draw_values
 from embodiedreamer_gym.standin.world import StandIn
 

@@ -9,10 +9,10 @@ from typing import Any, Literal
 import numpy as np
 
 from embodiedreamer_gym.errors import ModelError, RecordingError
+from embodiedreamer_gym.motions import Motion
 from embodiedreamer_gym.recordings.recording import Recording
 from embodiedreamer_gym.standin.engine import Engine
 from embodiedreamer_gym.standin.hidden import Hidden
-from embodiedreamer_gym.standin.motions import Motion
 from embodiedreamer_gym.standin.plant import (
     add_payload,
     build_plant,

@@ -11,7 +11,7 @@ pytest.importorskip("mujoco")
 
 from benchmarks.null_test import Twin, error, twin
 from embodiedreamer_gym.effects import CATALOGUE
-from embodiedreamer_gym.standin.motions import multisine
+from embodiedreamer_gym.motions import multisine
 from tests.bank import plain
 
 ARM = "arm6"

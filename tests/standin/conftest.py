@@ -5,8 +5,8 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
+from embodiedreamer_gym.motions import Motion, Span, span_of
 from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
-from embodiedreamer_gym.standin.motions import Motion, Span, span_of
 from embodiedreamer_gym.standin.world import StandIn
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import ModelError, RecordingError, SimulationError
+from embodiedreamer_gym.motions import Motion, multisine, slow_ramps
 from embodiedreamer_gym.standin.arms import TRUTH, arm_joints, arm_urdf
-from embodiedreamer_gym.standin.motions import Motion, multisine, slow_ramps
 from embodiedreamer_gym.standin.world import StandIn
 
 GRIPPER = """<robot name="gripper"><link name="base"/>
