@@ -13,10 +13,8 @@ import numpy as np
 
 from embodiedreamer_gym.demo import run as run_demo
 from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose, where
-from embodiedreamer_gym.diagnosis.next_motion import propose_motion
 from embodiedreamer_gym.diagnosis.progress import Progress
 from embodiedreamer_gym.diagnosis.report import write_report
-from embodiedreamer_gym.diagnosis.report.dry_run import dry_run
 from embodiedreamer_gym.effects import CATALOGUE, load_effects
 from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
 from embodiedreamer_gym.phys_aligner import METHODS, calibrate
@@ -72,6 +70,7 @@ def build_parser() -> argparse.ArgumentParser:
     add = verb("add", _add, "add an effect and fit again", out="required", split=True)
     add.add_argument("effect", metavar="EFFECT", help=f"one of {', '.join(CATALOGUE)}, or of --effects")
     _excite_parser(verbs, common)
+    _standin_parser(verbs)
     demo = verbs.add_parser("demo", help="from recordings with a hidden effect to a model that has it")
     demo.set_defaults(verb=_demo)
     demo.add_argument("--out", type=Path, default=Path("demo_report"), metavar="DIR", help="default: %(default)s")
@@ -97,6 +96,26 @@ def _excite_parser(verbs: Any, common: Parser) -> None:
     one.add_argument(
         "--reach", type=_positive, default=0.6, metavar="R", help="rad to either side (default %(default)s)"
     )
+
+
+def _standin_parser(verbs: Any) -> None:
+    """Add the verb that records a stand-in robot with a hidden effect."""
+    text = "recordings of a stand-in robot (MuJoCo) with a hidden effect, to see the loop work before touching your own"
+    one = verbs.add_parser("standin", help=text, description=text)
+    one.add_argument("action", choices=("record",))
+    one.add_argument(
+        "--effect", default="none", metavar="E", help="an effect's name, none, or any (drawn; default %(default)s)"
+    )
+    one.add_argument("--arm", default="arm6", metavar="ARM", help="arm6, arm6b, arm7 or aloha (default %(default)s)")
+    one.add_argument(
+        "--side", choices=("left", "right"), default="left", help="of the ALOHA pair (default %(default)s)"
+    )
+    one.add_argument("--strength", choices=("faint", "plain", "strong"), default="plain", help="default: %(default)s")
+    one.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
+    one.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="model.json, train/, test/ and the sealed truth.json"
+    )
+    one.set_defaults(verb=_standin, quiet=True)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -176,6 +195,9 @@ def _add(a: argparse.Namespace, progress: Progress) -> None:
 
 
 def _excite(a: argparse.Namespace, progress: Progress) -> None:
+    from embodiedreamer_gym.diagnosis.next_motion import propose_motion  # PyBullet prints a line when it is loaded
+    from embodiedreamer_gym.diagnosis.report.dry_run import dry_run
+
     _check_outputs(a)
     model = _model(a, a.model)
     pair = tuple(name.strip() for name in a.separate.split(","))
@@ -192,6 +214,32 @@ def _excite(a: argparse.Namespace, progress: Progress) -> None:
     picture = a.out.with_suffix(".png")
     dry_run(found).savefig(picture, dpi=110)
     print(f"\ncommands: {a.out}\npicture: {picture}; look at it before the robot moves")
+
+
+def _standin(a: argparse.Namespace, progress: Progress) -> None:
+    from embodiedreamer_gym.standin.cases import aloha_case, draw_case
+
+    if a.out.exists() and any(a.out.iterdir() if a.out.is_dir() else [a.out]):
+        raise EmbodieDreamerError(f"{a.out} is not empty; give a new folder.")
+    rng = np.random.default_rng(a.seed)
+    effect = str(rng.choice(sorted(CATALOGUE))) if a.effect == "any" else None if a.effect == "none" else a.effect
+    if a.arm == "aloha":
+        case = aloha_case(effect, a.side, rng, a.strength)
+    else:
+        case = draw_case(effect, a.arm, rng, a.strength)
+    part = a.out.with_name(f".{a.out.name}.part")
+    model = case.write(part)
+    write_json(case.truth, part / "truth.json")
+    if a.out.is_dir():
+        a.out.rmdir()
+    part.rename(a.out)
+    rate = " --rate 30" if a.arm == "aloha" else ""
+    print(
+        f"{len(case.train)} recordings to learn from, {len(case.test)} held out; the truth is in {a.out / 'truth.json'}\n"
+    )
+    print(
+        f"embodiedreamer diagnose --model {a.out / model.name} --train {a.out / 'train'} --test {a.out / 'test'}{rate}"
+    )
 
 
 def _demo(a: argparse.Namespace, progress: Progress) -> None:

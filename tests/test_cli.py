@@ -244,3 +244,17 @@ def test_help_lists_the_verbs() -> None:
     done = subprocess.run([sys.executable, "-m", "embodiedreamer_gym", "--help"], capture_output=True, text=True)
     assert done.returncode == 0
     assert all(v in done.stdout for v in ("compare", "where", "calibrate", "diagnose", "add", "demo"))
+
+
+def test_a_stand_in_is_recorded_with_its_truth_apart(tmp_path: Path, capsys) -> None:
+    out = tmp_path / "arm"
+    arguments = ["standin", "record", "--effect", "coulomb_friction", "--out", str(out)]
+    assert cli.main(arguments) == 0
+    assert "embodiedreamer diagnose --model" in capsys.readouterr().out
+    assert json.loads((out / "truth.json").read_text())["effect"] == "coulomb_friction"
+    model = RobotModel.load(out / "model.json")
+    assert model.effects == () and all(r.joints == model.joints for r in load_recordings(out / "train", out / "test"))
+    assert cli.main(arguments) == 2 and "not empty" in capsys.readouterr().err
+    for wrong in (["--effect", "glue"], ["--arm", "arm9"]):
+        assert cli.main(["standin", "record", *wrong, "--out", str(tmp_path / "other")]) == 2
+        assert not (tmp_path / "other").exists()
