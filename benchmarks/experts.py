@@ -49,7 +49,13 @@ def play(env: gym.Env, seed: int) -> dict:
         _, _, terminated, truncated, info = env.step(expert.act())
         over, steps = terminated or truncated, steps + 1
         first = steps if first is None and info["is_success"] else first
-    return {"seed": seed, "side": info["side"], "grasp": info["grasp_success"], "success": info["is_success"], "first": first}
+    return {
+        "seed": seed,
+        "side": info["side"],
+        "grasp": info["grasp_success"],
+        "success": info["is_success"],
+        "first": first,
+    }
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import runpy
+import sys
 import tempfile
 from pathlib import Path
 
@@ -14,6 +15,9 @@ SAYS = {
     "01_compare_and_calibrate.py": ("stiffness[joint1]", "calibrated", "Joint joint2 is worst"),
     "02_find_the_missing_effect.py": ("Missing: stribeck_friction on joint1, joint2, joint3.", "index.html"),
     "03_your_own_effect.py": ("greased_friction", "coulomb_friction"),
+    "04_make_an_env.py": ("'pixels': (96, 128, 3)", "put the cup on the mat: done True"),
+    "05_train_ppo.py": ("after 512 steps of training",),
+    "06_sac_her.py": ("goal [", "300 steps"),
 }
 SLOW = ("02_find_the_missing_effect.py",)
 
@@ -30,6 +34,7 @@ def test_each_example_is_known_and_short() -> None:
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in SAYS])
 def test_an_example_runs(name: str, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [name])
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     runpy.run_path(str(FOLDER / name), run_name="__main__")
     out = capsys.readouterr().out

@@ -18,7 +18,7 @@ NAME = "embodiedreamer_gym"
 
 def run(*command: str | Path, cwd: Path) -> str:
     """Output of a command that must succeed, run where the source tree cannot be imported by accident."""
-    surroundings = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME")}
+    surroundings = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME", "DISPLAY")}
     done = subprocess.run([str(c) for c in command], cwd=cwd, env=surroundings, capture_output=True, text=True)
     assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
     return done.stdout
@@ -92,6 +92,28 @@ for name in names:
 """
     loaded = run(installed, "-c", code, cwd=installed.parent).splitlines()
     assert loaded, "the wheel holds no robot"
+
+
+@pytest.mark.slow
+def test_it_makes_an_environment(installed: Path) -> None:
+    """Without a display, a network or the source tree: 100 steps with pictures, and some of each other task."""
+    code = f"""
+import sys
+def no_network(event, arguments):
+    if event in ("socket.connect", "socket.getaddrinfo", "urllib.Request"):
+        raise RuntimeError(f"{{event}} {{arguments}}")
+sys.addaudithook(no_network)
+import gymnasium
+from {NAME}.envs import NAMES
+for name in NAMES:
+    env = gymnasium.make(f"{NAME}:EmbodieDreamer/{{name}}-v0")
+    observation, info = env.reset(seed=0)
+    for _ in range(100 if name == NAMES[0] else 3):
+        observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+    assert observation in env.observation_space and observation["pixels"].std() > 10 and reward < 0
+    env.close()
+"""
+    run(installed, "-W", "error::UserWarning", "-c", code, cwd=installed.parent)
 
 
 def test_it_simulates(installed: Path) -> None:

@@ -120,7 +120,7 @@ class AlohaEnv(gym.Env, EzPickle):
         """
         if self._command is None:
             raise gym.error.ResetNeeded("call reset before the first step.")
-        target = np.clip(vector("action", action, self.robot.n), self.action_space.low, self.action_space.high)
+        target = np.clip(vector("action", action, self.robot.n), self._joint_space.low, self._joint_space.high)
         step = self.scene.plant.step
         for command in self._command + self._shares * (target - self._command):
             step(command)

@@ -79,9 +79,15 @@ class Kinematics:
 
         inside = np.clip(start, self.lower + EDGE, self.upper - EDGE)
         found = least_squares(
-            lambda x: look(x)[0], inside, lambda x: look(x)[1], (self.lower, self.upper),
-            ftol=TOLERANCE, xtol=TOLERANCE, gtol=TOLERANCE, max_nfev=TRIALS,
-        )  # fmt: skip
+            lambda x: look(x)[0],
+            inside,
+            lambda x: look(x)[1],  # pyright: ignore[reportArgumentType]
+            (self.lower, self.upper),
+            ftol=TOLERANCE,
+            xtol=TOLERANCE,
+            gtol=TOLERANCE,
+            max_nfev=TRIALS,
+        )
         return found.x if np.abs(found.fun).max() < ACCURACY else None
 
     def _walk(self, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -111,7 +117,9 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 def rotation_vector(rotation: np.ndarray) -> np.ndarray:
     """Axis times angle (3,), rad, of a rotation (3, 3); at half a turn, where that is not unique, one of them."""
-    twice = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+    twice = np.array(
+        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
+    )
     sine, cosine = 0.5 * np.sqrt(twice @ twice), 0.5 * (rotation[0, 0] + rotation[1, 1] + rotation[2, 2] - 1.0)
     angle = np.arctan2(sine, cosine)
     if sine > 1e-6:

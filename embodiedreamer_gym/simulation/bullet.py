@@ -24,6 +24,7 @@ from embodiedreamer_gym.simulation.rollout import (
     first_state,
     plant_commands,
 )
+from embodiedreamer_gym.simulation.world import World
 
 LINKAGE = 60.0  # rad/s at which joints that move as one (the fingers of a gripper) are drawn together again
 
@@ -43,7 +44,7 @@ class BulletPlant:
     def __init__(self, model: RobotModel, client: BulletClient | None = None, dt: float = TIME_STEP) -> None:
         self.model, self.dt = model, dt
         self._own = client is None
-        self.client = BulletClient(pybullet.DIRECT) if client is None else client
+        self.client = World() if client is None else client
         self._joint_states, self._drive_joints = self.client.getJointStates, self.client.setJointMotorControlArray
         self._advance = self.client.stepSimulation  # looked up once: the client builds them anew at each call
         self.client.setTimeStep(dt)

@@ -163,11 +163,11 @@ def test_a_step_before_the_first_reset_is_refused() -> None:
     env.close()
 
 
-def test_actions_are_clipped_to_the_joints_limits() -> None:
+def test_actions_far_beyond_the_limits_are_cut_and_end_stops_hold() -> None:
     one, two = (AlohaEnv(obs_type="state") for _ in range(2))
     one.reset(seed=0), two.reset(seed=0)
     for _ in range(20):
-        far, near = one.step(np.full(14, 50.0)), two.step(two.action_space.high)
+        far, near = one.step(np.full(14, 50.0)), two.step(two.action_space.high + 0.5)
         np.testing.assert_array_equal(far[0], near[0])
     assert (one.joint_positions() < one.action_space.high + 0.1).all()
     one.close(), two.close()

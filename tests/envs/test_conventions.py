@@ -18,6 +18,7 @@ from gymnasium.wrappers import RescaleAction
 
 import embodiedreamer_gym
 from embodiedreamer_gym.envs import NAMES
+from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.wrappers import FlattenCameras
 from tests.envs.moves import drain, shove
 
@@ -115,6 +116,7 @@ def test_an_id_with_its_module_needs_no_import() -> None:
 @pytest.mark.parametrize("name", [*IDS, *GOALS])
 def test_ids_come_with_the_package(name: str) -> None:
     assert embodiedreamer_gym.__version__ and gym.spec(name).max_episode_steps == 300
+    assert set(NAMES) == set(TASKS)
 
 
 # ---- many at once ----------------------------------------------------------------------------------------------

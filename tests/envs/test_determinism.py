@@ -15,8 +15,8 @@ from embodiedreamer_gym.envs.aloha import AlohaEnv
 from tests.envs.moves import drain, shove
 from tests.envs.test_randomize import calibrated
 
-# Hands a few millimetres in the table: where cached contacts would show.
-LEANING = np.array([0.0, 1.95, -0.9, 0.0, 0.6, 0.0, 0.5] * 2)
+# Hands pressed into the table, where PyBullet's memory of the last contacts shows most.
+LEANING = np.array([0.0, 2.1, -0.9, 0.0, 0.6, 0.0, 0.5] * 2)
 
 
 def episode(env: gym.Env, seed: int, steps: int, options: dict | None = None) -> list[Any]:
@@ -25,11 +25,14 @@ def episode(env: gym.Env, seed: int, steps: int, options: dict | None = None) ->
 
 
 def same_after_any_past(steps: int, pasts: int, options: dict | None = None, **arguments) -> None:
-    """Compare episodes of new environments with those of one that has a past."""
+    """Compare episodes of new environments with those of one that has a past.
+
+    PyBullet remembers contacts between things that are put back to where they touched, so half the pasts began alike.
+    """
     old = AlohaEnv(**arguments)
     for past in range(pasts):
         rng = np.random.default_rng(100 + past)
-        old.reset(seed=100 + past)
+        old.reset(seed=past + 100 * (past % 2), options=options)
         drain(shove(old, rng, int(rng.integers(5, 60))))
         new = AlohaEnv(**arguments)
         seen = [episode(env, past, steps, options) for env in (new, old)]

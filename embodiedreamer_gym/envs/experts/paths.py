@@ -12,18 +12,19 @@ from embodiedreamer_gym.robot.kinematics import Kinematics
 SPEED = 1.3  # rad/s, of the fastest joint at its peak; the arms can do 3
 SHORTEST = 0.4  # s
 KNOT = 0.02  # m from one solved pose to the next on a straight line
+FLIP = 1.0  # rad between two of them: the arm would change its posture
 PEAK = 1.875  # highest speed over mean speed of a minimum-jerk motion
 
 
 class Path:
-    """A motion from rest to rest through joint angles (k, m), rad, that takes `seconds`."""
+    """A motion from rest to rest through joint angles (k, m), rad, that takes `seconds`; not less than `shortest`."""
 
-    def __init__(self, knots: np.ndarray) -> None:
+    def __init__(self, knots: np.ndarray, shortest: float = SHORTEST) -> None:
         shares = np.linspace(0.0, 1.0, len(knots))
         self._curve = make_interp_spline(shares, knots, k=min(3, len(knots) - 1))
         self._slope = self._curve.derivative()
         fastest = float(np.abs(self._slope(np.linspace(0.0, 1.0, 50))).max())
-        self.seconds = max(SHORTEST, PEAK * fastest / SPEED)
+        self.seconds = max(shortest, PEAK * fastest / SPEED)
 
     @property
     def end(self) -> np.ndarray:
@@ -41,16 +42,18 @@ class Path:
         return self._curve(share), rate * self._slope(share)
 
 
-def line(arm: Kinematics, start: np.ndarray, end: Pose) -> np.ndarray | None:
-    """Knots (k, m) from angles (m,) to a pose, the end effector moving straight; None where the arm does not reach."""
+def line(arm: Kinematics, start: np.ndarray, end: Pose, speed: float) -> Path | None:
+    """From angles (m,) to a pose, the end effector straight, at most that fast, m/s; None where it does not reach."""
     position, rotation = arm.pose(start)
-    count = 1 + max(1, int(np.ceil(np.linalg.norm(end.position - position) / KNOT)))
-    turns = Slerp([0.0, 1.0], Rotation.concatenate([Rotation.from_matrix(rotation), Rotation.from_quat(end.quaternion)]))
+    length = float(np.linalg.norm(end.position - position))
+    turns = Slerp(
+        [0.0, 1.0], Rotation.concatenate([Rotation.from_matrix(rotation), Rotation.from_quat(end.quaternion)])
+    )
     knots = [start]
-    for share in np.linspace(0.0, 1.0, count)[1:]:
+    for share in np.linspace(0.0, 1.0, 1 + max(1, int(np.ceil(length / KNOT))))[1:]:
         at = position + share * (end.position - position)
         found = arm.solve(at, turns(share).as_matrix(), knots[-1])
-        if found is None or np.abs(found - knots[-1]).max() > 1.0:  # rad: it has flipped to another posture
+        if found is None or np.abs(found - knots[-1]).max() > FLIP:
             return None
         knots.append(found)
-    return np.array(knots)
+    return Path(np.array(knots), max(SHORTEST, PEAK * length / speed))

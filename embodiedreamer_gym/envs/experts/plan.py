@@ -15,6 +15,7 @@ from embodiedreamer_gym.robot.kinematics import Kinematics
 BACK = 0.08  # m from which a gripper approaches, and to which it retreats
 LIFT = 0.10  # m
 ABOVE = 0.06  # m over its place from which an object is lowered
+GENTLE, BRISK = 0.2, 0.4  # m/s, of the end effector, towards things and away from them
 READY = np.array([0.0, 1.6, -1.5, 0.0, 0.8, 0.0])  # rad: from here inverse kinematics searches too
 
 Paths = tuple[Path, Path, Path]
@@ -49,9 +50,9 @@ class Planner:
     def _join(self, start: np.ndarray, first: Pose, second: Pose, third: Pose) -> Paths | None:
         """From angles (m,) to a pose whichever way, then straight to two more."""
         at = self._reach(first, start)
-        to = None if at is None else line(self.arm, at, second)
-        off = None if to is None else line(self.arm, to[-1], third)
-        return None if off is None else (Path(np.array([start, at])), Path(to), Path(off))
+        to = None if at is None else line(self.arm, at, second, GENTLE)
+        off = None if to is None else line(self.arm, to.end, third, BRISK)
+        return None if at is None or to is None or off is None else (Path(np.array([start, at])), to, off)
 
     def _reach(self, pose: Pose, start: np.ndarray) -> np.ndarray | None:
         """Angles (m,) of a pose: near the start's, else near those of an arm that faces it."""

@@ -6,14 +6,13 @@ from collections.abc import Iterator
 
 import gymnasium as gym
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts.paths import Path
-from embodiedreamer_gym.envs.experts.plan import Planner
+from embodiedreamer_gym.envs.experts.plan import Paths, Planner
 from embodiedreamer_gym.envs.tasks.task import SIDES
 from embodiedreamer_gym.errors import SimulationError
-from embodiedreamer_gym.robot.kinematics import RADIUS, Kinematics
+from embodiedreamer_gym.robot.kinematics import RADIUS, Kinematics, rotation_vector
 
 CLOSING, OPENING = 0.5, 0.4  # s
 PATIENCE = 0.8  # s to come to rest
@@ -65,30 +64,40 @@ class ScriptedExpert:
     def _recipe(self) -> Iterator[Order]:
         """The whole episode, one control period after another; ends in holding still."""
         task, opening = self._env.task, self._env.task.opening
-        while True:
-            pick = self._plan.pick(self._env.situation(), self._angles)
-            if pick is None:
+        pick = self._plan.pick(self._env.situation(), self._angles)
+        while pick is not None:
+            yield from self._take(pick, opening)
+            if self._held() and task.goal is None:
+                yield from self._hold(0.0)
+            place = self._plan.place(self._env.situation(), self._angles) if self._held() else None
+            if place is not None:
+                yield from self._follow(place[0], 0.0)
+            if place is not None and self._held():
+                yield from self._give(place, opening)
                 yield from self._hold(opening)
-            yield from self._follow(pick[0], opening)
-            yield from self._follow(pick[1], opening)
-            yield from self._rest(opening)
-            yield from self._wait(CLOSING, 0.0)
-            yield from self._follow(pick[2], 0.0)
-            if self._env.situation().fingers == 2:
-                break
             yield from self._wait(OPENING, opening)
-        if task.goal is None:
-            yield from self._hold(0.0)
-        place = self._plan.place(self._env.situation(), self._angles)
-        if place is None:
-            yield from self._hold(0.0)
-        yield from self._follow(place[0], 0.0)
+            pick = self._plan.pick(self._env.situation(), self._angles)  # it has slipped away: once more
+        yield from self._hold(opening)
+
+    def _take(self, pick: Paths, opening: float) -> Iterator[Order]:
+        """Reach, close, lift."""
+        yield from self._follow(pick[0], opening)
+        yield from self._follow(pick[1], opening)
+        yield from self._rest(opening)
+        yield from self._wait(CLOSING, 0.0)
+        yield from self._follow(pick[2], 0.0)
+
+    def _give(self, place: Paths, opening: float) -> Iterator[Order]:
+        """Lower, open, retreat."""
         yield from self._rest(0.0)
         yield from self._follow(place[1], 0.0)
         yield from self._rest(0.0)
         yield from self._wait(OPENING, opening)
         yield from self._follow(place[2], opening)
-        yield from self._hold(opening)
+
+    def _held(self) -> bool:
+        """Whether both fingers touch the object."""
+        return self._env.situation().fingers == 2
 
     def _follow(self, path: Path, opening: float) -> Iterator[Order]:
         """Along a path."""
@@ -118,7 +127,7 @@ class ScriptedExpert:
         """How far (6,) the end effector is from where it was sent: m, and rad times the distance at which they count."""
         tip = self._env.situation().tip
         position, rotation = self._arm.pose(self._angles)
-        turn = Rotation.from_matrix(rotation @ tip.rotation.T).as_rotvec()
+        turn = rotation_vector(rotation @ tip.rotation.T)
         return np.concatenate([position - tip.position, RADIUS * turn])
 
     def _correct(self) -> None:

@@ -8,6 +8,8 @@ from embodiedreamer_gym.envs.tasks.put_pen_in_cup import PutPenInCup
 from embodiedreamer_gym.envs.tasks.put_remote_in_box import PutRemoteInBox
 from embodiedreamer_gym.envs.tasks.task import Task
 
-TASKS: dict[str, type[Task]] = {task.__name__: task for task in (GrabPaperCup, PutPenInCup, PutRemoteInBox, PutCupOnMat)}
+TASKS: dict[str, type[Task]] = {
+    task.__name__: task for task in (GrabPaperCup, PutPenInCup, PutRemoteInBox, PutCupOnMat)
+}
 
 __all__ = ["TASKS", "Task"]

@@ -7,17 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from embodiedreamer_gym.envs.tasks.grips import outward
-from embodiedreamer_gym.envs.tasks.prop import Prop, Shape, ring
+from embodiedreamer_gym.envs.tasks.prop import Prop
+from embodiedreamer_gym.envs.tasks.shapes import beaker, frustum
 from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
 
 HEIGHT, BOTTOM, TOP = 0.085, 0.026, 0.032  # m; between a 7 oz and a 9 oz paper cup, see assets/SOURCES.md
 GRIP = 0.05  # m above its base, where the gripper holds it
 PITCHES = np.radians([55.0, 65.0, 75.0])  # of the gripper, below the horizontal
-CUP = Prop(
-    "cup", (2 * TOP, 2 * TOP, HEIGHT), 0.03, (0.85, 0.33, 0.2, 1.0),
-    shapes=(*ring(BOTTOM, TOP, HEIGHT, 0.002), Shape("cylinder", (BOTTOM - 0.001, 0.003), (0.0, 0.0, 0.0015))),
-    hull=(Shape("frustum", (BOTTOM, TOP, HEIGHT), (0.0, 0.0, HEIGHT / 2)),),
-)  # fmt: skip
+CUP = Prop("cup", (2 * TOP, 2 * TOP, HEIGHT), 0.03, (0.85, 0.33, 0.2, 1.0),
+           (beaker(BOTTOM, TOP, HEIGHT, 0.002),), (frustum(BOTTOM, TOP, HEIGHT),))  # fmt: skip
 
 
 class GrabPaperCup(Task):

@@ -8,12 +8,14 @@ import numpy as np
 
 from embodiedreamer_gym.envs.tasks.grab_paper_cup import BOTTOM, CUP, GRIP, PITCHES, GrabPaperCup
 from embodiedreamer_gym.envs.tasks.grips import outward
-from embodiedreamer_gym.envs.tasks.prop import Prop, Shape
+from embodiedreamer_gym.envs.tasks.prop import Prop
+from embodiedreamer_gym.envs.tasks.shapes import Shape, frustum
 from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
 
 RADIUS, THICK = 0.065, 0.004  # m
+DROP = 0.003  # m that the cup falls when let go
 MAT = Prop("mat", (2 * RADIUS, 2 * RADIUS, THICK), 0.05, (0.16, 0.36, 0.62, 1.0),
-           (Shape("cylinder", (RADIUS, THICK), (0.0, 0.0, THICK / 2)),), fixed=True)  # fmt: skip
+           (frustum(RADIUS, RADIUS, THICK),), (Shape("cylinder", (RADIUS, THICK), (0.0, 0.0, THICK / 2)),), fixed=True)  # fmt: skip
 
 
 class PutCupOnMat(Task):
@@ -25,7 +27,7 @@ class PutCupOnMat(Task):
 
     def target(self, situation: Situation) -> np.ndarray:
         """Where the gripper is when it sets the cup down."""
-        return situation.goal.point((0.0, 0.0, THICK + GRIP))
+        return situation.goal.point((0.0, 0.0, THICK + DROP + GRIP))
 
     def done(self, situation: Situation) -> bool:
         """Upright, at rest, wholly on the mat, released."""
@@ -42,4 +44,4 @@ class PutCupOnMat(Task):
         """Slanting down on the mat, as high as the cup hangs in the gripper."""
         held = situation.tip.position - situation.object.position
         for pitch in PITCHES:
-            yield outward(situation, situation.goal.point((0.0, 0.0, THICK + held[2])), pitch)
+            yield outward(situation, situation.goal.point((0.0, 0.0, THICK + DROP + held[2])), pitch)

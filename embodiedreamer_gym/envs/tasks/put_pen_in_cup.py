@@ -7,22 +7,27 @@ from collections.abc import Iterator
 import numpy as np
 
 from embodiedreamer_gym.envs.tasks.grips import downward, outward
-from embodiedreamer_gym.envs.tasks.prop import Prop, Shape, ring
+from embodiedreamer_gym.envs.tasks.prop import Prop
+from embodiedreamer_gym.envs.tasks.shapes import Shape, beaker, frustum, staves
 from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
 
 LENGTH, THICK = 0.145, 0.012  # m
+BLUE = (0.1, 0.2, 0.6, 1.0)
+NIB, CAP = 0.015, 0.04  # m of its length
 PEN = Prop(
-    "pen", (LENGTH, THICK, THICK), 0.02, (0.13, 0.2, 0.55, 1.0),
-    shapes=(Shape("cylinder", (THICK / 2, LENGTH - 0.02), (-0.01, 0.0, THICK / 2), (0.0, np.pi / 2, 0.0)),
-            Shape("frustum", (THICK / 2, 0.001, 0.02), (LENGTH / 2 - 0.01, 0.0, THICK / 2), (0.0, np.pi / 2, 0.0))),
+    "pen", (LENGTH, THICK, THICK), 0.02, (0.85, 0.85, 0.82, 1.0),
+    shapes=(Shape("cylinder", (THICK / 2, LENGTH - NIB - CAP), ((CAP - NIB) / 2, 0.0, THICK / 2), (0.0, np.pi / 2, 0.0)),
+            Shape("cylinder", (THICK / 2, CAP), ((CAP - LENGTH) / 2, 0.0, THICK / 2), (0.0, np.pi / 2, 0.0), BLUE),
+            frustum(THICK / 2, 0.001, NIB, position=(LENGTH / 2 - NIB, 0.0, THICK / 2), rpy=(0.0, np.pi / 2, 0.0), rgba=BLUE)),
     hull=(Shape("box", (LENGTH, THICK, THICK), (0.0, 0.0, THICK / 2)),),
 )  # fmt: skip
 RADIUS, HEIGHT, WALL = 0.04, 0.1, 0.003  # m
+BOTTOM = Shape("cylinder", (RADIUS - WALL, WALL), (0.0, 0.0, WALL / 2))
 HOLDER = Prop("holder", (2 * RADIUS, 2 * RADIUS, HEIGHT), 0.2, (0.2, 0.45, 0.42, 1.0),
-              (*ring(RADIUS, RADIUS, HEIGHT, WALL, 12), Shape("cylinder", (RADIUS - WALL, WALL), (0.0, 0.0, WALL / 2))),
-              fixed=True)  # fmt: skip
+              (beaker(RADIUS, RADIUS, HEIGHT, WALL),), (*staves(RADIUS, HEIGHT, WALL), BOTTOM), fixed=True)  # fmt: skip
 END = 0.035  # m from the end that stays up, where the gripper holds the pen
 HANG = LENGTH - END
+GRIP = 0.008  # m above the table: the fingers end 4 mm lower
 DEPTH = 0.04  # m of the pen inside the holder when it is let go
 PITCHES = np.radians([20.0, 25.0, 30.0, 35.0, 40.0])
 
@@ -51,7 +56,7 @@ class PutPenInCup(Task):
     def grips(self, situation: Situation) -> Iterator[Pose]:
         """Across it from above, near one end: the longer part points to the arm, and will hang down from the gripper."""
         for way in (1.0, -1.0):
-            point = situation.object.point((way * (LENGTH / 2 - END), 0.0, THICK / 2))
+            point = situation.object.point((way * (LENGTH / 2 - END), 0.0, GRIP))
             yield downward(point, way * situation.object.rotation[:, 1])
 
     def releases(self, situation: Situation) -> Iterator[Pose]:

@@ -7,15 +7,24 @@ from collections.abc import Iterator
 import numpy as np
 
 from embodiedreamer_gym.envs.tasks.grips import downward
-from embodiedreamer_gym.envs.tasks.prop import Prop, Shape, open_box
+from embodiedreamer_gym.envs.tasks.prop import Prop
+from embodiedreamer_gym.envs.tasks.shapes import Shape, open_box
 from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
 
 LENGTH, WIDTH, THICK = 0.16, 0.046, 0.02  # m
-REMOTE = Prop("remote", (LENGTH, WIDTH, THICK), 0.1, (0.12, 0.12, 0.14, 1.0),
-              (Shape("box", (LENGTH, WIDTH, THICK), (0.0, 0.0, THICK / 2)),), friction=0.5)  # fmt: skip
+BUTTONS = [(x, y) for x in (-0.03, -0.01, 0.01, 0.03) for y in (-0.012, 0.0, 0.012)]
+REMOTE = Prop(
+    "remote", (LENGTH, WIDTH, THICK), 0.1, (0.13, 0.13, 0.15, 1.0),
+    shapes=(Shape("box", (LENGTH, WIDTH, THICK), (0.0, 0.0, THICK / 2)),
+            Shape("box", (0.012, 0.012, 0.001), (0.06, 0.0, THICK), rgba=(0.8, 0.15, 0.12, 1.0)),
+            *(Shape("box", (0.012, 0.008, 0.001), (x, y, THICK), rgba=(0.75, 0.75, 0.75, 1.0)) for x, y in BUTTONS)),
+    hull=(Shape("box", (LENGTH, WIDTH, THICK), (0.0, 0.0, THICK / 2)),), friction=0.5,
+)  # fmt: skip
 DEPTH, BREADTH, HEIGHT, WALL = 0.22, 0.16, 0.07, 0.003  # m
-BOX = Prop("box", (DEPTH, BREADTH, HEIGHT), 0.2, (0.72, 0.54, 0.34, 1.0), open_box(DEPTH, BREADTH, HEIGHT, WALL), fixed=True)  # fmt: skip
-GRIP = 0.012  # m above its underside, where the gripper holds it
+BOX = Prop(
+    "box", (DEPTH, BREADTH, HEIGHT), 0.2, (0.72, 0.54, 0.34, 1.0), open_box(DEPTH, BREADTH, HEIGHT, WALL), fixed=True
+)
+GRIP = 0.015  # m above its underside, where the gripper holds it
 DROP = 0.01  # m it falls when let go
 
 
@@ -34,7 +43,11 @@ class PutRemoteInBox(Task):
 
     def done(self, situation: Situation) -> bool:
         """Its corners between the walls and under the rim, at rest, released."""
-        corners = [situation.object.point((x, y, THICK / 2)) for x in (-LENGTH / 2, LENGTH / 2) for y in (-WIDTH / 2, WIDTH / 2)]
+        corners = [
+            situation.object.point((x, y, THICK / 2))
+            for x in (-LENGTH / 2, LENGTH / 2)
+            for y in (-WIDTH / 2, WIDTH / 2)
+        ]
         seen = (np.array(corners) - situation.goal.position) @ situation.goal.rotation
         inside = np.abs(seen[:, :2]).max(axis=0) < (DEPTH / 2, BREADTH / 2)
         low = seen[:, 2].max() < HEIGHT

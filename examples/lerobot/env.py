@@ -1,0 +1,56 @@
+"""The tasks for LeRobot: push this folder to the Hugging Face Hub, and `make_env` of LeRobot loads it from there.
+
+Source: https://huggingface.co/docs/lerobot/envhub
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+
+from embodiedreamer_gym.envs import NAMES
+from embodiedreamer_gym.envs.aloha import RESET_OPTIONS
+
+SUITE = "embodiedreamer"
+ARGUMENTS: dict[str, Any] = {  # of the environments; robot="my_calibrated_arm.json" belongs here
+    "obs_type": "pixels_agent_pos", "cameras": ("head", "left_wrist", "right_wrist"), "image_size": (320, 240),
+    "render_mode": "rgb_array",
+}  # fmt: skip
+
+
+class LeRobotEnv(gym.Wrapper):
+    """Says its task in words, and ignores reset options that are LeRobot's own."""
+
+    @property
+    def task(self) -> str:
+        return self.get_wrapper_attr("task_description")
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        known = {key: value for key, value in (options or {}).items() if key in RESET_OPTIONS}
+        return self.env.reset(seed=seed, options=known)
+
+
+def make_one(task: str, control_hz: int) -> gym.Env:
+    """One environment; the id names its module, which another process has yet to import."""
+    return LeRobotEnv(gym.make(f"embodiedreamer_gym:EmbodieDreamer/{task}-v0", control_hz=control_hz, **ARGUMENTS))
+
+
+def make_env(
+    n_envs: int = 1, use_async_envs: bool = False, cfg: Any = None
+) -> dict[str, dict[int, gym.vector.VectorEnv]]:
+    """{suite: {task number: n_envs environments}}: all tasks, or the one that cfg.task names, at cfg.fps."""
+    wanted = getattr(cfg, "task", None)
+    if wanted not in (None, *NAMES):
+        raise ValueError(f"task {wanted!r} is none of {', '.join(NAMES)}.")
+    kind = partial(gym.vector.AsyncVectorEnv, context="spawn") if use_async_envs else gym.vector.SyncVectorEnv
+    same_step = gym.vector.AutoresetMode.SAME_STEP  # LeRobot reads info["final_info"]
+    rate = int(getattr(cfg, "fps", 30))
+    return {
+        SUITE: {
+            number: kind([partial(make_one, task, rate)] * n_envs, autoreset_mode=same_step)
+            for number, task in enumerate(NAMES)
+            if wanted in (None, task)
+        }
+    }
