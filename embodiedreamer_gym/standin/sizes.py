@@ -15,7 +15,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from embodiedreamer_gym.errors import EffectError
-from embodiedreamer_gym.standin.motions import Motion, Span
+from embodiedreamer_gym.motions import Motion, Span
 from embodiedreamer_gym.standin.world import StandIn
 
 Array = np.ndarray

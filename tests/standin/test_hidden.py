@@ -6,7 +6,7 @@ import pytest
 from embodiedreamer_gym.errors import EffectError
 from embodiedreamer_gym.standin.arms import arm_home
 from embodiedreamer_gym.standin.hidden import EFFECTS, Hidden, shape_command
-from embodiedreamer_gym.standin.motions import multisine
+from embodiedreamer_gym.motions import multisine
 
 WEIGHT = 1.0 * 9.81 * 0.15  # N m at the horizontal: 1 kg, centre at 0.15 m
 STIFFNESS = 40.0  # N m/rad of the pendulum
