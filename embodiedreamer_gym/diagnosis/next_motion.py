@@ -166,18 +166,24 @@ def allowed_span(model: RobotModel, recordings: Sequence[Recording], centre, rea
 def slowed(motion: Motion, span: Span, acceleration: float) -> tuple[str, np.ndarray, np.ndarray]:
     """Kind, time (T,) and commands (T, n) of a motion, slowed down until its acceleration is allowed, eased in and out."""
     stretch = 1.0
+    time, command = eased(motion, span, stretch)
     for _ in range(20):
-        time = np.arange(0.0, motion.duration * stretch + 1e-9, 1 / RATE)
-        ease = np.clip(np.minimum(time, time[-1] - time) / RAMP, 0.0, 1.0)
-        ease = ease**3 * (10 - 15 * ease + 6 * ease**2)
-        command = span.centre + ease[:, None] * (motion(time / stretch) - span.centre)
         rates = np.gradient(command, 1 / RATE, axis=0)
         peak = np.abs(np.gradient(rates, 1 / RATE, axis=0)).max()
         over = max(peak / acceleration, (np.abs(rates).max(0) / span.speed).max() ** 2)
         if over <= 1.0:
             break
         stretch *= min(np.sqrt(over) * 1.02, 2.0)
+        time, command = eased(motion, span, stretch)
     return motion.kind, time, command
+
+
+def eased(motion: Motion, span: Span, stretch: float) -> tuple[np.ndarray, np.ndarray]:
+    """Time (T,) and commands (T, n) of a motion slowed down by a factor, that begins and ends at the span's centre."""
+    time = np.arange(0.0, motion.duration * stretch + 1e-9, 1 / RATE)
+    ease = np.clip(np.minimum(time, time[-1] - time) / RAMP, 0.0, 1.0)
+    ease = ease**3 * (10 - 15 * ease + 6 * ease**2)
+    return time, span.centre + ease[:, None] * (motion(time / stretch) - span.centre)
 
 
 def blank(model: RobotModel, kind: str, time: np.ndarray, command: np.ndarray, sigma: np.ndarray) -> Recording:

@@ -18,7 +18,8 @@ def dry_run(proposal: Proposal) -> Figure:
     model, n = proposal.models[0], len(proposal.joints)
     rows = int(np.ceil(n / COLUMNS))
     figure = Figure(figsize=(WIDTH, 1.5 * rows + 5.2), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, height_ratios=(1.5 * rows, 5.2))
+    parts = figure.subfigures(2, 1, height_ratios=(1.5 * rows, 5.2), squeeze=False)
+    upper, lower = parts[0, 0], parts[1, 0]
     for j, axes in enumerate(upper.subplots(rows, COLUMNS, squeeze=False, sharex=True).flat):
         if j >= n:
             axes.set_visible(False)
