@@ -14,9 +14,9 @@ from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
+from scipy.stats import binomtest
 
 import embodiedreamer_gym  # noqa: F401  its environments are registered
-from benchmarks.blind_singles import interval
 from benchmarks.common import pin_threads, save
 from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.envs.tasks import TASKS
@@ -78,7 +78,7 @@ def main() -> None:
                 rows += [{"task": task, "robot": name, **row} for row in played]
                 save(rows, arguments.out)
                 hits, of = sum(row["success"] for row in played), len(played)
-                low, high = interval(hits, of)
+                low, high = binomtest(hits, of).proportion_ci()  # Clopper-Pearson
                 steps = [row["first"] for row in played if row["success"]]
                 print(f"{task:<16}{name:<9}{sum(row['grasp'] for row in played):>6}/{of}{hits:>5}/{of}"
                       f"{f'{low:.1%} .. {high:.1%}':>16}{np.median(steps or [np.nan]):>13.0f}{max(steps, default=0):>6}"

@@ -33,10 +33,15 @@ def short_table() -> str:
 
 def parameter_text(p: Parameter) -> str:
     """A parameter with its bounds and unit."""
-    unit = "" if p.unit == "1" else f" {p.unit.replace('N m', 'τ') if p.scale else p.unit}"
+    unit = "" if p.unit == "1" else f" {in_torques(p.unit) if p.scale else p.unit}"
     note = ", shape" if p.shape else "" if p.off == 0 else f", off at {p.off:g}{unit}"
     note += ", per arm" if p.per == "arm" else ""
     return f"`{p.name}` {p.low:g} … {p.high:g}{unit}{note}"
+
+
+def in_torques(unit: str) -> str:
+    """A unit in which the joint's typical torque stands for the N m."""
+    return unit.replace("kg m^2", "τ s^2").replace("(N m)", "τ").replace("N m", "τ")
 
 
 def filled(text: str, table: str) -> str:

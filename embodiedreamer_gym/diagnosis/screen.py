@@ -135,12 +135,14 @@ def _mean_squares(problem: Problem, r: np.ndarray, floor: np.ndarray) -> np.ndar
 
 
 def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[str, np.ndarray]:
-    """Parameter sets (K, joints or arms) that cover an effect's sizes, signs and shapes."""
-    choices = []
+    """Parameter sets (K, joints or arms) that cover an effect's sizes, signs and shapes; one size of many shapes."""
+    choices, many = [], any(p.starts for p in kind.parameters)
     for p in kind.parameters:
         low, high = model.parameter_bounds(p)
         typical = p.typical * high / p.high
-        if p.shape:
+        if p.starts:
+            choices.append([np.full_like(low, value) for value in p.starts])
+        elif p.shape:
             spread = (-1.0, 0.0, 1.0) if p.low < 0 else SHAPES
             choices.append([np.clip(f * typical, low, high) for f in spread])
         elif p.off == p.high:
@@ -148,7 +150,8 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[str
             choices.append([np.clip(f * top, low, high) for f in LIMITS])
         else:
             signs = (1.0, -1.0) if p.low < 0 else (1.0,)
-            choices.append([np.clip(s * f * typical, low, high) for f in SIZES for s in signs])
+            factors = SIZES[1:2] if many else SIZES
+            choices.append([np.clip(s * f * typical, low, high) for f in factors for s in signs])
     sized = [i for i, p in enumerate(kind.parameters) if not p.shape]
     rows = _together(kind, choices, sized, model) if len(sized) > 1 else list(itertools.product(*choices))
     return {

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from embodiedreamer_gym.effects.backlash import Backlash
 from embodiedreamer_gym.effects.base_tilt import BaseTilt
 from embodiedreamer_gym.effects.command_delay import CommandDelay
 from embodiedreamer_gym.effects.command_lowpass import CommandLowpass
@@ -15,12 +16,19 @@ from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
 from embodiedreamer_gym.effects.direction_dependent_friction import DirectionDependentFriction
 from embodiedreamer_gym.effects.effect import Effect, MechanicsChange, SignalLaw, TorqueBudget
 from embodiedreamer_gym.effects.encoder_offset import EncoderOffset
+from embodiedreamer_gym.effects.extra_rotor_inertia import ExtraRotorInertia
+from embodiedreamer_gym.effects.hysteresis import Hysteresis
+from embodiedreamer_gym.effects.joint_elasticity import JointElasticity
 from embodiedreamer_gym.effects.joint_spring import JointSpring
 from embodiedreamer_gym.effects.load_friction import LoadFriction
 from embodiedreamer_gym.effects.payload import Payload
+from embodiedreamer_gym.effects.quadratic_drag import QuadraticDrag
 from embodiedreamer_gym.effects.servo_deadzone import ServoDeadzone
 from embodiedreamer_gym.effects.stribeck_friction import StribeckFriction
 from embodiedreamer_gym.effects.torque_bias import TorqueBias
+from embodiedreamer_gym.effects.torque_constant import TorqueConstant
+from embodiedreamer_gym.effects.torque_fade import TorqueFade
+from embodiedreamer_gym.effects.torque_ripple import TorqueRipple
 from embodiedreamer_gym.effects.torque_saturation import TorqueSaturation
 from embodiedreamer_gym.effects.velocity_limit import VelocityLimit
 from embodiedreamer_gym.errors import EffectError
@@ -36,12 +44,20 @@ CATALOGUE: Catalogue = {
         ServoDeadzone,
         TorqueSaturation,
         VelocityLimit,
+        TorqueConstant,
+        TorqueFade,
         CoulombFriction,
         StribeckFriction,
         LoadFriction,
         DirectionDependentFriction,
+        Hysteresis,
+        QuadraticDrag,
         TorqueBias,
+        TorqueRipple,
         JointSpring,
+        JointElasticity,
+        Backlash,
+        ExtraRotorInertia,
         Payload,
         BaseTilt,
         EncoderOffset,

@@ -10,7 +10,13 @@ class CoulombFriction(TorqueBudget):
     parameters = (Parameter("torque", "N m", off=0.0, low=0.0, high=2.0, typical=0.1, scale="torque"),)
     symptom = "the joint sticks at reversals and stops short of its target, by the same torque at every speed"
     reveals = "slow sweeps in both directions"
-    confused_with = ("stribeck_friction", "direction_dependent_friction", "load_friction", "servo_deadzone")
+    confused_with = (
+        "stribeck_friction",
+        "direction_dependent_friction",
+        "load_friction",
+        "servo_deadzone",
+        "hysteresis",
+    )
 
     @staticmethod
     def friction(joint, p):

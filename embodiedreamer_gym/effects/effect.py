@@ -7,7 +7,7 @@ static method written so that a leading axis of parameter sets `(B, n)` broadcas
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any, ClassVar, Literal
 
@@ -25,8 +25,9 @@ class Parameter:
 
     off: the value at which the effect vanishes, inside [low, high]; typical: a size that is plainly visible.
     A limit, whose off value is its upper bound, reaches the law as infinity when off.
-    scale: "torque" multiplies low, high and typical by a torque typical of the joint [N m]; "" takes them as they
-    are; per: one value for each joint or for each arm.
+    scale: "torque" multiplies low, high and typical by a torque typical of the joint [N m], "1/torque" divides them by
+    it, "" takes them as they are; per: one value for each joint or for each arm; starts: values of a shape parameter from which a fit has to
+    begin to find the right one, where a few sizes do not reach all.
     """
 
     name: str
@@ -35,9 +36,10 @@ class Parameter:
     low: float
     high: float
     typical: float
-    scale: Literal["", "torque"] = ""
+    scale: Literal["", "torque", "1/torque"] = ""
     per: Literal["joint", "arm"] = "joint"
     shape: bool = False  # a shape parameter: has no influence while the effect's other parameters are off
+    starts: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.low <= self.off <= self.high:
@@ -62,6 +64,8 @@ class Mechanics:
     mass (B, k) kg; first_moment (B, k, 3) kg m, mass times centre of mass in the body's frame; inertia (B, k, 3, 3)
     kg m^2 about the body frame's origin; gravity (B, arms, 3) m/s^2; rotor_inertia (B, n) kg m^2 at the joint;
     tip_body (arms,) body that carries each end effector, tip_point (arms, 3) its place in that body's frame, m.
+    What lies between motor and joint, each (B, n) or what broadcasts to it: compliance rad/(N m), the time in s in which
+    the damping of that spring lets it settle, and the gap of the gears' teeth, rad.
     """
 
     mass: Array
@@ -71,6 +75,9 @@ class Mechanics:
     rotor_inertia: Array
     tip_body: Array
     tip_point: Array
+    compliance: Array = field(default_factory=lambda: np.zeros((1, 1)))
+    settling: Array = field(default_factory=lambda: np.zeros((1, 1)))
+    gap: Array = field(default_factory=lambda: np.zeros((1, 1)))
 
     def add_point_mass(self, body: int, mass: Array, point: Array) -> None:
         """Add a point mass (B,) kg at a point (3,) or (B, 3) m of a body's frame."""
@@ -94,6 +101,7 @@ class Effect:
     confused_with: ClassVar[tuple[str, ...]] = ()
     kind: ClassVar[str]
     stage: ClassVar[str]
+    passive: ClassVar[bool] = False  # never adds energy, which its laws then check
 
     def __init__(self, **values: Mapping[str, float]) -> None:
         known = {p.name: p for p in self.parameters}
@@ -122,15 +130,16 @@ class Effect:
 class SignalLaw(Effect):
     """A pure function of a signal: (signal, joint, memory, p) -> (signal, memory).
 
-    stage "command": the commanded position; "servo": the position error; "drive": the servo's torque; "load": an
-    extra torque on the joint (the law adds to it); "sensor": the measured position. Signals are (B, n).
+    stage "command": the commanded position; "servo": the position error; "drive": the servo's torque, of which the
+    law says what arrives at the joint (a log's effort is what goes in: a current says no more); "load": an extra
+    torque on the joint (the law adds to it); "sensor": the measured position. Signals are (B, n).
     """
 
     kind = "signal"
 
     @staticmethod
     def start(signal: Array, p: SimpleNamespace, dt: float) -> Any:
-        """Memory at rest, given the signal (B, n) of the first instant."""
+        """Memory at rest, given the signal (B, n) of the first instant; of a load, the torque left over at rest."""
         return None
 
     @staticmethod
@@ -144,6 +153,7 @@ class TorqueBudget(Effect):
 
     kind = "budget"
     stage = "mechanics"
+    passive = True
 
     @staticmethod
     def friction(joint: JointState, p: SimpleNamespace) -> tuple[Array, Array] | None:
@@ -161,7 +171,7 @@ class TorqueBudget(Effect):
 
 
 class MechanicsChange(Effect):
-    """A change of masses, gravity or rotor inertia, made once per parameter set."""
+    """A change of masses, gravity, rotor inertia or the gears' give, made once per parameter set."""
 
     kind = "mechanics"
     stage = "mechanics"

@@ -14,7 +14,7 @@ class JointSpring(SignalLaw):
     )
     symptom = "the error grows with the distance from one angle of the joint"
     reveals = "a slow sweep of one joint through its range"
-    confused_with = ("torque_bias", "base_tilt", "payload", "encoder_offset")
+    confused_with = ("torque_bias", "base_tilt", "payload", "encoder_offset", "torque_ripple", "hysteresis")
 
     @staticmethod
     def law(signal, joint, memory, p):

@@ -13,7 +13,7 @@ class ServoDeadzone(SignalLaw):
     parameters = (Parameter("width", "rad", off=0.0, low=0.0, high=0.1, typical=0.01),)
     symptom = "near the target the servo gives no torque: a flat error of either sign at holds"
     reveals = "slow ramps and holds in poses without gravity torque"
-    confused_with = ("coulomb_friction", "encoder_offset")
+    confused_with = ("coulomb_friction", "encoder_offset", "backlash")
 
     @staticmethod
     def law(signal, joint, memory, p):

@@ -208,8 +208,9 @@ class RobotModel:
         return parameter.off * self._parameter_scale(parameter)
 
     def _parameter_scale(self, parameter) -> np.ndarray:
-        count = self.n if parameter.per == "joint" else len(self.arms)
-        return self.torque_scale if parameter.scale == "torque" and parameter.per == "joint" else np.ones(count)
+        if parameter.per == "arm" or not parameter.scale:
+            return np.ones(self.n if parameter.per == "joint" else len(self.arms))
+        return self.torque_scale if parameter.scale == "torque" else 1.0 / self.torque_scale
 
     def parameters(self) -> ParameterTable:
         """Every number of the model as a table: servo, rotor inertia, viscous friction, then the effects'."""

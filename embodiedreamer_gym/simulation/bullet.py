@@ -192,8 +192,9 @@ def replay(model: RobotModel, recording: Recording, dt: float = TIME_STEP, hold:
     with BulletPlant(model, dt=dt) as plant:
         plant.reset(*first_state(recording), commands[0])
         for k, command in enumerate(commands):
-            track[1, k, 0] = plant.step(command)
-            track[0, k, 0], track[2, k, 0] = plant.measured, plant.drive.torque[0]
+            plant.step(command)
+            drive = plant.drive
+            track[:, k, 0] = drive.measured[0], drive.measured_acceleration[0], drive.torque[0]
     if not np.all(np.isfinite(track)):
         raise SimulationError(
             f"the simulation of {recording.name} with model {model.name} diverges; check its servo gains."

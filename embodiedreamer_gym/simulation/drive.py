@@ -16,6 +16,9 @@ from embodiedreamer_gym.simulation.solve import end_stops, solve_step, tightened
 
 TIME_STEP = 1.0 / 240.0  # s, the environment's own
 UNLIMITED = 1e12  # N m or rad/s
+SAGS = 3  # passes to the rest of joints that hang on gears that give way
+PASSES = 2  # over a law of the drive that is no line
+NUDGE, STRAIGHT = 1e-4, 1e-6  # relative torque by which its slope is felt out, and by which it may differ from a line
 Sets = Mapping[str, np.ndarray]  # group ("stiffness", "payload.mass") -> (P, joints or arms)
 
 
@@ -40,6 +43,9 @@ class Drive:
         tiled = [(e, SimpleNamespace(**{k: _tile(v, rollouts) for k, v in p.items()})) for e, p in values]
         self._laws = {s: [(e, p) for e, p in tiled if isinstance(e, SignalLaw) and e.stage == s] for s in STAGES}
         self._budgets = [(e, p) for e, p in tiled if isinstance(e, TorqueBudget)]
+        self._gear = _gear(self.mechanics, self.sets, model.n, rollouts)
+        self._gives = self._gear.shape[1] > 0
+        self._loose = self._gear[0] + self._gear[2] > 0.0
         self._lower, self._upper = model.tree.lower, model.tree.upper
         self._blocks = _blocks(model.tree.arm)
         self.batch = self.sets * rollouts
@@ -54,71 +60,115 @@ class Drive:
             for law in self._laws[stage]:
                 self._index[id(law[0])] = len(self._index)
         self._joint = JointState(measured, self.velocity, np.zeros_like(self.velocity), self.dt, 0.0)
-        signals = {"command": command, "servo": np.zeros_like(command), "drive": np.zeros_like(command),
-                   "load": np.zeros_like(command), "sensor": measured}  # fmt: skip
-        for stage in STAGES:
-            signal = np.array(signals[stage], float)
-            for effect, p in self._laws[stage]:
-                self._memory[self._index[id(effect)]] = effect.start(signal, p, self.dt)
-                signal, _ = effect.law(signal, self._joint, effect.start(signal, p, self.dt), p)
-            signals[stage] = signal
-        self.position = 2 * measured - signals["sensor"]  # exact for an offset
-        self._impulse = np.zeros_like(self.position)
-        self._before = self.velocity
-        self.torque = np.zeros_like(self.position)
         self.measured = np.array(measured, float)
+        self._joint.position = self.position = 2 * measured - self._begin("sensor", measured)  # exact for an offset
+        pull = self._servo["stiffness"] * self._begin("servo", self._begin("command", command) - measured)
+        surplus = self._begin("drive", pull) - self._weight()
+        load = self._begin("load", surplus) - surplus
+        self.motor, self.spin = self.position, self.velocity
+        for _ in range(SAGS if self._gives else 0):
+            carried = self._weight() - load
+            self.position = self.motor - self._gear[0] * carried - self._gear[2] * np.sign(carried)
+        self._impulse = np.zeros_like(self.position)
+        self._before, self._spun = self.velocity, self.spin
+        self.torque = self.measured_acceleration = np.zeros_like(self.position)
         self._free = self._unlimited()
 
+    def _weight(self) -> np.ndarray:
+        """Torque (B, n) that holds the joints where they are."""
+        still = np.zeros_like(self.position)
+        return self.model.bodies.mass_matrix_and_bias(self.position, still, self.mechanics)[1]
+
+    def _begin(self, stage: str, signal: np.ndarray) -> np.ndarray:
+        """Put a stage's memories at rest at its first signal (B, n); what the stage makes of that signal."""
+        signal = np.array(signal, float)
+        for effect, p in self._laws[stage]:
+            self._memory[self._index[id(effect)]] = effect.start(signal, p, self.dt)
+            signal, _ = effect.law(signal, self._joint, effect.start(signal, p, self.dt), p)
+        return signal
+
     def _unlimited(self) -> tuple[np.ndarray, ...]:
-        """Friction's torque forward and backward, the drive's limits and the joints a law holds, where there are none."""
+        """Without friction, limits and laws of the drive: torques, limits, the share of a torque that arrives, and a shift."""
         shape = self.position.shape
-        return np.zeros(shape), np.zeros(shape), np.full((5, *shape), UNLIMITED), np.zeros(shape, np.bool_)
+        return np.zeros(shape), np.zeros(shape), np.full((5, *shape), UNLIMITED), np.ones(shape), np.zeros(shape)
 
     def accelerate(self, command: np.ndarray) -> np.ndarray:
-        """Acceleration (B, n) of this step under the command (B, n); sets `measured` and `torque` of this instant."""
-        position, velocity, dt = self.position, self.velocity, self.dt
-        now = velocity + 0.5 * (velocity - self._before)  # the velocity belongs to half a step ago, its torques to now
-        self._before = velocity
-        joint = self._joint = JointState(position, now, self.torque, dt, self.time)
-        self.measured = self._pass("sensor", position, joint)
-        heard = self._pass("command", command, joint)
-        error = self._pass("servo", heard - self.measured, joint)
-        load = self._pass("load", self._free[0], joint)
+        """Acceleration (B, n) of this step under the command (B, n); sets `measured` and `torque` of this instant.
+
+        torque is the drive's before its laws: the one its current stands for. What the sensors see accelerates by
+        `measured_acceleration`, which is the motor's where a gear gives way.
+        """
+        joint, motor = self._instant()
+        self.measured = self._pass("sensor", motor.position, motor)
+        heard = self._pass("command", command, motor)
         servo = self._servo
-        pull = servo["stiffness"] * error
-        forward, backward, limits, fixed = self._free
-        if self._budgets:
-            wanted = self.torque if self._laws["drive"] else pull - servo["damping"] * now
-            forward, backward, limits = self._budget(joint, wanted)
-        slowest, fastest = end_stops(position, self._lower, self._upper, dt)
-        mass, bias = self.model.bodies.mass_matrix_and_bias(position, now, self.mechanics)
-        acceleration, torque = np.empty_like(position), np.empty_like(position)
-        impulse = self._impulse.copy()
-        fixed_torque = torque
-
-        def solve() -> None:
-            solve_step(mass, bias, velocity, pull, servo["stiffness"], servo["damping"], servo["viscous_friction"],
-                       servo["rotor_inertia"], load, fixed, fixed_torque, limits, forward, backward, slowest, fastest,
-                       self._blocks, dt, impulse, acceleration, torque)  # fmt: skip
-
-        solve()
-        if self._laws["drive"]:
-            given = self._pass("drive", torque.copy(), joint)
-            fixed = np.abs(given - torque) > 1e-12
-            if fixed.any():  # a torque that a law has changed no longer carries the servo's damping
-                impulse = self._impulse.copy()
-                fixed_torque = given
-                solve()
+        pull = servo["stiffness"] * self._pass("servo", heard - self.measured, motor)
+        load = self._pass("load", self._free[0], joint)
+        forward, backward, limits, gain, shift = self._free
+        if self._budgets or self._laws["drive"]:
+            limits = self._limits(motor)
+            wanted = within_limits(pull - servo["damping"] * motor.velocity, motor.velocity, limits)
+            gain, shift = self._line(wanted, motor)
+            forward, backward = self._friction(joint, gain * wanted + shift if self._laws["drive"] else wanted)
+        slowest, fastest = end_stops(joint.position, self._lower, self._upper, self.dt)
+        mass, bias = self.model.bodies.mass_matrix_and_bias(joint.position, joint.velocity, self.mechanics)
+        acceleration, torque = np.empty_like(bias), np.empty_like(bias)
+        wound = motor.position - joint.position if self._gives else self._free[0]
+        for _ in range(PASSES):
+            impulse, spin = self._impulse.copy(), self.spin.copy() if self._gives else self.velocity
+            solve_step(mass, bias, self.velocity, pull, servo["stiffness"], servo["damping"], servo["viscous_friction"],
+                       servo["rotor_inertia"], gain, shift, load, limits, forward, backward, slowest, fastest,
+                       self._gear, wound, spin, self._blocks, self.dt, impulse, acceleration, torque)  # fmt: skip
+            if not self._bent(torque, motor, gain, shift):
+                break
+            gain, shift = self._line(torque, motor)
+        self._pass("drive", torque, motor)
         self._impulse, self.torque = impulse, torque
+        self._turn(spin, acceleration)
         return acceleration
+
+    def _instant(self) -> tuple[JointState, JointState]:
+        """The joints and the motors now, whose velocities belong to half a step ago; the same where no gear gives way."""
+        now = self.velocity + 0.5 * (self.velocity - self._before)
+        self._before = self.velocity
+        joint = JointState(self.position, now, self.torque, self.dt, self.time)
+        if not self._gives:
+            self.motor, self.spin = self.position, self.velocity
+            return joint, joint
+        self.motor = np.where(self._loose, self.motor, self.position)
+        self.spin = np.where(self._loose, self.spin, self.velocity)
+        now = self.spin + 0.5 * (self.spin - self._spun)
+        self._spun = self.spin
+        return joint, JointState(self.motor, now, self.torque, self.dt, self.time)
+
+    def _turn(self, spin: np.ndarray, acceleration: np.ndarray) -> None:
+        """Move the motors on by their new velocity (B, n)."""
+        self.measured_acceleration = acceleration
+        if self._gives:
+            self.measured_acceleration = np.where(self._loose, (spin - self.spin) / self.dt, acceleration)
+            self.spin = np.clip(spin, -1e3, 1e3)
+            self.motor = self.motor + self.spin * self.dt
+
+    def _line(self, torque: np.ndarray, joint: JointState) -> tuple[np.ndarray, np.ndarray]:
+        """What arrives at the joints of a drive's torque about this one (B, n): the gain and shift of a line."""
+        if not self._laws["drive"]:
+            return self._free[3:]
+        given, step = self._try("drive", torque, joint), NUDGE * (1.0 + np.abs(torque))
+        gain = np.maximum((self._try("drive", torque + step, joint) - given) / step, 0.0)
+        return gain, given - gain * torque
+
+    def _bent(self, torque: np.ndarray, joint: JointState, gain: np.ndarray, shift: np.ndarray) -> bool:
+        """Whether the drive's laws give something else at a torque (B, n) than their line."""
+        if not self._laws["drive"]:
+            return False
+        given = self._try("drive", torque, joint)
+        return bool(np.any(np.abs(given - gain * torque - shift) > STRAIGHT * (1.0 + np.abs(given))))
 
     def read(self) -> np.ndarray:
         """What the sensors (B, n) see of the present position; no memory moves on."""
-        joint = JointState(self.position, self.velocity, self.torque, self.dt, self.time)
-        signal = self.position
-        for effect, p in self._laws["sensor"]:
-            signal, _ = effect.law(signal, joint, self._memory[self._index[id(effect)]], p)
-        return np.array(signal, float)
+        seen = np.where(self._loose, self.motor, self.position) if self._gives else self.position
+        joint = JointState(seen, self.velocity, self.torque, self.dt, self.time)
+        return np.array(self._try("sensor", seen, joint), float)
 
     def advance(self, acceleration: np.ndarray) -> None:
         """Move freely for one step, as PyBullet would: v += a dt, q += v dt."""
@@ -131,8 +181,10 @@ class Drive:
         """Drop all but the first rollouts: the others have ended."""
         b = rollouts * self.sets
         self.rollouts, self.batch = rollouts, b
-        for name in ("position", "velocity", "torque", "measured", "_impulse", "_before"):
+        for name in ("position", "velocity", "motor", "spin", "torque", "measured", "measured_acceleration", "_impulse",
+                     "_before", "_spun", "_loose"):  # fmt: skip
             setattr(self, name, getattr(self, name)[:b])
+        self._gear = np.ascontiguousarray(self._gear[:, :b])
         self._free = self._unlimited()
         self._servo = {k: v[:b] for k, v in self._servo.items()}
         for _, p in [*(law for laws in self._laws.values() for law in laws), *self._budgets]:
@@ -146,24 +198,38 @@ class Drive:
             signal, self._memory[i] = effect.law(signal, joint, self._memory[i], p)
         return signal
 
-    def _budget(self, joint: JointState, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Friction's torque forward and backward (B, n), and the drive's limits (5, B, n), of all budgets together.
+    def _try(self, stage: str, signal: np.ndarray, joint: JointState) -> np.ndarray:
+        """What a stage makes of a signal (B, n); no memory moves on."""
+        for effect, p in self._laws[stage]:
+            signal, _ = effect.law(signal, joint, self._memory[self._index[id(effect)]], p)
+        return signal
 
-        wanted: the servo's torque (B, n) at this instant; what the limits leave of it loads the gears.
-        """
-        forward, backward, limits, _ = self._free
-        shape = joint.position.shape
+    def _limits(self, joint: JointState) -> np.ndarray:
+        """The drive's limits (5, B, n) of all budgets together."""
+        limits, shape = self._free[2], joint.position.shape
         for effect, p in self._budgets:
             given = effect.drive(joint, p)
             if given is not None:
                 limits = tightened(limits, tuple(x if x.shape == shape else _spread(x, shape) for x in given))
-        limited = within_limits(wanted, joint.velocity, limits)
-        joint = JointState(joint.position, joint.velocity, limited, joint.dt, joint.time)
+        return limits
+
+    def _friction(self, joint: JointState, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Friction's torque forward and backward (B, n) of all budgets, the gears loaded by a torque (B, n)."""
+        forward, backward = self._free[:2]
+        joint = JointState(joint.position, joint.velocity, torque, joint.dt, joint.time)
         for effect, p in self._budgets:
             taken = effect.friction(joint, p)
             if taken is not None:
                 forward, backward = forward + taken[0], backward + taken[1]
-        return forward, backward, limits
+        return forward, backward
+
+
+def _gear(mechanics: Mechanics, sets: int, n: int, rollouts: int) -> np.ndarray:
+    """Compliance, settling time and half the gap (3, B, n) between motors and joints; of no samples where none gives."""
+    parts = mechanics.compliance, mechanics.settling, mechanics.gap / 2
+    if not (mechanics.compliance.any() or mechanics.gap.any()):
+        return np.zeros((3, 0, 0))
+    return np.stack([_tile(np.broadcast_to(part, (sets, n)), rollouts) for part in parts])
 
 
 def _spread(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

@@ -114,7 +114,7 @@ def simulate_sets(
         for k in range(first, last):
             acceleration = drive.accelerate(np.repeat(padded[k, :alive], p, axis=0))
             row = k - first + overlap
-            block[0, row], block[1, row], block[2, row] = drive.measured, acceleration, drive.torque
+            block[0, row], block[1, row], block[2, row] = drive.measured, drive.measured_acceleration, drive.torque
             drive.advance(acceleration)
         track = block
         for r in range(alive):

@@ -4,6 +4,11 @@ PyBullet integrates v += a dt, q += v dt, a leapfrog whose velocity belongs to t
 at the mean of the old and the new velocity, (M + R + (d + b) dt/2) a = p e - (d + b) v - h + load - friction,
 which at 240 Hz agrees with an engine at 10 kHz. Friction is a stopping impulse, solved over the coupled joints by
 projected Gauss-Seidel (Moreau's time stepping), since a joint-by-joint stop flips signs through the coupling.
+
+Where a gear gives way, its motor is a mass of its own, R (w' - w) / dt = drive - gear, which knows of the joint only
+its new velocity: it is eliminated joint by joint, and what is left of gear and motor is a push and a damping of the
+joint. The gear's spring is taken at its present wind-up, like the servo's, as far as the step resolves its mode, and
+beyond that at its new one; in a gap there is none.
 """
 
 from __future__ import annotations
@@ -15,46 +20,56 @@ SWEEPS = 60
 SPEED_TOLERANCE = 1e-8  # rad/s
 RINGING = 3.0  # damping at the mean speed turns a velocity by (1 - x) / (1 + x) per step, x = dt slope / 2 inertia
 PASSES = 4  # over the set of joints whose drive is at a limit
-FREE, FIXED, TOP, FAST, BOTTOM, BACK = 0, 1, 2, 3, 4, 5
+GEAR_PASSES = 8  # over the sides on which gears with a gap touch
+LEAST_ROTOR = 0.02  # of the joint's inertia, where a gear gives way
+RESOLVED = 0.5  # inertia over squared step: up to it a gear's spring is explicit; n of them in a row add up
+RIGID = 1e6  # of the stiffness that a step resolves: teeth without compliance
+FREE, TOP, FAST, BOTTOM, BACK = 0, 1, 2, 3, 4
+OPEN, AHEAD, BEHIND, MESHED = 0, 1, -1, 2
+GIVE, SLOPE, SOFT, LATE, HEAVY, KNOWN, PUSH, HOLD = range(8)  # parts of a joint's drive
 
 jit = nb.njit(cache=True, nogil=True, error_model="numpy")
 
 
 @jit
-def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, load, fixed, fixed_torque, limits,
-               budget_forward, budget_backward, slowest, fastest, blocks, dt, impulse, acceleration, torque):  # fmt: skip
+def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, gain, shift, load, limits,
+               budget_forward, budget_backward, slowest, fastest, gear, wound, spin, blocks, dt, impulse, acceleration,
+               torque):  # fmt: skip
     """Solve one step for a batch; arrays (B, n), mass (B, n, n).
 
-    pull: p * error, N m; fixed: joints whose torque is fixed_torque instead of the servo's; limits (5, B, n): the
-    drive's highest torque forward and backward, N m, the speeds at which it fades to nothing, rad/s, and its torque
-    at rest on that line, N m; blocks:
-    first joint of each independent arm, then n; impulse: friction's of the last step on entry (a warm start), of
-    this step on return; acceleration, torque: results, the drive's torque at the mean velocity of the step.
+    pull: p * error, N m; gain, shift: a torque x of the drive arrives as gain * x + shift, the gain not negative;
+    limits (5, B, n): the drive's highest torque forward and backward, N m, the speeds at which it fades to nothing,
+    rad/s, and its torque at rest on that line, N m; gear (3, B, n): compliance, rad/(N m), settling time, s, and half
+    the gap, rad, or of no samples where no gear gives way; wound: the motor's angle less the joint's; spin: the motor's
+    velocity, the old one on entry; blocks: first joint of each independent arm, then n; impulse: friction's of the last
+    step on entry (a warm start), of this step on return; acceleration, torque: results, the drive's torque at the mean
+    velocity of the step, before the gain.
     """
     batch, n = velocity.shape
     low, inverse = np.empty((n, n)), np.empty((n, n))
-    diagonal, right, new, work = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    give, slope, soft, late = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    state = np.empty(n, np.int64)
+    diagonal, right, new, work, lone = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    state, side, left = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    parts = np.empty((8, n))
+    gives = gear.shape[1] > 0
+    servo = (pull, stiffness, damping, viscous, rotor, gain, shift, load, limits)
     for b in range(batch):
         for k in range(len(blocks) - 1):
             first, end = blocks[k], blocks[k + 1]
             for i in range(first, end):
-                state[i] = FIXED if fixed[b, i] else FREE
-            for _ in range(PASSES):
-                constrained = False
+                state[i] = FREE
+            if gives:
+                _at_first(gear[:, b], wound[b], mass[b], rotor[b], side, left, lone, low, inverse, work, first, end)
+            for _ in range(GEAR_PASSES if gives else PASSES):
                 for i in range(first, end):
-                    base = mass[b, i, i] + rotor[b, i] + 0.5 * dt * viscous[b, i]
-                    _drive(state[i], i, b, pull, damping, fixed_torque, limits, give, slope)
-                    late[i] = max(0.0, 0.5 * dt * slope[i] - RINGING * base)  # beyond it: a later speed
-                    diagonal[i] = base + 0.5 * dt * slope[i] + late[i]
-                    stiff = stiffness[b, i] * dt * dt if state[i] == FREE else 0.0
-                    soft[i] = max(0.0, stiff - diagonal[i])  # a mode faster than the step resolves: implicit
-                    diagonal[i] += soft[i]
-                    v = velocity[b, i]
-                    right[i] = give[i] - (slope[i] + viscous[b, i] + soft[i] / dt) * v - bias[b, i] + load[b, i]
+                    if gives and gear[0, b, i] + gear[2, b, i] > 0.0:
+                        slip = spin[b, i] - velocity[b, i]
+                        _loose(b, i, state[i], side[i], gear[:, b, i], wound[b, i], slip, lone[i], mass, bias, velocity,
+                               servo, dt, parts, diagonal, right)  # fmt: skip
+                    else:
+                        _tight(b, i, state[i], mass, bias, velocity, servo, dt, parts, diagonal, right)
                 _factor(mass[b], diagonal, low, first, end)
                 _substitute(low, right, new, work, first, end)
+                constrained = False
                 for i in range(first, end):
                     new[i] = velocity[b, i] + dt * new[i]
                     if new[i] > fastest[b, i] or new[i] < slowest[b, i] or impulse[b, i] != 0.0:
@@ -67,19 +82,108 @@ def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, l
                               dt, first, end)  # fmt: skip
                 changed = False
                 for i in range(first, end):
-                    mean = 0.5 * (velocity[b, i] + new[i])
-                    torque[b, i] = give[i] - slope[i] * mean - soft[i] * new[i] / dt
-                    torque[b, i] -= late[i] * (new[i] - velocity[b, i]) / dt
-                    if state[i] != FIXED:
-                        wanted = pull[b, i] - damping[b, i] * mean if state[i] != FREE else torque[b, i]
-                        now = _limit_state(wanted, mean, i, b, limits)
-                        if now != state[i]:
-                            state[i] = now
-                            changed = True
+                    old, work[i] = velocity[b, i], new[i]
+                    if gives and gear[0, b, i] + gear[2, b, i] > 0.0:
+                        old = spin[b, i]
+                        changed |= _turned(i, gear[2, b, i], wound[b, i], new[i], dt, parts, side, left, work)
+                    changed |= _driven(b, i, old, work[i], dt, servo, parts, state, torque)
                 if not changed:
                     break
             for i in range(first, end):
                 acceleration[b, i] = (new[i] - velocity[b, i]) / dt
+                if gives:
+                    spin[b, i] = work[i]
+
+
+@jit
+def _motor(b, i, state, base, servo, dt, parts):
+    """The drive of one joint on an inertia: its parts, and the inertia that it makes of it."""
+    _, stiffness, _, _, _, gain, _, _, _ = servo
+    _drive(state, i, b, servo, parts)
+    drag = gain[b, i] * parts[SLOPE, i]
+    parts[LATE, i] = max(0.0, 0.5 * dt * drag - RINGING * base)  # beyond it: a later speed
+    heavy = base + 0.5 * dt * drag + parts[LATE, i]
+    stiff = gain[b, i] * stiffness[b, i] * dt * dt if state == FREE else 0.0
+    parts[SOFT, i] = max(0.0, stiff - heavy)  # a mode faster than the step resolves: implicit
+    return heavy + parts[SOFT, i]
+
+
+@jit
+def _tight(b, i, state, mass, bias, velocity, servo, dt, parts, diagonal, right):
+    """Diagonal and right-hand side of a joint that moves with its motor."""
+    _, _, _, viscous, rotor, gain, shift, load, _ = servo
+    base = mass[b, i, i] + rotor[b, i] + 0.5 * dt * viscous[b, i]
+    diagonal[i] = _motor(b, i, state, base, servo, dt, parts)
+    slope = gain[b, i] * parts[SLOPE, i] + viscous[b, i] + parts[SOFT, i] / dt
+    given = gain[b, i] * parts[GIVE, i] + shift[b, i] + load[b, i]
+    right[i] = given - slope * velocity[b, i] - bias[b, i]
+
+
+@jit
+def _loose(b, i, state, side, gear, wound, slip, lone, mass, bias, velocity, servo, dt, parts, diagonal, right):
+    """The same of a joint behind a gear that gives way, whose torque is PUSH - HOLD * the joint's new velocity.
+
+    The motor's new velocity is (KNOWN - that torque) / HEAVY; slip: its old velocity less the joint's.
+    """
+    _, _, _, viscous, rotor, gain, shift, load, _ = servo
+    base = max(rotor[b, i], LEAST_ROTOR * mass[b, i, i])
+    heavy = _motor(b, i, state, base, servo, dt, parts) / dt
+    kept = (base + parts[LATE, i]) / dt - 0.5 * gain[b, i] * parts[SLOPE, i]
+    known = gain[b, i] * parts[GIVE, i] + shift[b, i] + kept * (velocity[b, i] + slip)
+    still, grip = _gear(side, gear, wound, slip, base * lone / (base + lone), dt)
+    push, hold = (heavy * still + grip * known) / (heavy + grip), heavy * grip / (heavy + grip)
+    parts[HEAVY, i], parts[KNOWN, i], parts[PUSH, i], parts[HOLD, i] = heavy, known, push, hold
+    diagonal[i] = mass[b, i, i] + 0.5 * dt * viscous[b, i] + dt * hold
+    right[i] = push - (hold + viscous[b, i]) * velocity[b, i] - bias[b, i] + load[b, i]
+
+
+@jit
+def _gear(side, gear, wound, slip, inertia, dt):
+    """A gear's torque as still + grip * (the motor's new velocity less the joint's); inertia: of both on its spring."""
+    if side == OPEN:
+        return 0.0, 0.0
+    spring = RIGID * inertia / (dt * dt)
+    if gear[0] * spring > 1.0:
+        spring = 1.0 / gear[0]
+    damper = gear[1] * spring
+    mean = min(damper, 2.0 * inertia / dt)  # at the mean of both velocities, what is beyond at the new one
+    grip = damper - 0.5 * mean + max(0.0, spring * dt - RESOLVED * inertia / dt)
+    away = wound if side == MESHED else wound - side * gear[2]
+    return spring * away + 0.5 * mean * slip, grip
+
+
+@jit
+def _turned(i, half, wound, joint, dt, parts, side, left, spin):
+    """Find a motor's new velocity from its joint's; whether its gear's teeth must touch on another side."""
+    passed = parts[PUSH, i] - parts[HOLD, i] * joint
+    spin[i] = (parts[KNOWN, i] - passed) / parts[HEAVY, i]
+    old, wound = side[i], wound + dt * (spin[i] - joint)
+    if old == MESHED:
+        return False
+    if old != OPEN:
+        if passed * old < 0.0:
+            side[i], left[i] = OPEN, left[i] + old
+    elif wound > half and left[i] != AHEAD:
+        side[i] = AHEAD
+    elif wound < -half and left[i] != BEHIND:
+        side[i] = BEHIND
+    return side[i] != old
+
+
+@jit
+def _driven(b, i, old, new, dt, servo, parts, state, torque):
+    """The drive's torque at the mean of two velocities; whether it is at another limit than supposed."""
+    pull, _, damping, _, _, gain, _, _, limits = servo
+    mean = 0.5 * (old + new)
+    torque[b, i] = parts[GIVE, i] - parts[SLOPE, i] * mean
+    if parts[SOFT, i] + parts[LATE, i] > 0.0:
+        torque[b, i] -= (parts[SOFT, i] * new + parts[LATE, i] * (new - old)) / (dt * gain[b, i])
+    wanted = pull[b, i] - damping[b, i] * mean if state[i] != FREE else torque[b, i]
+    now = _limit_state(wanted, mean, i, b, limits)
+    if now == state[i]:
+        return False
+    state[i] = now
+    return True
 
 
 @jit
@@ -118,22 +222,19 @@ def within_limits(wanted, velocity, limits):
 
 
 @jit
-def _drive(state, i, b, pull, damping, fixed_torque, limits, give, slope):
-    """The drive's torque as give - slope * mean velocity, in each of its states."""
+def _drive(state, i, b, servo, parts):
+    """The drive's torque as GIVE - SLOPE * mean velocity, in each of its states."""
+    pull, _, damping, _, _, _, _, _, limits = servo
     if state == FREE:
-        give[i], slope[i] = pull[b, i], damping[b, i]
-    elif state == FIXED:
-        give[i], slope[i] = fixed_torque[b, i], 0.0
+        parts[GIVE, i], parts[SLOPE, i] = pull[b, i], damping[b, i]
     elif state == TOP:
-        give[i], slope[i] = limits[0, b, i], 0.0
+        parts[GIVE, i], parts[SLOPE, i] = limits[0, b, i], 0.0
     elif state == BOTTOM:
-        give[i], slope[i] = -limits[1, b, i], 0.0
+        parts[GIVE, i], parts[SLOPE, i] = -limits[1, b, i], 0.0
     elif state == FAST:
-        slope[i] = limits[4, b, i] / limits[2, b, i]
-        give[i] = limits[4, b, i]
+        parts[GIVE, i], parts[SLOPE, i] = limits[4, b, i], limits[4, b, i] / limits[2, b, i]
     else:
-        slope[i] = limits[4, b, i] / limits[3, b, i]
-        give[i] = -limits[4, b, i]
+        parts[GIVE, i], parts[SLOPE, i] = -limits[4, b, i], limits[4, b, i] / limits[3, b, i]
 
 
 @jit
@@ -146,6 +247,20 @@ def _limit_state(wanted, mean, i, b, limits):
     if wanted < -min(limits[1, b, i], behind):
         return BOTTOM if limits[1, b, i] < behind else BACK
     return FREE
+
+
+@jit
+def _at_first(gear, wound, mass, rotor, side, left, lone, low, inverse, work, first, end):
+    """On which side teeth touch as a step begins, and a joint's inertia where all other joints follow it freely."""
+    for i in range(first, end):
+        loose = gear[0, i] + gear[2, i] > 0.0
+        lone[i] = mass[i, i] + (0.0 if loose else rotor[i])
+        left[i], half = 0, gear[2, i]
+        side[i] = MESHED if half == 0.0 else AHEAD if wound[i] >= half else BEHIND if wound[i] <= -half else OPEN
+    _factor(mass, lone, low, first, end)
+    _invert(low, inverse, work, first, end)
+    for i in range(first, end):
+        lone[i] = 1.0 / inverse[i, i]
 
 
 @jit

@@ -7,7 +7,15 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from embodiedreamer_gym.errors import SimulationError
-from embodiedreamer_gym.standin.hidden import Hidden, friction_law, shape_command, torque_speed_line
+from embodiedreamer_gym.standin.hidden import (
+    Hidden,
+    bristle_law,
+    drive_strength,
+    friction_law,
+    gear_damper,
+    shape_command,
+    torque_speed_line,
+)
 from embodiedreamer_gym.standin.plant import Plant, import_mujoco, rotation_quaternion
 
 Array = np.ndarray
@@ -38,20 +46,28 @@ class Engine:
         limit = hidden.get("torque_saturation", "limit")
         self._limit = np.where(limit > 0, limit, np.inf)
         self._line = torque_speed_line(hidden, self._kd)
-        self._set_servo(servo["rotor_inertia"] / stroke**2, servo["viscous_friction"] / stroke**2)
+        self._strength, self._fading = drive_strength(hidden)
+        self._rotor = servo["rotor_inertia"] / stroke**2 + hidden.get("extra_rotor_inertia", "inertia")
+        self._viscous = servo["viscous_friction"] / stroke**2
+        self._model.dof_damping[plant.dof] = self._viscous
+        self._set_servo(self._strength)
+        self._bristle, self._bend = bristle_law(hidden), np.zeros(len(stroke))
         self._set_effects()
-        self._rest: dict[bytes, Array] = {}
+        self._rest: dict[bytes, tuple[Array, Array]] = {}
 
-    def _set_servo(self, rotor_inertia: Array, viscous: Array) -> None:
-        model, dof = self._model, self._plant.dof
-        model.dof_damping[dof] = viscous
+    def _set_servo(self, strength: Array) -> None:
+        """The actuators' gains and force ranges where this share (n,) of their torque arrives."""
+        self._share = strength
+        model, kp, kd = self._model, strength * self._kp, strength * self._kd
         # Takes back the half step of damping that the implicit integrator adds: a six-joint arm at 0.1 ms is
         # then within 0.001 mrad of a step of 0.02 ms.
-        model.dof_armature[dof] = rotor_inertia - (self._kd + viscous) * self.timestep / 2
-        model.actuator_gainprm[:, 0] = self._kp
-        model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -self._kp, -self._kd
-        limited = np.isfinite(self._limit)
-        model.actuator_forcerange[limited] = np.stack([-self._limit, self._limit], axis=-1)[limited]
+        model.dof_armature[self._plant.dof] = 0.0
+        model.dof_armature[self._plant.motor_dof] = self._rotor - kd * self.timestep / 2
+        model.dof_armature[self._plant.dof] -= self._viscous * self.timestep / 2
+        model.actuator_gainprm[:, 0] = kp
+        model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -kp, -kd
+        limited, most = np.isfinite(self._limit), strength * self._limit
+        model.actuator_forcerange[limited] = np.stack([-most, most], axis=-1)[limited]
 
     def _set_effects(self) -> None:
         model, at, dof, get = self._model, self._plant.position, self._plant.dof, self._hidden.get
@@ -76,11 +92,14 @@ class Engine:
             self._mujoco.mju_mulQuat(product, product.copy(), np.array(factor, float))
         return product
 
-    def _laws(self) -> list[Callable[[], None]]:
-        """What must be set anew before each step."""
+    def _laws(self, warming: bool) -> list[Callable[[], None]]:
+        """What must be set anew before each step; warming: whether the drives' fade has begun."""
         model, data, get = self._model, self._data, self._hidden.get
         q, v, ctrl = data.qpos, data.qvel, data.ctrl
-        at, dof, laws = self._plant.position, self._plant.dof, []
+        at, dof, laws = self._plant.motor_position, self._plant.dof, []
+        if self._fading is not None and warming:
+            fading = self._fading
+            laws.append(lambda: self._set_servo(fading(data.time)))
         if self._varying is not None:
             varying, loss, force = self._varying, model.dof_frictionloss, data.actuator_force
 
@@ -88,15 +107,7 @@ class Engine:
                 loss[dof] = varying(v[dof], force)
 
             laws.append(set_friction)
-        amplitude, count, phase = (get("torque_ripple", p) for p in ("amplitude", "count", "phase"))
-        drag, constant = get("quadratic_drag", "coefficient"), self._constant_torque
-        if amplitude.any() or drag.any():
-
-            def set_torque() -> None:
-                speed, ripple = v[dof], amplitude * np.sin(count * q[at] + phase)
-                data.qfrc_applied[dof] = constant + ripple - drag * speed * np.abs(speed)
-
-            laws.append(set_torque)
+        laws += self._torque_laws()
         width = get("servo_deadzone", "width")
         if width.any():
 
@@ -109,27 +120,49 @@ class Engine:
             laws.append(self._speed_law(*self._line))
         return laws
 
+    def _torque_laws(self) -> list[Callable[[], None]]:
+        """Torques on the joints beside the actuators'."""
+        data, get, at, dof = self._data, self._hidden.get, self._plant.position, self._plant.dof
+        amplitude, frequency, phase = (get("torque_ripple", p) for p in ("amplitude", "frequency", "phase"))
+        drag, constant, bristle = get("quadratic_drag", "coefficient"), self._constant_torque, self._bristle
+        motor_at, motor, damper = self._plant.motor_position, self._plant.motor_dof, gear_damper(self._hidden)
+        half = get("backlash", "gap") / 2
+        if bristle is None and not (amplitude.any() or drag.any() or damper.any()):
+            return []
+
+        def set_torque() -> None:
+            speed, ripple = data.qvel[dof], amplitude * np.sin(frequency * data.qpos[at] + phase)
+            torque = constant + ripple - drag * speed * np.abs(speed)
+            if bristle is not None:
+                torque -= bristle(self._bend, speed, self.timestep)
+            meshed = np.abs(data.qpos[motor_at] - data.qpos[at]) >= half
+            passed = damper * meshed * (data.qvel[motor] - speed)
+            data.qfrc_applied[motor] = -passed
+            data.qfrc_applied[dof] = torque + passed
+
+        return [set_torque]
+
     def _speed_law(self, top: Array, rise: Array, bottom: Array, fall: Array) -> Callable[[], None]:
         """Where the servo wants more than the torque-speed line allows, put the actuator on that line."""
-        model, data, at, dof = self._model, self._data, self._plant.position, self._plant.dof
+        model, data, at, dof = self._model, self._data, self._plant.motor_position, self._plant.motor_dof
         gain, bias, kp, kd = model.actuator_gainprm, model.actuator_biasprm, self._kp, self._kd
 
         def limit_speed() -> None:
-            v = data.qvel[dof]
+            v, share = data.qvel[dof], self._share
             wanted = kp * (data.ctrl - data.qpos[at]) - kd * v
             up, down = wanted > rise * (top - v), wanted < fall * (bottom - v)
             line = up | down
-            gain[:, 0] = np.where(line, 0.0, kp)
-            bias[:, 0] = np.where(up, rise * top, np.where(down, fall * bottom, 0.0))
-            bias[:, 1] = np.where(line, 0.0, -kp)
-            bias[:, 2] = np.where(up, -rise, np.where(down, -fall, -kd))
+            gain[:, 0] = np.where(line, 0.0, kp) * share
+            bias[:, 0] = np.where(up, rise * top, np.where(down, fall * bottom, 0.0)) * share
+            bias[:, 1] = np.where(line, 0.0, -kp) * share
+            bias[:, 2] = np.where(up, -rise, np.where(down, -fall, -kd)) * share
 
         return limit_speed
 
     def run(self, setpoint: Callable[[Array], Array], duration: float) -> tuple[Array, Array, Array, Array]:
         """Play set points (k,) s -> (k, n) from rest; time (T,), true position, velocity, torque (T, n).
 
-        Every step of the engine, in recorded units; torque is the actuator's.
+        Every step of the engine, in recorded units; torque is the actuator's, position and velocity are the motor's.
 
         Raises: SimulationError when the arm does not come to rest first or the engine diverges.
         """
@@ -137,7 +170,7 @@ class Engine:
         wanted = shape_command(lambda t: self._zero + self._stroke * setpoint(t), self._hidden, steps, self.timestep)
         wanted -= self._offset
         self._settle(wanted[0])
-        q, v, sent = self._play(wanted)
+        q, v, sent = self._play(wanted, warming=True)
         q, v = q[:-1], (v[:-1] + v[1:]) / 2  # the engine's velocity belongs half a step earlier
         torque = self._drive(sent[:-1], q, v)
         time = np.arange(steps - 1) * self.timestep
@@ -152,33 +185,35 @@ class Engine:
         return np.clip(torque, -self._limit, self._limit)
 
     def _settle(self, first: Array, longest: float = 4.0) -> None:
-        """Rest at a set point (n,); the pose found is kept for the next motion that starts there.
+        """Rest at a set point (n,); the state found is kept for the next motion that starts there.
 
         A creep below CREEP counts as rest in the end: inside a dead zone a joint may need minutes.
         """
-        self._reset(self._plant.pose(first), first)
+        self._reset(self._plant.pose(first), np.zeros(len(first)), first)
         block = int(0.25 / self.timestep)
         blocks = int(longest / 0.25)
         for left in range(blocks, -1, -1):
             if first.tobytes() in self._rest:
-                self._reset(self._rest[first.tobytes()], first)
+                self._reset(*self._rest[first.tobytes()], first)
                 return
-            _, v, _ = self._play(np.broadcast_to(first, (block, len(first))))
+            _, v, _ = self._play(np.broadcast_to(first, (block, len(first))), warming=False)
             if np.abs(v[-block // 5 :] / self._stroke).max() < (1e-5 if left > 1 else CREEP):
-                self._rest[first.tobytes()] = self._data.qpos.copy()
+                self._rest[first.tobytes()] = self._data.qpos.copy(), self._bend.copy()
         raise SimulationError(f"the stand-in does not rest at its first command within {longest:g} s.")
 
-    def _reset(self, pose: Array, command: Array) -> None:
-        """Still at a pose (nq,) with the servo's torque, on which friction may depend, already there."""
+    def _reset(self, pose: Array, bend: Array, command: Array) -> None:
+        """Still and cool at a pose (nq,), with the servo's torque, on which friction may depend, already there."""
         model, data = self._model, self._data
+        self._set_servo(self._strength)
+        self._bend[:] = bend
         self._mujoco.mj_resetData(model, data)
         data.qfrc_applied[self._plant.dof] = self._constant_torque
         data.qpos[:], data.ctrl[:] = pose, command
         self._mujoco.mj_forward(model, data)
 
-    def _play(self, wanted: Array) -> tuple[Array, Array, Array]:
+    def _play(self, wanted: Array, warming: bool) -> tuple[Array, Array, Array]:
         """Step through set points (k, n); position, velocity and actuator input at the start of each."""
-        model, data, step, laws = self._model, self._data, self._mujoco.mj_step, self._laws()
+        model, data, step, laws = self._model, self._data, self._mujoco.mj_step, self._laws(warming)
         ctrl, qpos, qvel = data.ctrl, data.qpos, data.qvel
         q, v, sent = np.empty((len(wanted), model.nq)), np.empty((len(wanted), model.nv)), np.array(wanted)
         for k in range(len(wanted)):
@@ -189,7 +224,7 @@ class Engine:
             step(model, data)
         if any(warning.number for warning in data.warning) or not np.isfinite(qvel).all():
             raise SimulationError("the stand-in's engine diverged; use smaller gains or a shorter timestep.")
-        return q[:, self._plant.position], v[:, self._plant.dof], sent
+        return q[:, self._plant.motor_position], v[:, self._plant.motor_dof], sent
 
     @property
     def moving_mass(self) -> float:

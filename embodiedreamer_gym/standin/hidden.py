@@ -2,14 +2,19 @@
 
 Values are per joint (n,) or one number for all; base_tilt and payload are per arm. Units are those of the
 recording: rad, N m, s, kg (a normalised gripper's stroke counts as 1). Zero means absent, also for limits.
-A log's effort is the actuator's torque: friction, springs, bias and ripple act beside it.
+A log's effort is the torque for which the actuator is driven: a motor that gives more or less than that, friction,
+springs, bias and ripple act beside it.
 
 | effect | how MuJoCo does it |
 |---|---|
 | coulomb, stribeck, load_friction | `dof_frictionloss`, its level set anew from speed and torque |
 | direction_dependent_friction | `dof_frictionloss` at their mean, half their difference as a torque |
+| hysteresis | generalised force of a bristle (LuGre without damping), its bend stepped implicitly |
 | torque_bias, torque_ripple, quadratic_drag | generalised force on the joint |
 | joint_spring | joint stiffness |
+| torque_constant, torque_fade | gains and force range of the actuator; the fade begins with the motion |
+| joint_elasticity, backlash | the motor a body of its own, a tendon's spring or its limits between it and the joint |
+| extra_rotor_inertia | `dof_armature` |
 | torque_saturation | force range of the actuator |
 | velocity_limit | torque-speed line from `stall_torque` at rest; without one, 100 times the servo's damping |
 | servo_deadzone, encoder_offset | the set point the actuator sees |
@@ -19,7 +24,7 @@ A log's effort is the actuator's torque: friction, springs, bias and ripple act 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,18 +44,23 @@ EFFECTS: dict[str, dict[str, tuple[str, int]]] = {
     "servo_deadzone": {"width": ("joint", 1)},
     "torque_saturation": {"limit": ("joint", -1)},
     "velocity_limit": {"forward": ("joint", 1), "backward": ("joint", 1), "stall_torque": ("joint", -1)},
+    "torque_constant": {"gain": ("joint", 0)},
+    "torque_fade": {"loss": ("joint", 0), "time": ("joint", 0)},
     "coulomb_friction": {"torque": ("joint", -1)},
     "stribeck_friction": {"sliding": ("joint", -1), "extra_static": ("joint", -1), "speed": ("joint", 1)},
     "load_friction": {"coefficient": ("joint", 0)},
     "direction_dependent_friction": {"forward": ("joint", -1), "backward": ("joint", -1)},
+    "hysteresis": {"torque": ("joint", -1), "travel": ("joint", 1)},
+    "quadratic_drag": {"coefficient": ("joint", -3)},
     "torque_bias": {"torque": ("joint", -1)},
+    "torque_ripple": {"amplitude": ("joint", -1), "frequency": ("joint", -1), "phase": ("joint", 0)},
     "joint_spring": {"stiffness": ("joint", -2), "angle": ("joint", 1)},
+    "joint_elasticity": {"compliance": ("joint", 2), "settling": ("joint", 0)},
+    "backlash": {"gap": ("joint", 1)},
+    "extra_rotor_inertia": {"inertia": ("joint", -2)},
     "payload": {"mass": ("arm", 0), "x": ("arm", 0), "y": ("arm", 0), "z": ("arm", 0)},
     "base_tilt": {"roll": ("arm", 0), "pitch": ("arm", 0)},
     "encoder_offset": {"angle": ("joint", 1)},
-    # below: effects that a finder may not know by name
-    "quadratic_drag": {"coefficient": ("joint", -3)},
-    "torque_ripple": {"amplitude": ("joint", -1), "count": ("joint", -1), "phase": ("joint", 0)},
 }
 
 
@@ -157,3 +167,48 @@ def torque_speed_line(hidden: Hidden, damping: Array) -> tuple[Array, Array, Arr
     top, bottom = (np.where(speed > 0, speed, NEVER) for speed in (forward, backward))
     rise, fall = (np.where(stall > 0, stall / speed, STEEP * damping) for speed in (top, bottom))
     return top, rise, -bottom, fall
+
+
+def gears(hidden: Hidden, joints: Sequence[str]) -> dict[str, tuple[float, float, float]]:
+    """Compliance, settling time and gap of the joints whose gear gives way."""
+    rows = (hidden.get("joint_elasticity", "compliance"), hidden.get("joint_elasticity", "settling"),
+            hidden.get("backlash", "gap"))  # fmt: skip
+    numbers = zip(joints, *(row.tolist() for row in rows), strict=True)
+    return {name: (give, settling, gap) for name, give, settling, gap in numbers if give > 0 or gap > 0}
+
+
+def gear_damper(hidden: Hidden) -> Array:
+    """Damping (n,) of the gears' springs, N m s/rad."""
+    compliance, settling = (hidden.get("joint_elasticity", name) for name in ("compliance", "settling"))
+    return np.where(compliance > 0, settling / np.where(compliance > 0, compliance, 1.0), 0.0)
+
+
+def bristle_law(hidden: Hidden) -> Callable[[Array, Array, float], Array] | None:
+    """Presliding friction: the bend (n,) rad of its bristles, moved on by a speed (n,) for a time, in place; the torque.
+
+    dz/dt = v - |v| z / travel, the torque level * z / travel (Canudas de Wit et al. 1995, without their damping).
+    """
+    level, travel = (hidden.get("hysteresis", name) for name in ("torque", "travel"))
+    if not level.any():
+        return None
+    if np.any((level > 0) & (travel <= 0)):
+        raise EffectError("hysteresis needs a travel above zero wherever its torque is not zero.")
+    per_travel = 1.0 / np.where(travel > 0, travel, 1.0)
+
+    def resist(bend: Array, v: Array, dt: float) -> Array:
+        bend += dt * v
+        bend /= 1.0 + dt * np.abs(v) * per_travel
+        return level * per_travel * bend
+
+    return resist
+
+
+def drive_strength(hidden: Hidden) -> tuple[Array, Callable[[float], Array] | None]:
+    """Share (n,) of its torque that the drive gives when cool; the share by time, s, if it fades."""
+    gain = hidden.get("torque_constant", "gain")
+    strength = np.where(gain > 0, gain, 1.0)
+    loss, time = (hidden.get("torque_fade", name) for name in ("loss", "time"))
+    if np.any((loss > 0) & (time <= 0)):
+        raise EffectError("torque_fade needs a time above zero wherever its loss is not zero.")
+    rate = 1.0 / np.where(time > 0, time, 1.0)
+    return strength, (lambda t: strength * (1 - loss * (1 - np.exp(-t * rate)))) if loss.any() else None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 from embodiedreamer_gym.errors import MissingExtraError, ModelError
 
 Array = np.ndarray
+Gear = tuple[float, float, float]  # compliance, rad/(N m), settling time, s, gap, rad
 HARD = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp: the highest impedance that MuJoCo takes, at any distance
 
 
@@ -34,20 +36,23 @@ def import_mujoco() -> Any:
 class Plant:
     """A compiled model and where its joints lie.
 
-    position, dof (n,): places in MuJoCo's qpos and qvel; arm_root: first moving body of each arm; followers:
+    position, dof (n,): places in MuJoCo's qpos and qvel; motor_position, motor_dof: those of what the servo drives and
+    the encoder sees, another than the joint where a gear gives way; arm_root: first moving body of each arm; followers:
     (joint's number, place in qpos, place in qvel, multiplier, offset) of each mimic joint.
     """
 
     model: Any
     position: Array
     dof: Array
+    motor_position: Array
+    motor_dof: Array
     arm_root: Array
     followers: tuple[tuple[int, int, int, float, float], ...]
 
     def pose(self, q: Array) -> Array:
         """MuJoCo's qpos for joint positions q (n,), mimic joints included."""
         full = np.zeros(self.model.nq)
-        full[self.position] = q
+        full[self.position] = full[self.motor_position] = q
         for joint, place, _, multiplier, offset in self.followers:
             full[place] = offset + multiplier * q[joint]
         return full
@@ -122,24 +127,29 @@ def add_payload(root: ElementTree.Element, link: str, mass: float, com: Array) -
     ElementTree.SubElement(joint, "origin", xyz=" ".join(repr(float(v)) for v in com), rpy="0 0 0")
 
 
-def build_plant(root: ElementTree.Element, joints: Sequence[str], timestep: float) -> Plant:
+def build_plant(
+    root: ElementTree.Element, joints: Sequence[str], timestep: float, gears: Mapping[str, Gear] | None = None
+) -> Plant:
     """Compile the URDF; joints that are neither listed nor mimic a listed one are fixed.
 
     A mimic joint follows by an equality constraint with a time constant of two steps, the stiffest that
-    MuJoCo takes.
+    MuJoCo takes. gears: of joints whose motor is a body of its own.
 
     Raises: ModelError when a listed joint is absent or MuJoCo refuses the URDF.
     """
-    mujoco = import_mujoco()
+    mujoco, gears = import_mujoco(), gears or {}
     mimics = _simplify(root, joints)
+    for name in gears:
+        _add_rotor(root, name)
+    motors = [_rotor(name) if name in gears else name for name in joints]
     try:
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
     except ValueError as error:
         raise ModelError(f"MuJoCo cannot read the URDF: {error}.") from error
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    for name in joints:
-        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    for name, target in zip(joints, motors, strict=True):
+        motor = spec.add_actuator(name=name, target=target, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.gaintype, motor.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
         motor.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
         motor.forcerange = (-1e9, 1e9)
@@ -147,9 +157,15 @@ def build_plant(root: ElementTree.Element, joints: Sequence[str], timestep: floa
         tie = spec.add_equality(name=follower, type=mujoco.mjtEq.mjEQ_JOINT, name1=follower, name2=leader)
         tie.data[:5] = (offset, multiplier, 0, 0, 0)
         tie.solref, tie.solimp = (2 * timestep, 1.0), HARD
+    for name in gears:
+        tendon = spec.add_tendon(name=name)
+        tendon.wrap_joint(_rotor(name), 1.0)
+        tendon.wrap_joint(name, -1.0)
     model = spec.compile()
     _clear(model, timestep)
-    index = np.array([model.joint(name).id for name in joints])
+    for name, gear in gears.items():
+        _mesh(model, name, gear, timestep)
+    index, driven = (np.array([model.joint(name).id for name in names]) for names in (joints, motors))
     dof = model.jnt_dofadr[index]
     trees, roots = [], []
     for tree in model.dof_treeid[dof]:
@@ -161,14 +177,47 @@ def build_plant(root: ElementTree.Element, joints: Sequence[str], timestep: floa
         joint = model.joint(name)
         place = int(joint.qposadr[0]), int(joint.dofadr[0])
         followers.append((list(joints).index(leader), *place, multiplier, offset))
-    return Plant(model, model.jnt_qposadr[index], dof, np.array(roots), tuple(followers))
+    motor = model.jnt_qposadr[driven], model.jnt_dofadr[driven]
+    return Plant(model, model.jnt_qposadr[index], dof, *motor, np.array(roots), tuple(followers))
+
+
+def _rotor(joint: str) -> str:
+    return f"{joint}_rotor"
+
+
+def _add_rotor(root: ElementTree.Element, name: str) -> None:
+    """Put a link without noticeable mass on a joint like this one, beside it; its armature will be the rotor."""
+    joint = next(j for j in root.iter("joint") if j.get("name") == name)
+    twin = copy.deepcopy(joint)
+    child = twin.find("child")
+    if child is not None:
+        child.set("link", f"{_rotor(name)}_link")
+    twin.set("name", _rotor(name))
+    root.append(twin)
+    body = ElementTree.SubElement(ElementTree.SubElement(root, "link", name=f"{_rotor(name)}_link"), "inertial")
+    ElementTree.SubElement(body, "mass", value="1e-9")
+    ElementTree.SubElement(body, "inertia", ixx="1e-12", iyy="1e-12", izz="1e-12", ixy="0", ixz="0", iyz="0")
+
+
+def _mesh(model: Any, name: str, gear: Gear, timestep: float) -> None:
+    """Make a tendon a spring outside the gap, or, without compliance, a hard end to it.
+
+    The engine adds the spring's damper: a tendon's would weigh on rotor and joint, since MuJoCo's implicit steps leave
+    out what couples two branches of a tree.
+    """
+    compliance, _, gap = gear
+    i = model.tendon(name).id
+    if compliance > 0:
+        model.tendon_stiffness[i], model.tendon_lengthspring[i] = 1 / compliance, (-gap / 2, gap / 2)
+    else:
+        model.tendon_limited[i], model.tendon_range[i] = 1, (-gap / 2, gap / 2)
+        model.tendon_solref_lim[i], model.tendon_solimp_lim[i] = (2 * timestep, 1.0), HARD
 
 
 def _clear(model: Any, timestep: float) -> None:
     """Leave out contacts, limits and what the URDF says of friction; make friction as hard as MuJoCo can."""
-    flags = import_mujoco().mjtDisableBit
-    model.opt.disableflags |= int(flags.mjDSBL_CONTACT) | int(flags.mjDSBL_LIMIT)
-    model.jnt_actfrclimited[:] = 0
+    model.opt.disableflags |= int(import_mujoco().mjtDisableBit.mjDSBL_CONTACT)
+    model.jnt_limited[:], model.jnt_actfrclimited[:] = 0, 0
     model.dof_damping[:], model.dof_frictionloss[:], model.jnt_stiffness[:] = 0.0, 0.0, 0.0
     model.dof_solref[:], model.dof_solimp[:] = (2 * timestep, 1.0), HARD
 

@@ -2,9 +2,9 @@
 
 Sizes are drawn log-uniformly between the ends given in SIZES, some as shares of what the fault-free arm does
 in the training motions: "peak" its highest torque per joint, "load" the same but at least the servo's torque
-at 0.03 rad, "top" its highest speed, "stiffness" its servo's, "mass" all that moves. Delay, low-pass and rate
-limit act on all joints alike, an encoder offset only where gravity can show it, what else is per joint on one
-joint, on the half nearer to the base or on all.
+at 0.03 rad, "soft" its reciprocal, "top" its highest speed, "stiffness" and "rotor" its servo's, "mass" all that
+moves. Delay, low-pass and rate limit act on all joints alike, what only a heavy link shows (BY_GRAVITY) where
+gravity does, what else is per joint on one joint, on the half nearer to the base or on all.
 A "shape" does not grow with the strength asked for.
 """
 
@@ -44,15 +44,23 @@ SIZES: dict[str, dict[str, tuple[float, float, str]]] = {
     "payload": {"mass": (0.03, 0.12, "mass")},
     "base_tilt": {"roll": (0.03, 0.12, ""), "pitch": (0.03, 0.12, "")},
     "encoder_offset": {"angle": (0.03, 0.12, "")},
-    "quadratic_drag": {"coefficient": (0.05, 0.2, "drag")},
+    "torque_constant": {"gain": (1.5, 4.0, "")},
+    "torque_fade": {"loss": (0.35, 0.65, ""), "time": (1.5, 6.0, "shape")},
+    "hysteresis": {"torque": (0.06, 0.2, "load"), "travel": (0.01, 0.06, "shape")},
+    "quadratic_drag": {"coefficient": (0.15, 0.6, "drag")},
     "torque_ripple": {
         "amplitude": (0.05, 0.15, "load"),
-        "count": (6, 24, "shape"),
+        "frequency": (6, 24, "shape"),
         "phase": (0.1, 6.2, "shape"),
     },
+    "joint_elasticity": {"compliance": (0.02, 0.08, "soft"), "settling": (0.001, 0.005, "shape")},
+    "backlash": {"gap": (0.02, 0.08, "")},
+    "extra_rotor_inertia": {"inertia": (4.0, 12.0, "rotor")},
 }
-LIMITS = ("command_rate_limit", "torque_saturation", "velocity_limit")  # the smaller, the stronger
+FACTORS = ("command_rate_limit", "torque_saturation", "velocity_limit", "torque_constant")  # grow by powers
+MOST = {"torque_fade": {"loss": 0.9}}
 SAME_FOR_ALL = ("command_delay", "command_lowpass", "command_rate_limit")
+BY_GRAVITY = ("encoder_offset", "torque_fade", "joint_elasticity")
 EITHER_SIGN = ("torque_bias", "encoder_offset", "base_tilt")
 STRENGTHS = {"faint": 0.3, "plain": 1.0, "strong": 2.5}
 
@@ -83,7 +91,8 @@ def draw_values(
         if effect in SAME_FOR_ALL:
             share[:] = share[0]
         if "shape" not in kind:
-            share = share ** min(strength, 1.5) if effect in LIMITS else share * strength
+            share = share ** min(strength, 1.5) if effect in FACTORS else share * strength
+            share = np.minimum(share, MOST.get(effect, {}).get(name, np.inf))
         if effect in EITHER_SIGN:
             share *= rng.choice([-1.0, 1.0], len(size))
         whole = share * scales.get(kind.removesuffix("shape").strip(), size)
@@ -107,7 +116,7 @@ def _adjust(
     if effect == "direction_dependent_friction" and rng.random() < 0.5:
         values = {"forward": values["backward"], "backward": values["forward"]}
     if effect == "torque_ripple":
-        values["count"] = np.round(values["count"])
+        values["frequency"] = np.round(values["frequency"])
     return values
 
 
@@ -116,7 +125,7 @@ def _choose(effect: str, nominal: StandIn, span: Span, rng: np.random.Generator,
     if effect in SAME_FOR_ALL:
         return joints
     joints = [j for j in joints if nominal.units[j] == "rad"]
-    if effect == "encoder_offset":
+    if effect in BY_GRAVITY:
         step = 0.05 * np.eye(len(nominal.joints))
         change = nominal.gravity_torque(span.centre + step) - nominal.gravity_torque(span.centre - step)
         slope = np.abs(np.diag(change)) / 0.1 / nominal.true["stiffness"]
@@ -139,5 +148,7 @@ def _scales(nominal: StandIn, motions: list[Motion]) -> dict[str, Array]:
         "drag": peak / top**2,
         "static": np.abs(nominal.gravity_torque(position[::20])).max(0),
         "stiffness": nominal.true["stiffness"],
+        "rotor": nominal.true["rotor_inertia"],
+        "soft": 1.0 / np.maximum(peak, 0.03 * nominal.true["stiffness"]),
         "mass": np.array(nominal.moving_mass),
     }

@@ -12,7 +12,7 @@ from embodiedreamer_gym.errors import ModelError, RecordingError
 from embodiedreamer_gym.motions import Motion
 from embodiedreamer_gym.recordings.recording import Recording
 from embodiedreamer_gym.standin.engine import Engine
-from embodiedreamer_gym.standin.hidden import Hidden
+from embodiedreamer_gym.standin.hidden import Hidden, gears
 from embodiedreamer_gym.standin.plant import (
     add_payload,
     build_plant,
@@ -85,7 +85,7 @@ class StandIn:
             "1" if name in (normalised or {}) else "m" if kinds.get(name) == "prismatic" else "rad"
             for name in self.joints
         )
-        plant = build_plant(root, self.joints, self.timestep)
+        plant = build_plant(root, self.joints, self.timestep, gears(self._hidden, self.joints))
         if len(plant.arm_root) != len(tips):
             raise ModelError(f"the robot has {len(plant.arm_root)} arms but the end effectors {', '.join(tips)}.")
         self._engine = Engine(plant, self._hidden, self.true, self._zero, self._stroke, self.timestep)

@@ -1,14 +1,16 @@
-"""Saturation and the torque-speed line of a motor."""
+"""Saturation, the torque-speed line of a motor, and what arrives of its torque."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from embodiedreamer_gym.effects.torque_constant import TorqueConstant
+from embodiedreamer_gym.effects.torque_fade import TorqueFade
 from embodiedreamer_gym.effects.torque_saturation import TorqueSaturation
 from embodiedreamer_gym.effects.velocity_limit import VelocityLimit
 from embodiedreamer_gym.simulation import simulate
-from tests.bank import log, robot
+from tests.bank import fast, log, robot
 
 TIME = np.arange(201) / 200
 STEP = np.where(TIME < 0.05, -1.0, 1.0)[:, None]
@@ -53,3 +55,25 @@ def test_the_highest_speed_is_where_line_and_load_meet(direction: str, other: st
         assert model.n == 1
     untouched, _ = jump(VelocityLimit(**{other: {"joint1": 2.0}}), sign=sign)
     assert np.abs(untouched.velocity).max() > 6.0
+
+
+def test_a_torque_constant_moves_as_its_gains_and_reports_the_torque_before() -> None:
+    model = robot("pendulum1")
+    motion = fast(model, 1.5)
+    stronger = simulate(model.with_effect(TorqueConstant(gain={"joint1": 4.0})), motion)
+    stiffer = simulate(model.with_(stiffness=4 * model.stiffness, damping=4 * model.damping), motion)
+    np.testing.assert_allclose(stronger.position, stiffer.position, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(4 * stronger.torque, stiffer.torque, rtol=0, atol=1e-7)
+
+
+def test_a_fading_drive_carries_a_weight_with_more_and_more_torque() -> None:
+    """At rest loss and weight are in balance: what arrives, (1 - loss(t)) of what the drive gives, is the weight."""
+    model = robot("pendulum1")
+    time = np.arange(401) / 100
+    held = log(model, time, np.full((401, 1), 0.8))
+    run = simulate(model.with_effect(TorqueFade(loss={"joint1": 0.5}, time={"joint1": 2.0})), held)
+    late = time > 1.0
+    share = 1 - 0.5 * (1 - np.exp(-time[late] / 2.0))
+    weight = 9.81 * 0.15 * np.sin(run.position[late, 0])
+    np.testing.assert_allclose(share * run.torque[late, 0], weight, atol=2e-3)
+    assert run.torque[-1, 0] > 1.2 * run.torque[100, 0]

@@ -10,7 +10,9 @@ import pytest
 from embodiedreamer_gym.effects import JointState
 from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
 from embodiedreamer_gym.effects.direction_dependent_friction import DirectionDependentFriction
+from embodiedreamer_gym.effects.hysteresis import Hysteresis
 from embodiedreamer_gym.effects.load_friction import LoadFriction
+from embodiedreamer_gym.effects.quadratic_drag import QuadraticDrag
 from embodiedreamer_gym.effects.stribeck_friction import StribeckFriction
 from embodiedreamer_gym.simulation import simulate
 from tests.bank import log, robot
@@ -40,10 +42,55 @@ def test_friction_has_one_level_for_each_direction() -> None:
     assert CoulombFriction.friction(state(), p) == (0.2, 0.2)
 
 
+def test_drag_grows_with_the_square_of_the_speed() -> None:
+    forward, backward = QuadraticDrag.friction(state([0.0, 0.5, -2.0]), SimpleNamespace(coefficient=0.3))
+    np.testing.assert_allclose(forward[0], [0.0, 0.075, 1.2])
+    np.testing.assert_allclose(backward, forward)
+
+
+def presliding(path, torque: float = 0.5, travel: float = 0.01, start: float = 0.0) -> np.ndarray:
+    """Torque of hysteresis along a path (k,) rad."""
+    p = SimpleNamespace(torque=np.full((1, 1), torque), travel=np.full((1, 1), travel))
+    memory, out = Hysteresis.start(np.full((1, 1), start), p, 1 / 240), []
+    for q in path:
+        joint = JointState(np.full((1, 1), q), np.zeros((1, 1)), np.zeros((1, 1)), 1 / 240, 0.0)
+        taken, memory = Hysteresis.law(np.zeros((1, 1)), joint, memory, p)
+        out.append(-taken[0, 0])
+    return np.array(out)
+
+
+def test_hysteresis_builds_up_over_its_travel_and_changes_sides_after_a_reversal() -> None:
+    path = np.r_[np.linspace(0, 0.2, 50), np.linspace(0.2, 0.15, 500)]
+    torque = presliding(path)
+    np.testing.assert_allclose(torque[:50], 0.5 * (1 - np.exp(-path[:50] / 0.01)), atol=1e-12)
+    back = 0.2 - path[50:]
+    np.testing.assert_allclose(torque[50:], 0.5 * (2 * np.exp(-back / 0.01) - 1), atol=1e-8)
+    np.testing.assert_allclose(presliding(path[::5])[10:], torque[50::5], atol=1e-8)  # whatever the step
+
+
+def test_a_loop_of_hysteresis_takes_energy() -> None:
+    for reach in (0.001, 0.01, 0.1):
+        path = reach * np.sin(np.linspace(0, 20 * np.pi, 4001))
+        torque = presliding(path)
+        loops = np.add.reduceat((torque[1:] + torque[:-1]) / 2 * np.diff(path), np.arange(0, 4000, 400))
+        assert np.all(loops[1:] > 0) and loops[-1] < 4 * 0.5 * reach
+
+
+def test_hysteresis_takes_up_what_is_left_over_at_rest() -> None:
+    """A servo that is a little off its balance does not move the joint; beyond the friction's level it does."""
+    model = robot("pendulum1").with_effect(Hysteresis(torque={"joint1": 0.4}))
+    time = np.arange(101) / 100
+    for surplus, stays in ((0.38, True), (-0.38, True), (0.6, False)):
+        command = np.full((101, 1), surplus / model.stiffness[0])
+        run = simulate(model, log(model, time, command, np.zeros((101, 1))))
+        assert bool(np.abs(run.position).max() < 1e-9) is stays
+
+
 @pytest.mark.parametrize(
     ("effect", "ahead", "back"),
     [
         (CoulombFriction(torque={"joint1": 0.4}), 0.4, 0.4),
+        (Hysteresis(torque={"joint1": 0.4}, travel={"joint1": 0.01}), 0.4, 0.4),
         (DirectionDependentFriction(forward={"joint1": 0.5}, backward={"joint1": 0.1}), 0.5, 0.1),
         (
             StribeckFriction(sliding={"joint1": 0.3}, extra_static={"joint1": 0.3}, speed={"joint1": 0.02}),

@@ -1,4 +1,4 @@
-"""Bias, spring, payload, tilt, encoder offset and errors of the masses: static torques known by hand."""
+"""Bias, ripple, spring, payload, rotor, tilt, encoder offset and errors of the masses: torques known by hand."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ import pytest
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.effects.base_tilt import BaseTilt
 from embodiedreamer_gym.effects.encoder_offset import EncoderOffset
+from embodiedreamer_gym.effects.extra_rotor_inertia import ExtraRotorInertia
 from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.effects.joint_spring import JointSpring
 from embodiedreamer_gym.effects.payload import Payload
 from embodiedreamer_gym.effects.torque_bias import TorqueBias
+from embodiedreamer_gym.effects.torque_ripple import TorqueRipple
 from embodiedreamer_gym.simulation import Drive, simulate
-from tests.bank import log, robot
+from tests.bank import fast, log, robot
 
 WEIGHT = 9.81 * 0.15  # N m/rad, 1 kg whose centre hangs 0.15 m below the axis
 TIP = 0.3  # m
@@ -42,6 +44,22 @@ def test_a_bias_pushes_the_joint_forward() -> None:
 def test_a_spring_pulls_towards_its_angle() -> None:
     q, torque = hold(JointSpring(stiffness={"joint1": 2.0}, angle={"joint1": 0.3}))
     assert torque == pytest.approx(WEIGHT * np.sin(q) + 2.0 * (q - 0.3), abs=1e-5)
+
+
+def test_ripple_pushes_by_the_sine_of_the_angle() -> None:
+    ripple = {"amplitude": {"joint1": 0.4}, "frequency": {"joint1": 12.0}, "phase": {"joint1": 0.5}}
+    q, torque = hold(TorqueRipple(**ripple))
+    assert torque == pytest.approx(WEIGHT * np.sin(q) - 0.4 * np.sin(12.0 * q + 0.5), abs=1e-5)
+
+
+def test_a_heavier_rotor_weighs_nothing_and_is_as_slow_as_the_models_own() -> None:
+    model = robot("pendulum1")
+    q, torque = hold(ExtraRotorInertia(inertia={"joint1": 0.03}))
+    assert torque == pytest.approx(WEIGHT * np.sin(q), abs=1e-5)
+    extra = model.with_effect(ExtraRotorInertia(inertia={"joint1": 0.03}))
+    own = model.with_(rotor_inertia=model.rotor_inertia + 0.03)
+    motion = fast(model, 1.0)
+    np.testing.assert_array_equal(simulate(extra, motion).position, simulate(own, motion).position)
 
 
 def test_a_payload_adds_its_weight_at_the_tip() -> None:

@@ -107,6 +107,16 @@ def test_a_squeezed_object_is_neither_launched_nor_lost(task: str) -> None:
     env.close()
 
 
+def test_without_friction_nothing_is_lifted() -> None:
+    """What holds a thing is the fingers' friction, not a constraint."""
+    env = AlohaEnv(task="PutRemoteInBox", obs_type="state")
+    env._client.changeDynamics(env.scene.props["remote"], -1, lateralFriction=0.0)
+    infos = play(env, 3, 150)[2]
+    assert any(info["contacts"] == 2 for info in infos), "it was not even touched"
+    assert not infos[-1]["grasp_success"]
+    env.close()
+
+
 def test_no_part_of_the_arm_but_the_fingers_touches_anything() -> None:
     for task in TASKS:
         env = AlohaEnv(task=task, obs_type="state")

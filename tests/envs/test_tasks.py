@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from embodiedreamer_gym.envs import NAMES
 from embodiedreamer_gym.envs.aloha import AlohaEnv
+from embodiedreamer_gym.envs.cameras import CAMERAS
 from embodiedreamer_gym.envs.experts.plan import READY
 from embodiedreamer_gym.envs.robots import home
 from embodiedreamer_gym.envs.scene import TABLE, TABLE_CENTRE
@@ -74,6 +76,20 @@ def test_props_stand_apart_in_their_areas_on_the_table(name: str) -> None:
     assert {sides.count(side) > 100 for side in SIDES} == {True}
     (x0, x1), (y0, y1) = task.area
     assert np.ptp(xs) > 0.9 * (x1 - x0) and np.ptp(np.abs(ys)) > 0.9 * (y1 - y0), "the area is not used"
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_the_head_camera_sees_every_prop_wherever_it_stands(name: str) -> None:
+    camera, task = CAMERAS["head"], TASKS[name]()
+    eye, turn = camera.pose()
+    around = np.linspace(0.0, 2 * np.pi, 40)
+    for prop in task.props:
+        xs, ys = (prop is task.goal and task.goal_area) or task.area
+        for x, y, sign, height in product(xs, ys, (-1.0, 1.0), (0.0, prop.size[2])):
+            rim = np.stack([x + prop.radius * np.cos(around), sign * y + prop.radius * np.sin(around)], axis=1)
+            seen = (np.column_stack([rim, np.full(40, TABLE_HEIGHT + height)]) - eye) @ turn @ camera.matrix().T
+            pixels = seen[:, :2] / seen[:, 2:]
+            assert np.all(pixels > 0) and np.all(pixels < camera.size), f"{prop.name} at {x}, {sign * y}"
 
 
 def test_the_same_draws_give_the_same_places() -> None:
@@ -224,3 +240,17 @@ def test_a_pushed_object_moves_and_counts_for_nothing(env: AlohaEnv) -> None:
         assert not info["grasp_success"] and not info["is_success"]
         moved = max(moved, float(np.linalg.norm(env.situation().object.position - now.object.position)))
     assert moved > 0.03, "the hand has missed it"
+
+
+@pytest.mark.parametrize("name", [name for name in TASKS if TASKS[name].goal])
+def test_the_target_is_where_an_expert_lets_go(name: str) -> None:
+    """Of one that holds the object as it grips it, to the few mm by which it sags or is set down."""
+    task = TASKS[name]()
+    env = AlohaEnv(task=name, obs_type="state")
+    for seed in range(4):
+        env.reset(seed=seed)
+        now = env.situation()
+        gripped = replace(now, tip=next(task.grips(now)))
+        places = [release.position for release in task.releases(gripped)]
+        assert min(np.linalg.norm(place - task.target(now)) for place in places) < 5e-3
+    env.close()

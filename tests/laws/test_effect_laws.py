@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.effects import CATALOGUE, SignalLaw, TorqueBudget, find_effect, load_effects
+from embodiedreamer_gym.effects import CATALOGUE, SignalLaw, find_effect, load_effects
 from embodiedreamer_gym.errors import EffectError
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Drive, simulate, simulate_sets
@@ -16,7 +16,7 @@ from tests.bank import BUILT_IN, energy, fast, plain, robot, still
 
 USERS = Path(__file__).with_name("user_effects.py")
 EFFECTS = load_effects(USERS)
-BUDGETS = [name for name, kind in EFFECTS.items() if issubclass(kind, TorqueBudget)]
+PASSIVE = [name for name, kind in EFFECTS.items() if kind.passive]
 COMMAND = [n for n, kind in EFFECTS.items() if issubclass(kind, SignalLaw) and kind.stage == "command"]
 DOCS = Path(__file__).parents[2] / "docs" / "effects.md"
 
@@ -69,7 +69,7 @@ def test_a_batch_equals_single_runs(effect: str, name: str) -> None:
             np.testing.assert_allclose(run.torque[k], alone.torque, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("effect", BUDGETS)
+@pytest.mark.parametrize("effect", PASSIVE)
 def test_friction_never_adds_energy(effect: str) -> None:
     """An arm without power swings from rest: its energy, at the end of each step, does not rise."""
     model = _unpowered()
@@ -121,11 +121,12 @@ def test_memory_starts_at_rest(effect: str, name: str) -> None:
 @every_effect
 def test_parameters_are_described(effect: str) -> None:
     for p in EFFECTS[effect].parameters:
-        assert p.name.isidentifier() and p.unit and p.per in ("joint", "arm") and p.scale in ("", "torque")
+        assert p.name.isidentifier() and p.unit and p.per in ("joint", "arm") and p.scale in ("", "torque", "1/torque")
         assert p.low <= p.off <= p.high
         assert p.low < p.high
         assert p.typical > 0 and p.low <= p.typical <= p.high
         assert p.typical != p.off or p.shape
+        assert all(p.low <= start <= p.high for start in p.starts) and (p.shape or not p.starts)
     assert any(not p.shape for p in EFFECTS[effect].parameters)
     assert len({p.name for p in EFFECTS[effect].parameters}) == len(EFFECTS[effect].parameters) > 0
 
@@ -160,10 +161,10 @@ def test_the_docs_list_it(effect: str) -> None:
 
 
 def test_a_users_effect_takes_part_and_the_catalogue_stays_as_it_is() -> None:
-    assert set(EFFECTS) - set(CATALOGUE) == {"quadratic_drag", "torque_ripple", "seal_friction", "heavy_rotor"}
-    assert find_effect("quadratic_drag", EFFECTS).stage == "load"
-    with pytest.raises(EffectError, match=r"quadratic_drag.*known effects: command_delay, "):
-        find_effect("quadratic_drag")
+    assert set(EFFECTS) - set(CATALOGUE) == {"hose_spring", "eccentric_gear", "seal_friction", "heavy_rotor"}
+    assert find_effect("hose_spring", EFFECTS).stage == "load"
+    with pytest.raises(EffectError, match=r"hose_spring.*known effects: command_delay, "):
+        find_effect("hose_spring")
 
 
 HEAD = "from embodiedreamer_gym.effects import Parameter, SignalLaw\n"

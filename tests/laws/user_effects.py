@@ -5,33 +5,33 @@ import numpy as np
 from embodiedreamer_gym.effects import MechanicsChange, Parameter, SignalLaw, TorqueBudget
 
 
-class QuadraticDrag(SignalLaw):
-    """A torque against the motion that grows with the square of the speed."""
+class HoseSpring(SignalLaw):
+    """A hose along the arm whose torque grows with the cube of the angle."""
 
-    name = "quadratic_drag"
+    name = "hose_spring"
     stage = "load"
-    parameters = (Parameter("drag", "N m s^2/rad^2", off=0.0, low=0.0, high=1.0, typical=0.02, scale="torque"),)
-    symptom = "fast moves fall behind more than in proportion to their speed"
-    reveals = "the same move at several speeds"
-    confused_with = ("command_rate_limit", "velocity_limit")
+    parameters = (Parameter("stiffness", "N m/rad^3", off=0.0, low=0.0, high=2.0, typical=0.1, scale="torque"),)
+    symptom = "the error grows out of proportion with the bend of the joint"
+    reveals = "a slow sweep of one joint through its range"
+    confused_with = ("joint_spring",)
 
     @staticmethod
     def law(signal, joint, memory, p):
-        return signal - p.drag * joint.velocity * np.abs(joint.velocity), memory
+        return signal - p.stiffness * joint.position**3, memory
 
 
-class TorqueRipple(SignalLaw):
-    """A drive whose torque changes with the angle."""
+class EccentricGear(SignalLaw):
+    """A gear whose ratio, and with it the torque, changes with the angle."""
 
-    name = "torque_ripple"
+    name = "eccentric_gear"
     stage = "drive"
-    parameters = (Parameter("amplitude", "1", off=0.0, low=0.0, high=0.5, typical=0.1),)
+    parameters = (Parameter("share", "1", off=0.0, low=0.0, high=0.5, typical=0.1),)
     symptom = "the torque wavers with the angle"
     reveals = "a slow motion of constant speed"
 
     @staticmethod
     def law(signal, joint, memory, p):
-        return signal * (1 + p.amplitude * np.sin(12 * joint.position)), memory
+        return signal * (1 + p.share * np.sin(12 * joint.position)), memory
 
 
 class SealFriction(TorqueBudget):

@@ -9,6 +9,7 @@ from embodiedreamer_gym.effects import SignalLaw
 from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
 from embodiedreamer_gym.effects.effect import Parameter
 from embodiedreamer_gym.effects.stribeck_friction import StribeckFriction
+from embodiedreamer_gym.effects.torque_saturation import TorqueSaturation
 from embodiedreamer_gym.effects.velocity_limit import VelocityLimit
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.simulation import TIME_STEP, Drive, simulate, simulate_sets
@@ -105,17 +106,41 @@ class HalfTorque(SignalLaw):
         return signal * (1 - p.share), memory
 
 
-def test_a_law_on_the_drives_torque_is_a_change_of_gains() -> None:
+@pytest.mark.parametrize("limited", [False, True])
+def test_a_law_on_the_drives_torque_is_a_change_of_gains(limited: bool) -> None:
+    """The torque that the drive reports is the one before the law, on which its limits act."""
     model = robot("arm6")
     less = model.with_effect(HalfTorque(share=every(model, 0.5)))
     weaker = model.with_(stiffness=0.5 * model.stiffness, damping=0.5 * model.damping)
+    if limited:
+        highest = 0.6 * model.torque_scale
+        less = less.with_effect(TorqueSaturation(limit=every(model, highest)))
+        weaker = weaker.with_effect(TorqueSaturation(limit=every(model, 0.5 * highest)))
     recording = fast(model, 1.5)
-    errors = []
-    for dt in (TIME_STEP, TIME_STEP / 4):
-        a, b = simulate(less, recording, dt=dt), simulate(weaker, recording, dt=dt)
-        errors.append(np.sqrt(np.mean((a.position - b.position) ** 2)))
-    # the law acts on the torque of a whole step, whose damping is then that of the full servo: an error of the step
-    assert errors[0] < 5e-3 and errors[1] < 0.4 * errors[0]
+    a, b = simulate(less, recording), simulate(weaker, recording)
+    np.testing.assert_allclose(a.position, b.position, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(0.5 * a.torque, b.torque, rtol=0, atol=1e-7)
+    assert np.abs(simulate(model, recording).position - a.position).max() > 0.01
+
+
+class WeakDrive(HalfTorque):
+    """A drive whose torque bends over and never passes a level."""
+
+    name = "weak_drive"
+    parameters = (Parameter("level", "N m", off=1e6, low=0.1, high=1e6, typical=1.0),)
+
+    @staticmethod
+    def law(signal, joint, memory, p):
+        return p.level * np.tanh(signal / p.level), memory
+
+
+def test_a_law_that_bends_the_torque_converges_with_the_step() -> None:
+    model = robot("arm6")
+    weak = model.with_effect(WeakDrive(level=every(model, 0.7 * model.torque_scale)))
+    recording = fast(model, 1.5, rate=240.0)
+    coarse, fine = (simulate(weak, recording, dt=dt) for dt in (TIME_STEP, TIME_STEP / 8))
+    assert np.abs(simulate(model, recording).position - fine.position).max() > 0.02
+    assert np.sqrt(np.mean((coarse.position - fine.position) ** 2)) < 6e-4
 
 
 def test_a_diverging_set_is_clipped_and_a_diverging_model_is_said_so() -> None:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import EffectError
+from embodiedreamer_gym.motions import multisine
 from embodiedreamer_gym.standin.arms import arm_home
 from embodiedreamer_gym.standin.hidden import EFFECTS, Hidden, shape_command
-from embodiedreamer_gym.motions import multisine
 
 WEIGHT = 1.0 * 9.81 * 0.15  # N m at the horizontal: 1 kg, centre at 0.15 m
 STIFFNESS = 40.0  # N m/rad of the pendulum
@@ -165,9 +165,47 @@ def test_encoder_offset_is_measured_and_steered_by(build, moves):
 def test_quadratic_drag_and_ripple(build, moves):
     drag = build(effects={"quadratic_drag": {"coefficient": 0.5}}).record(moves.ramp(-0.5, 1.0, 1.0))
     assert resistance(drag) == pytest.approx(0.5 * drag.velocity[70, 0] ** 2, rel=0.01)
-    ripple = build(effects={"torque_ripple": {"amplitude": 0.3, "count": 10.0, "phase": np.pi / 2}})
+    ripple = build(effects={"torque_ripple": {"amplitude": 0.3, "frequency": 10.0, "phase": np.pi / 2}})
     position, effort = ends(ripple.record(moves.hold(0.0)))
     assert effort == pytest.approx(WEIGHT * np.sin(position) - 0.3 * np.cos(10 * position), abs=1e-3)
+
+
+def test_hysteresis_gives_way_before_it_slides(build, moves):
+    """Below its level the joint turns by what the bristles give; on a ramp the whole level counts."""
+    robot = build(effects={"hysteresis": {"torque": 0.4, "travel": 0.02}})
+    nudged = robot.record(moves.step(0.0, 0.002))
+    stiffer = STIFFNESS + WEIGHT + 0.4 / 0.02
+    assert np.ptp(nudged.position) > 0
+    assert nudged.position[-1, 0] == pytest.approx(STIFFNESS * 0.002 / stiffer, rel=0.05)
+    there, back = (resistance(robot.record(moves.ramp(-s * 0.2, s * 0.4, 1.0))) for s in (1, -1))
+    assert there - back == pytest.approx(2 * 0.4, rel=1e-3)
+    still = robot.record(moves.hold(0.5))
+    assert np.ptp(still.position) < 1e-5  # what it carried when the arm came to rest it still carries
+
+
+def test_a_torque_constant_shows_in_the_effort(build, moves):
+    plain, strong = build(), build(effects={"torque_constant": {"gain": 4.0}})
+    position, effort = ends(strong.record(moves.hold(0.8)))
+    assert 4 * effort == pytest.approx(WEIGHT * np.sin(position), abs=1e-3)
+    stiff = build(stiffness=4 * STIFFNESS, damping=4 * 1.5).record(moves.step(0.0, 0.3))
+    alike = strong.record(moves.step(0.0, 0.3))
+    np.testing.assert_allclose(alike.position, stiff.position, atol=1e-6)
+    assert np.abs(plain.record(moves.step(0.0, 0.3)).position - alike.position).max() > 0.01
+
+
+def test_a_drive_fades_from_the_beginning_of_each_motion(build, moves):
+    robot = build(effects={"torque_fade": {"loss": 0.5, "time": 1.0}})
+    for _ in range(2):
+        log = robot.record(moves.hold(0.8, seconds=2.0))
+        weight = WEIGHT * np.sin(log.position[:, 0])
+        assert log.effort[0, 0] == pytest.approx(weight[0], rel=1e-3)
+        assert log.effort[-1, 0] * (1 - 0.5 * (1 - np.exp(-2.0))) == pytest.approx(weight[-1], rel=5e-3)
+
+
+def test_extra_rotor_inertia_adds_to_the_rotors_own(build, moves):
+    extra = build(effects={"extra_rotor_inertia": {"inertia": 0.05}}).record(moves.step(0.0, 0.3))
+    own = build(rotor_inertia=0.01 + 0.05).record(moves.step(0.0, 0.3))
+    np.testing.assert_allclose(extra.position, own.position, atol=1e-9)
 
 
 def test_friction_never_adds_energy(build, moves):
@@ -179,6 +217,7 @@ def test_friction_never_adds_energy(build, moves):
         {"stribeck_friction": {"sliding": 0.1, "extra_static": 0.1, "speed": 0.1}},
         {"load_friction": {"coefficient": 0.1}},
         {"quadratic_drag": {"coefficient": 0.1}},
+        {"hysteresis": {"torque": 0.2, "travel": 0.02}},
     ):
         assert build(damping=0.3, effects=effects).record(step).position.max() < free
 
@@ -192,3 +231,7 @@ def test_unknown_names_and_shapes_are_refused(build):
         build(effects={"coulomb_friction": {"torque": [1.0, 2.0]}})
     with pytest.raises(EffectError, match="needs a speed above zero"):
         build(effects={"stribeck_friction": {"extra_static": 1.0}})
+    with pytest.raises(EffectError, match="needs a travel above zero"):
+        build(effects={"hysteresis": {"torque": 1.0}})
+    with pytest.raises(EffectError, match="needs a time above zero"):
+        build(effects={"torque_fade": {"loss": 0.5}})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from embodiedreamer_gym.envs.tasks.task import Pose, Situation
 
@@ -22,5 +21,6 @@ def downward(point: np.ndarray, across: np.ndarray) -> Pose:
 
 
 def _pose(point: np.ndarray, ahead: np.ndarray, across: np.ndarray) -> Pose:
-    axes = np.stack([np.cross(across, ahead), across, ahead], axis=1)
-    return Pose(np.array(point, float), Rotation.from_matrix(axes).as_quat())
+    (a, b, c), (d, e, f) = across.tolist(), ahead.tolist()
+    down = (b * f - c * e, c * d - a * f, a * e - b * d)  # across x ahead
+    return Pose.of(point, np.array([down, across, ahead]).T)

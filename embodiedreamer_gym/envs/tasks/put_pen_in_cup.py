@@ -29,7 +29,8 @@ END = 0.035  # m from the end that stays up, where the gripper holds the pen
 HANG = LENGTH - END
 GRIP = 0.008  # m above the table: the fingers end 4 mm lower
 DEPTH = 0.04  # m of the pen inside the holder when it is let go
-PITCHES = np.radians([20.0, 25.0, 30.0, 35.0, 40.0])
+PITCHES = np.radians([20.0, 25.0, 30.0, 35.0, 40.0])  # of the gripper, below the horizontal
+SIDE = HANG * np.sin(PITCHES[2]) - 0.5 * DEPTH * np.tan(PITCHES[2])  # m from the holder's axis to the gripper
 
 
 class PutPenInCup(Task):
@@ -43,8 +44,10 @@ class PutPenInCup(Task):
     goal_area = ((0.42, 0.60), (0.12, 0.48))
 
     def target(self, situation: Situation) -> np.ndarray:
-        """Where the gripper is when it lets the pen go into the holder."""
-        return self._over(situation, np.array([HANG, 0.0, 0.0]), PITCHES[2]).position
+        """Where the gripper is when it lets the pen go into the holder, at the middle one of the pitches."""
+        away = (situation.goal.position - situation.base)[:2]
+        x, y = SIDE * away / np.sqrt(away @ away)
+        return situation.goal.position + np.array([x, y, HEIGHT - DEPTH + HANG * np.cos(PITCHES[2])])
 
     def done(self, situation: Situation) -> bool:
         """Its lower end in the lower half of the holder, at rest, released."""
@@ -60,16 +63,14 @@ class PutPenInCup(Task):
             yield downward(point, way * situation.object.rotation[:, 1])
 
     def releases(self, situation: Situation) -> Iterator[Pose]:
-        """Ahead over the holder, the pen's lower end below its rim."""
+        """Ahead over the holder, the pen's lower end below its rim, slanting from inwards to outwards."""
         ends = (_ends(situation.object) - situation.tip.position) @ situation.tip.rotation
+        end = ends[np.argmax(ends[:, 0])]
         for pitch in PITCHES:
-            yield self._over(situation, ends[np.argmax(ends[:, 0])], pitch)
-
-    def _over(self, situation: Situation, end: np.ndarray, pitch: float) -> Pose:
-        """The gripper that holds a pen's end (3,), m in its own frame, in the holder."""
-        way = outward(situation, situation.goal.position, pitch)
-        inside = [0.0, 0.0, HEIGHT - DEPTH] - 0.5 * DEPTH * np.tan(pitch) * way.rotation[:, 2] * [1.0, 1.0, 0.0]
-        return Pose(situation.goal.position + inside - way.rotation @ end, way.quaternion)
+            way = outward(situation, situation.goal.position, pitch)
+            away = way.rotation[:, 2] * [1.0, 1.0, 0.0] / np.cos(pitch)
+            place = situation.goal.point((0.0, 0.0, HEIGHT - DEPTH)) - 0.5 * DEPTH * np.tan(pitch) * away
+            yield Pose(place - way.rotation @ end, way.quaternion)
 
 
 def _ends(pen: Pose) -> np.ndarray:

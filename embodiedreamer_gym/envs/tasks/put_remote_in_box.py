@@ -35,7 +35,7 @@ class PutRemoteInBox(Task):
     object = REMOTE
     goal = BOX
     area = ((0.42, 0.56), (0.10, 0.50))
-    goal_area = ((0.48, 0.56), (0.10, 0.50))
+    goal_area = ((0.48, 0.56), (0.08, 0.44))
 
     def target(self, situation: Situation) -> np.ndarray:
         """Where the gripper is when it lets the remote go."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from embodiedreamer_gym.envs.tasks.prop import Prop
 from embodiedreamer_gym.errors import SimulationError
@@ -27,10 +27,20 @@ class Pose:
     position: np.ndarray
     quaternion: np.ndarray
 
-    @property
+    @staticmethod
+    def of(position: np.ndarray, rotation: np.ndarray) -> Pose:
+        """The pose with a rotation matrix (3, 3)."""
+        return Pose(np.array(position, float), _quaternion(rotation))
+
+    @cached_property
     def rotation(self) -> np.ndarray:
         """Rotation matrix (3, 3)."""
-        return Rotation.from_quat(self.quaternion).as_matrix()
+        x, y, z, w = (self.quaternion * np.sqrt(2.0 / (self.quaternion @ self.quaternion))).tolist()
+        return np.array([
+            [1.0 - y * y - z * z, x * y - z * w, x * z + y * w],
+            [x * y + z * w, 1.0 - x * x - z * z, y * z - x * w],
+            [x * z - y * w, y * z + x * w, 1.0 - x * x - y * y],
+        ])  # fmt: skip
 
     def point(self, local: tuple[float, float, float] | np.ndarray) -> np.ndarray:
         """Where (3,) a point of this frame is in the world, m."""
@@ -107,7 +117,7 @@ class Task:
         (x0, x1), (y0, y1) = self.goal_area if prop is self.goal and self.goal_area else self.area
         x, y = rng.uniform(x0, x1), rng.uniform(y0, y1) * (1.0 if side == "left" else -1.0)
         yaw = float(rng.uniform(-np.pi, np.pi))
-        return Pose(np.array([x, y, TABLE_HEIGHT]), Rotation.from_euler("z", yaw).as_quat())
+        return Pose(np.array([x, y, TABLE_HEIGHT]), np.array([0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)]))
 
     # ---- what is to be done ------------------------------------------------------------------------------------
 
@@ -132,3 +142,20 @@ class Task:
     def releases(self, situation: Situation) -> Iterator[Pose]:
         """Poses of the end effector in which the gripper may open over the goal, the best first; none without a goal."""
         yield from ()
+
+
+def _quaternion(rotation: np.ndarray) -> np.ndarray:
+    """Quaternion xyzw of a rotation (3, 3); SciPy's takes twenty times as long, and every step needs it.
+
+    Source: Shepperd, Quaternion from rotation matrix, Journal of Guidance and Control 1(3), 1978.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    squares = (1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i, 1.0 + a + e + i)  # four times those of x, y, z, w
+    largest = squares.index(max(squares))
+    found = np.array([
+        (squares[0], b + d, c + g, h - f),
+        (b + d, squares[1], f + h, c - g),
+        (c + g, f + h, squares[2], d - b),
+        (h - f, c - g, d - b, squares[3]),
+    ][largest])  # fmt: skip
+    return found / np.sqrt(found @ found)

@@ -1,0 +1,18 @@
+"""Backlash: between the gears' teeth there is a gap, in which motor and joint do not feel each other."""
+
+from embodiedreamer_gym.effects.effect import MechanicsChange, Parameter
+
+
+class Backlash(MechanicsChange):
+    """A gap between the motor, which servo and encoder see, and the joint; its sides meet without rebound."""
+
+    name = "backlash"
+    parameters = (Parameter("gap", "rad", off=0.0, low=0.0, high=0.2, typical=0.02),)
+    symptom = "where the load changes sides the motor runs free for a moment, then meets its load with a jerk"
+    reveals = "moves to and fro in poses without gravity torque, where the load changes sides"
+    confused_with = ("joint_elasticity", "servo_deadzone")
+
+    @staticmethod
+    def change(mechanics, p):
+        """Widen the gap (B, n) rad."""
+        mechanics.gap = mechanics.gap + p.gap

@@ -1,0 +1,34 @@
+"""Hysteresis: before friction slips, what carries it gives way like a spring."""
+
+import numpy as np
+
+from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
+
+
+class Hysteresis(SignalLaw):
+    """Presliding friction: a torque that builds up over a small travel after each reversal and never sticks hard."""
+
+    name = "hysteresis"
+    stage = "load"
+    passive = True
+    parameters = (
+        Parameter("torque", "N m", off=0.0, low=0.0, high=2.0, typical=0.1, scale="torque"),
+        Parameter("travel", "rad", off=0.02, low=0.004, high=0.5, typical=0.02, shape=True),
+    )
+    symptom = "after each reversal the torque takes some travel to change sides: small moves go round in loops"
+    reveals = "small slow moves to and fro, of several sizes"
+    confused_with = ("coulomb_friction", "stribeck_friction", "joint_spring")
+
+    @staticmethod
+    def start(signal, p, dt):
+        """The torque of friction, which takes up what is left over at rest, and the place where it was so."""
+        return np.clip(signal, -p.torque, p.torque), None
+
+    @staticmethod
+    def law(signal, joint, memory, p):
+        """Take friction F (B, n) N m off, dF = (level sign(dq) - F) |dq| / travel, exact for any step (Dahl 1968)."""
+        friction, last = memory
+        moved = joint.position - (joint.position if last is None else last)
+        level = p.torque * np.sign(moved)
+        friction = level + (friction - level) * np.exp(-np.abs(moved) / p.travel)
+        return signal - friction, (friction, joint.position)

@@ -1,0 +1,22 @@
+"""Joint elasticity: the gear between motor and joint gives way like a spring."""
+
+from embodiedreamer_gym.effects.effect import MechanicsChange, Parameter
+
+
+class JointElasticity(MechanicsChange):
+    """A spring and damper between the motor, which servo and encoder see, and the joint."""
+
+    name = "joint_elasticity"
+    parameters = (
+        Parameter("compliance", "rad/(N m)", off=0.0, low=0.0, high=0.3, typical=0.02, scale="1/torque"),
+        Parameter("settling", "s", off=0.004, low=0.0, high=0.05, typical=0.004, shape=True),
+    )
+    symptom = "the joint rings after sudden stops, faster than its servo, and hardly feels its load while speeding up"
+    reveals = "abrupt stops and a multisine up to the resonance; the end effector, which sags unseen by the encoders"
+    confused_with = ("extra_rotor_inertia", "backlash")
+
+    @staticmethod
+    def change(mechanics, p):
+        """Add compliance (B, n) rad/(N m); its damping is that times compliance, of the time in which it settles."""
+        mechanics.compliance = mechanics.compliance + p.compliance
+        mechanics.settling = mechanics.settling + p.settling

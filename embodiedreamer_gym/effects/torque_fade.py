@@ -1,0 +1,28 @@
+"""Torque fade: the drive weakens as it warms up."""
+
+import numpy as np
+
+from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
+
+
+class TorqueFade(SignalLaw):
+    """A share of the drive's torque that is lost with time, 1 - loss (1 - exp(-t / time)).
+
+    Heat follows the mean power over minutes, and no log carries a temperature: within one log its course is a function
+    of the time since the log began, when the drive is taken to be cool.
+    """
+
+    name = "torque_fade"
+    stage = "drive"
+    parameters = (
+        Parameter("loss", "1", off=0.0, low=0.0, high=0.9, typical=0.3),
+        Parameter("time", "s", off=5.0, low=0.5, high=600.0, typical=5.0, shape=True),
+    )
+    symptom = "the same move comes out weaker late in a log than early in it"
+    reveals = "one heavy move repeated for minutes, in a log that begins with the drive cool"
+    confused_with = ("payload", "torque_saturation", "torque_constant")
+
+    @staticmethod
+    def law(signal, joint, memory, p):
+        """Scale the torque (B, n) N m."""
+        return signal * (1.0 - p.loss * (1.0 - np.exp(-joint.time / p.time))), memory

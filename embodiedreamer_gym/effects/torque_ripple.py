@@ -1,0 +1,26 @@
+"""Torque ripple: cogging of the motor or a turn of the gear that shows at certain angles."""
+
+import numpy as np
+
+from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
+
+
+class TorqueRipple(SignalLaw):
+    """A torque that wavers with the angle, A sin(N q + phase)."""
+
+    name = "torque_ripple"
+    stage = "load"
+    parameters = (
+        Parameter("amplitude", "N m", off=0.0, low=0.0, high=1.0, typical=0.1, scale="torque"),
+        Parameter("frequency", "1/rad", off=10.0, low=1.0, high=200.0, typical=10.0, shape=True,
+                  starts=(2, 5, 8, 11, 14, 17, 20, 23, 26, 30, 34, 38, 43, 48, 54, 60, 70, 80, 100)),
+        Parameter("phase", "rad", off=0.0, low=-6.3, high=6.3, typical=2.1, shape=True),
+    )  # fmt: skip
+    symptom = "the error wavers with the angle of the joint, at the same angles at every speed"
+    reveals = "a slow sweep of constant speed"
+    confused_with = ("joint_spring",)
+
+    @staticmethod
+    def law(signal, joint, memory, p):
+        """Add the ripple (B, n) N m."""
+        return signal + p.amplitude * np.sin(p.frequency * joint.position + p.phase), memory
