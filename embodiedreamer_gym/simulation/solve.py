@@ -26,7 +26,7 @@ RESOLVED = 0.5  # inertia over squared step: up to it a gear's spring is explici
 RIGID = 1e6  # of the stiffness that a step resolves: teeth without compliance
 FREE, TOP, FAST, BOTTOM, BACK = 0, 1, 2, 3, 4
 OPEN, AHEAD, BEHIND, MESHED = 0, 1, -1, 2
-GIVE, SLOPE, SOFT, LATE, HEAVY, KNOWN, PUSH, HOLD = range(8)  # parts of a joint's drive
+GIVE, SLOPE, DRAG, SOFT, LATE, HEAVY, KNOWN, PUSH, HOLD = range(9)  # parts of a joint's drive
 
 jit = nb.njit(cache=True, nogil=True, error_model="numpy")
 
@@ -49,9 +49,8 @@ def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, g
     low, inverse = np.empty((n, n)), np.empty((n, n))
     diagonal, right, new, work, lone = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     state, side, left = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
-    parts = np.empty((8, n))
+    parts = np.empty((9, n))
     gives = gear.shape[1] > 0
-    servo = (pull, stiffness, damping, viscous, rotor, gain, shift, load, limits)
     for b in range(batch):
         for k in range(len(blocks) - 1):
             first, end = blocks[k], blocks[k + 1]
@@ -61,12 +60,24 @@ def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, g
                 _at_first(gear[:, b], wound[b], mass[b], rotor[b], side, left, lone, low, inverse, work, first, end)
             for _ in range(GEAR_PASSES if gives else PASSES):
                 for i in range(first, end):
-                    if gives and gear[0, b, i] + gear[2, b, i] > 0.0:
+                    _drive(state[i], i, b, pull, damping, limits, parts)
+                    own, viscosity = mass[b, i, i] + 0.5 * dt * viscous[b, i], viscous[b, i]
+                    loose = gives and gear[0, b, i] + gear[2, b, i] > 0.0
+                    base = max(rotor[b, i], LEAST_ROTOR * mass[b, i, i]) if loose else own + rotor[b, i]
+                    heavy = _motor(state[i], i, base, gain[b, i], stiffness[b, i], dt, parts)
+                    given = gain[b, i] * parts[GIVE, i] + shift[b, i]
+                    if loose:
                         slip = spin[b, i] - velocity[b, i]
-                        _loose(b, i, state[i], side[i], gear[:, b, i], wound[b, i], slip, lone[i], mass, bias, velocity,
-                               servo, dt, parts, diagonal, right)  # fmt: skip
+                        still, grip = _gear(side[i], gear[0, b, i], gear[1, b, i], gear[2, b, i], wound[b, i], slip,
+                                            base * lone[i] / (base + lone[i]), dt)  # fmt: skip
+                        known = given + (base - 0.5 * dt * parts[DRAG, i] + parts[LATE, i]) * spin[b, i] / dt
+                        _eliminate(i, heavy / dt, known, still, grip, parts)
+                        diagonal[i] = own + dt * parts[HOLD, i]
+                        drag, given = parts[HOLD, i], parts[PUSH, i]
                     else:
-                        _tight(b, i, state[i], mass, bias, velocity, servo, dt, parts, diagonal, right)
+                        diagonal[i] = heavy
+                        drag = parts[DRAG, i] + parts[SOFT, i] / dt
+                    right[i] = given - (drag + viscosity) * velocity[b, i] - bias[b, i] + load[b, i]
                 _factor(mass[b], diagonal, low, first, end)
                 _substitute(low, right, new, work, first, end)
                 constrained = False
@@ -86,104 +97,22 @@ def solve_step(mass, bias, velocity, pull, stiffness, damping, viscous, rotor, g
                     if gives and gear[0, b, i] + gear[2, b, i] > 0.0:
                         old = spin[b, i]
                         changed |= _turned(i, gear[2, b, i], wound[b, i], new[i], dt, parts, side, left, work)
-                    changed |= _driven(b, i, old, work[i], dt, servo, parts, state, torque)
+                    mean = 0.5 * (old + work[i])
+                    torque[b, i] = parts[GIVE, i] - parts[SLOPE, i] * mean
+                    if parts[SOFT, i] + parts[LATE, i] > 0.0:
+                        late = parts[SOFT, i] * work[i] + parts[LATE, i] * (work[i] - old)
+                        torque[b, i] -= late / (dt * gain[b, i])
+                    wanted = pull[b, i] - damping[b, i] * mean if state[i] != FREE else torque[b, i]
+                    now = _limit_state(wanted, mean, i, b, limits)
+                    if now != state[i]:
+                        state[i] = now
+                        changed = True
                 if not changed:
                     break
             for i in range(first, end):
                 acceleration[b, i] = (new[i] - velocity[b, i]) / dt
                 if gives:
                     spin[b, i] = work[i]
-
-
-@jit
-def _motor(b, i, state, base, servo, dt, parts):
-    """The drive of one joint on an inertia: its parts, and the inertia that it makes of it."""
-    _, stiffness, _, _, _, gain, _, _, _ = servo
-    _drive(state, i, b, servo, parts)
-    drag = gain[b, i] * parts[SLOPE, i]
-    parts[LATE, i] = max(0.0, 0.5 * dt * drag - RINGING * base)  # beyond it: a later speed
-    heavy = base + 0.5 * dt * drag + parts[LATE, i]
-    stiff = gain[b, i] * stiffness[b, i] * dt * dt if state == FREE else 0.0
-    parts[SOFT, i] = max(0.0, stiff - heavy)  # a mode faster than the step resolves: implicit
-    return heavy + parts[SOFT, i]
-
-
-@jit
-def _tight(b, i, state, mass, bias, velocity, servo, dt, parts, diagonal, right):
-    """Diagonal and right-hand side of a joint that moves with its motor."""
-    _, _, _, viscous, rotor, gain, shift, load, _ = servo
-    base = mass[b, i, i] + rotor[b, i] + 0.5 * dt * viscous[b, i]
-    diagonal[i] = _motor(b, i, state, base, servo, dt, parts)
-    slope = gain[b, i] * parts[SLOPE, i] + viscous[b, i] + parts[SOFT, i] / dt
-    given = gain[b, i] * parts[GIVE, i] + shift[b, i] + load[b, i]
-    right[i] = given - slope * velocity[b, i] - bias[b, i]
-
-
-@jit
-def _loose(b, i, state, side, gear, wound, slip, lone, mass, bias, velocity, servo, dt, parts, diagonal, right):
-    """The same of a joint behind a gear that gives way, whose torque is PUSH - HOLD * the joint's new velocity.
-
-    The motor's new velocity is (KNOWN - that torque) / HEAVY; slip: its old velocity less the joint's.
-    """
-    _, _, _, viscous, rotor, gain, shift, load, _ = servo
-    base = max(rotor[b, i], LEAST_ROTOR * mass[b, i, i])
-    heavy = _motor(b, i, state, base, servo, dt, parts) / dt
-    kept = (base + parts[LATE, i]) / dt - 0.5 * gain[b, i] * parts[SLOPE, i]
-    known = gain[b, i] * parts[GIVE, i] + shift[b, i] + kept * (velocity[b, i] + slip)
-    still, grip = _gear(side, gear, wound, slip, base * lone / (base + lone), dt)
-    push, hold = (heavy * still + grip * known) / (heavy + grip), heavy * grip / (heavy + grip)
-    parts[HEAVY, i], parts[KNOWN, i], parts[PUSH, i], parts[HOLD, i] = heavy, known, push, hold
-    diagonal[i] = mass[b, i, i] + 0.5 * dt * viscous[b, i] + dt * hold
-    right[i] = push - (hold + viscous[b, i]) * velocity[b, i] - bias[b, i] + load[b, i]
-
-
-@jit
-def _gear(side, gear, wound, slip, inertia, dt):
-    """A gear's torque as still + grip * (the motor's new velocity less the joint's); inertia: of both on its spring."""
-    if side == OPEN:
-        return 0.0, 0.0
-    spring = RIGID * inertia / (dt * dt)
-    if gear[0] * spring > 1.0:
-        spring = 1.0 / gear[0]
-    damper = gear[1] * spring
-    mean = min(damper, 2.0 * inertia / dt)  # at the mean of both velocities, what is beyond at the new one
-    grip = damper - 0.5 * mean + max(0.0, spring * dt - RESOLVED * inertia / dt)
-    away = wound if side == MESHED else wound - side * gear[2]
-    return spring * away + 0.5 * mean * slip, grip
-
-
-@jit
-def _turned(i, half, wound, joint, dt, parts, side, left, spin):
-    """Find a motor's new velocity from its joint's; whether its gear's teeth must touch on another side."""
-    passed = parts[PUSH, i] - parts[HOLD, i] * joint
-    spin[i] = (parts[KNOWN, i] - passed) / parts[HEAVY, i]
-    old, wound = side[i], wound + dt * (spin[i] - joint)
-    if old == MESHED:
-        return False
-    if old != OPEN:
-        if passed * old < 0.0:
-            side[i], left[i] = OPEN, left[i] + old
-    elif wound > half and left[i] != AHEAD:
-        side[i] = AHEAD
-    elif wound < -half and left[i] != BEHIND:
-        side[i] = BEHIND
-    return side[i] != old
-
-
-@jit
-def _driven(b, i, old, new, dt, servo, parts, state, torque):
-    """The drive's torque at the mean of two velocities; whether it is at another limit than supposed."""
-    pull, _, damping, _, _, gain, _, _, limits = servo
-    mean = 0.5 * (old + new)
-    torque[b, i] = parts[GIVE, i] - parts[SLOPE, i] * mean
-    if parts[SOFT, i] + parts[LATE, i] > 0.0:
-        torque[b, i] -= (parts[SOFT, i] * new + parts[LATE, i] * (new - old)) / (dt * gain[b, i])
-    wanted = pull[b, i] - damping[b, i] * mean if state[i] != FREE else torque[b, i]
-    now = _limit_state(wanted, mean, i, b, limits)
-    if now == state[i]:
-        return False
-    state[i] = now
-    return True
 
 
 @jit
@@ -222,9 +151,8 @@ def within_limits(wanted, velocity, limits):
 
 
 @jit
-def _drive(state, i, b, servo, parts):
+def _drive(state, i, b, pull, damping, limits, parts):
     """The drive's torque as GIVE - SLOPE * mean velocity, in each of its states."""
-    pull, _, damping, _, _, _, _, _, limits = servo
     if state == FREE:
         parts[GIVE, i], parts[SLOPE, i] = pull[b, i], damping[b, i]
     elif state == TOP:
@@ -235,6 +163,17 @@ def _drive(state, i, b, servo, parts):
         parts[GIVE, i], parts[SLOPE, i] = limits[4, b, i], limits[4, b, i] / limits[2, b, i]
     else:
         parts[GIVE, i], parts[SLOPE, i] = -limits[4, b, i], limits[4, b, i] / limits[3, b, i]
+
+
+@jit
+def _motor(state, i, base, gain, stiffness, dt, parts):
+    """What a drive makes of the inertia that it moves; its share beyond what the step resolves as SOFT and LATE."""
+    parts[DRAG, i] = drag = gain * parts[SLOPE, i]
+    parts[LATE, i] = late = max(0.0, 0.5 * dt * drag - RINGING * base)  # beyond it: a later speed
+    heavy = base + 0.5 * dt * drag + late
+    stiff = gain * stiffness * dt * dt if state == FREE else 0.0
+    parts[SOFT, i] = soft = max(0.0, stiff - heavy)  # a mode faster than the step resolves: implicit
+    return heavy + soft
 
 
 @jit
@@ -261,6 +200,53 @@ def _at_first(gear, wound, mass, rotor, side, left, lone, low, inverse, work, fi
     _invert(low, inverse, work, first, end)
     for i in range(first, end):
         lone[i] = 1.0 / inverse[i, i]
+
+
+@jit
+def _gear(side, compliance, settling, half, wound, slip, inertia, dt):
+    """A gear's torque as still + grip * (the motor's new velocity less the joint's).
+
+    slip: the old one; inertia: that of motor and joint against each other.
+    """
+    if side == OPEN:
+        return 0.0, 0.0
+    spring = RIGID * inertia / (dt * dt)
+    if compliance * spring > 1.0:
+        spring = 1.0 / compliance
+    damper = settling * spring
+    mean = min(damper, 2.0 * inertia / dt)  # at the mean of both velocities, what is beyond at the new one
+    grip = damper - 0.5 * mean + max(0.0, spring * dt - RESOLVED * inertia / dt)
+    away = wound if side == MESHED else wound - side * half
+    return spring * away + 0.5 * mean * slip, grip
+
+
+@jit
+def _eliminate(i, heavy, known, still, grip, parts):
+    """A gear's torque as PUSH - HOLD * the joint's new velocity; the motor's is (KNOWN - that torque) / HEAVY."""
+    parts[HEAVY, i], parts[KNOWN, i] = heavy, known
+    parts[PUSH, i] = (heavy * still + grip * known) / (heavy + grip)
+    parts[HOLD, i] = heavy * grip / (heavy + grip)
+
+
+@jit
+def _turned(i, half, wound, joint, dt, parts, side, left, spin):
+    """Find a motor's new velocity from its joint's; whether its gear's teeth must touch on another side.
+
+    left: the side that they have left in this step already, to which they do not return.
+    """
+    passed = parts[PUSH, i] - parts[HOLD, i] * joint
+    spin[i] = (parts[KNOWN, i] - passed) / parts[HEAVY, i]
+    old, wound = side[i], wound + dt * (spin[i] - joint)
+    if old == MESHED:
+        return False
+    if old != OPEN:
+        if passed * old < 0.0:
+            side[i], left[i] = OPEN, left[i] + old
+    elif wound > half and left[i] != AHEAD:
+        side[i] = AHEAD
+    elif wound < -half and left[i] != BEHIND:
+        side[i] = BEHIND
+    return side[i] != old
 
 
 @jit
