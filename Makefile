@@ -13,7 +13,7 @@ export OPENBLAS_NUM_THREADS := 1
 export NUMBA_NUM_THREADS := 1
 export MPLBACKEND := Agg
 
-.PHONY: install demo test lint bench format test-lowest clean
+.PHONY: install demo test lint bench format test-lowest test-newest clean
 
 install: $(INSTALLED)
 
@@ -50,5 +50,15 @@ test-lowest: pyproject.toml constraints.txt
 	$(LOWEST)/bin/python -m pip install --quiet -c $(LOWEST)/lowest.txt -e '.[standin]' pytest setuptools
 	$(LOWEST)/bin/python -m pytest
 
+# An empty environment with the newest versions that pyproject.toml allows (torch's CPU build first), no display: 100 steps.
+NEWEST := .venv-newest
+test-newest: pyproject.toml
+	rm -rf $(NEWEST) && $(PYTHON) -m venv $(NEWEST)
+	$(NEWEST)/bin/python -m pip install --quiet "$$(grep '^torch==' constraints.txt)"
+	$(NEWEST)/bin/python -m pip install --quiet .
+	cd / && env -u DISPLAY $(CURDIR)/$(NEWEST)/bin/python -W error::DeprecationWarning:embodiedreamer_gym -c \
+	  "import gymnasium as gym; e = gym.make('embodiedreamer_gym:EmbodieDreamer/PutCupOnMat-v0'); e.reset(seed=0); \
+	  [e.step(e.action_space.sample()) for _ in range(100)]; print('100 steps with', gym.__version__)"
+
 clean:
-	rm -rf .venv $(LOWEST) build dist *.egg-info .pytest_cache .ruff_cache
+	rm -rf .venv $(LOWEST) $(NEWEST) build dist *.egg-info .pytest_cache .ruff_cache
