@@ -114,8 +114,9 @@ class Drive:
         mass, bias = self.model.bodies.mass_matrix_and_bias(joint.position, joint.velocity, self.mechanics)
         acceleration, torque = np.empty_like(bias), np.empty_like(bias)
         wound = motor.position - joint.position if self._gives else self._free[0]
+        impulse, spin = self._impulse, self.velocity
         for _ in range(PASSES):
-            impulse, spin = self._impulse.copy(), self.spin.copy() if self._gives else self.velocity
+            impulse, spin = self._impulse.copy(), self.spin.copy() if self._gives else spin
             solve_step(mass, bias, self.velocity, pull, servo["stiffness"], servo["damping"], servo["viscous_friction"],
                        servo["rotor_inertia"], gain, shift, load, limits, forward, backward, slowest, fastest,
                        self._gear, wound, spin, self._blocks, self.dt, impulse, acceleration, torque)  # fmt: skip
@@ -152,7 +153,7 @@ class Drive:
     def _line(self, torque: np.ndarray, joint: JointState) -> tuple[np.ndarray, np.ndarray]:
         """What arrives at the joints of a drive's torque about this one (B, n): the gain and shift of a line."""
         if not self._laws["drive"]:
-            return self._free[3:]
+            return self._free[3], self._free[4]
         given, step = self._try("drive", torque, joint), NUDGE * (1.0 + np.abs(torque))
         gain = np.maximum((self._try("drive", torque + step, joint) - given) / step, 0.0)
         return gain, given - gain * torque

@@ -148,19 +148,7 @@ def build_plant(
         raise ModelError(f"MuJoCo cannot read the URDF: {error}.") from error
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    for name, target in zip(joints, motors, strict=True):
-        motor = spec.add_actuator(name=name, target=target, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        motor.gaintype, motor.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
-        motor.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-        motor.forcerange = (-1e9, 1e9)
-    for follower, (leader, multiplier, offset) in mimics.items():
-        tie = spec.add_equality(name=follower, type=mujoco.mjtEq.mjEQ_JOINT, name1=follower, name2=leader)
-        tie.data[:5] = (offset, multiplier, 0, 0, 0)
-        tie.solref, tie.solimp = (2 * timestep, 1.0), HARD
-    for name in gears:
-        tendon = spec.add_tendon(name=name)
-        tendon.wrap_joint(_rotor(name), 1.0)
-        tendon.wrap_joint(name, -1.0)
+    _connect(spec, dict(zip(joints, motors, strict=True)), mimics, timestep)
     model = spec.compile()
     _clear(model, timestep)
     for name, gear in gears.items():
@@ -179,6 +167,27 @@ def build_plant(
         followers.append((list(joints).index(leader), *place, multiplier, offset))
     motor = model.jnt_qposadr[driven], model.jnt_dofadr[driven]
     return Plant(model, model.jnt_qposadr[index], dof, *motor, np.array(roots), tuple(followers))
+
+
+def _connect(
+    spec: Any, motors: Mapping[str, str], mimics: Mapping[str, tuple[str, float, float]], timestep: float
+) -> None:
+    """A servo on each joint's motor, a tendon to the joint from a motor of its own, and the ties of mimic joints."""
+    mujoco = import_mujoco()
+    for name, target in motors.items():
+        motor = spec.add_actuator(name=name, target=target, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.gaintype, motor.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+        motor.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        motor.forcerange = (-1e9, 1e9)
+    for follower, (leader, multiplier, offset) in mimics.items():
+        tie = spec.add_equality(name=follower, type=mujoco.mjtEq.mjEQ_JOINT, name1=follower, name2=leader)
+        tie.data[:5] = (offset, multiplier, 0, 0, 0)
+        tie.solref, tie.solimp = (2 * timestep, 1.0), HARD
+    for name, target in motors.items():
+        if target != name:
+            tendon = spec.add_tendon(name=name)
+            tendon.wrap_joint(target, 1.0)
+            tendon.wrap_joint(name, -1.0)
 
 
 def _rotor(joint: str) -> str:

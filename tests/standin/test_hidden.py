@@ -208,6 +208,22 @@ def test_extra_rotor_inertia_adds_to_the_rotors_own(build, moves):
     np.testing.assert_allclose(extra.position, own.position, atol=1e-9)
 
 
+def test_behind_a_soft_gear_the_link_sags_unseen_by_the_encoder(build, moves):
+    soft = {"compliance": 0.02, "settling": 0.01}
+    position, effort = ends(build(effects={"joint_elasticity": soft}).record(moves.hold(0.8)))
+    assert effort == pytest.approx(STIFFNESS * (0.8 - position), abs=1e-3)
+    assert effort == pytest.approx(WEIGHT * np.sin(position - 0.02 * effort), abs=1e-3)
+
+
+def test_in_a_gap_the_servo_moves_its_motor_alone(build, moves):
+    robot = build(effects={"backlash": {"gap": 0.06}})
+    inside = robot.record(moves.step(0.0, 0.02))
+    assert inside.position[-1, 0] == pytest.approx(0.02, abs=1e-4)
+    assert inside.effort[-1, 0] == pytest.approx(0.0, abs=2e-3)  # no weight: the link still hangs straight down
+    position, effort = ends(robot.record(moves.hold(0.8)))
+    assert effort == pytest.approx(WEIGHT * np.sin(position - 0.03), abs=2e-3)
+
+
 def test_friction_never_adds_energy(build, moves):
     """After a step, a joint with any friction swings less than one without."""
     step = moves.step(0.0, 0.3)
