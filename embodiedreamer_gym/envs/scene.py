@@ -22,9 +22,6 @@ TABLE_CENTRE = (0.6, 0.0, 0.0)  # m; its edge is 8 cm in front of the arms' plat
 FAR = 50.0  # m
 PADS = {"lateralFriction": 1.0, "spinningFriction": 0.002, "rollingFriction": 0.0001}
 REST = {"spinningFriction": 0.001, "rollingFriction": 0.0001}  # without the latter, a pen creeps by 3 mm in 10 s
-# A contact keeps its direction in the world while it lasts: a hand that carries a thing round a corner would hook on to it
-# by the directions of before. With PyBullet's own 0.02 contacts last that long, with this one they do not.
-BREAKING = 5e-4
 CLASSES = ("background", "table", "robot")
 
 
@@ -88,7 +85,6 @@ class Scene:
         PyBullet keeps contact points of the last step, from which the next one starts: moved far apart and looked at
         once, the bodies lose them, so that the same reset gives the same episode bit for bit.
         """
-        self.client.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING)  # other worlds of the process share it
         for i, body in enumerate(self.props.values()):
             self.client.resetBasePositionAndOrientation(body, (FAR * (i + 1), FAR, FAR), (0, 0, 0, 1))
         self.plant.reset(position, velocity, command, sets)
