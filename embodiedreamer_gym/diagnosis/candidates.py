@@ -41,18 +41,19 @@ class Candidate:
 
 def refit(
     base: RobotModel, screened: Screened, problem: Problem, train: Sequence[Recording], test: Sequence[Recording],
-    both_rules: bool,
+    both_rules: bool, rival: float = np.inf,
 ) -> Candidate:  # fmt: skip
     """Fit base + effect from where the screening found it; under both rules between commands where none is known.
 
-    problem: the base model's own, whose weights per joint and rule are kept, so that costs compare.
+    problem: the base model's own, whose weights per joint and rule are kept, so that costs compare; rival: cost of another
+    refit, far above which this one is given up.
     """
     trial = base.with_effect(screened.kind)
     options = RULES if both_rules and screened.kind.stage == "command" else (problem.hold,)
     found: list[Candidate] = []
     for hold in options:
         new = Problem(trial, train, hold=hold)
-        fit = minimise(new, start_of(new, screened.start), ITERATIONS, TOLERANCE)
+        fit = minimise(new, start_of(new, screened.start), ITERATIONS, TOLERANCE, rival=rival)
         model = new.model_at(fit.x)
         found.append(Candidate(screened.kind, model, new, fit, evaluate(model, test, hold), new.rollouts))
     best = min(found, key=lambda c: c.fit.cost)

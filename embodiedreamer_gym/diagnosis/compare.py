@@ -1,4 +1,7 @@
-"""compare: what models do when they hear the recordings' commands, against what was measured."""
+"""compare: what models do when they hear the recordings' commands, against what was measured.
+
+Where no log holds a command, the effort that a model needs for the measured motion is compared instead.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,11 @@ import numpy as np
 from embodiedreamer_gym.diagnosis.regimes import REGIMES, regimes
 from embodiedreamer_gym.diagnosis.tables import MILLI, finite, layout, number
 from embodiedreamer_gym.errors import RecordingError
+from embodiedreamer_gym.phys_aligner.signals import Signals, with_effort_unit
 from embodiedreamer_gym.poses import EndEffector, rotation_error, translation_error
-from embodiedreamer_gym.recordings import Recording, estimate_noise, estimate_quantum, noise_floor
+from embodiedreamer_gym.recordings import Recording, noise_floor, sensor_sd
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.simulation import Rollout, simulate_sets
+from embodiedreamer_gym.simulation import Rollout, run_sets
 
 DIVERGED = 900.0  # rad/s; the simulation clips a little above
 
@@ -41,12 +45,13 @@ class Row:
 class Comparison:
     """How far models are from recordings; arrays have one row per model, in the order they were given.
 
-    labels: names of the models, each different; error (models,): mean over joints of each joint's root mean
-    square over all usable samples, rad (or the joint's own unit); noise: mean over joints of the sensor's sd;
+    labels: names of the models, each different; signal: what is compared, "position", or "effort" of logs without a
+    command; error (models,): mean over joints of each joint's root mean square over all usable samples, in `unit`, rad
+    (or the joint's own), N m or A; noise: mean over joints of the sensor's sd;
     joint_rms, joint_chi2 (models, n), nan where a joint has no usable sample; joint_noise (n,);
     trajectory (models, 2): the paper's losses, translation error in m and rotation error in rad, averaged
     over time and arms; end_effector_mm (models,): the former in mm; diverged (models,) bool;
-    table: one Row per model, signal, joint and regime; rollouts: [model][recording], arrays (T, n).
+    signals: what was compared; table: one Row per model, signal, joint and regime; rollouts: [model][recording], arrays (T, n).
     """
 
     labels: tuple[str, ...]
@@ -61,7 +66,18 @@ class Comparison:
     end_effector_mm: np.ndarray
     trajectory: np.ndarray
     diverged: np.ndarray
+    signals: Signals
     table: tuple[Row, ...] = field(default=())
+
+    @property
+    def signal(self) -> str:
+        """What is compared."""
+        return "effort" if self.signals.by_effort else "position"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the error."""
+        return self.signals.unit or "rad"
 
     def __repr__(self) -> str:
         sizes = f"{len(self.labels)} models, {len(self.recordings)} recordings, n={len(self.joint_noise)}"
@@ -74,15 +90,19 @@ class Comparison:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Unit of each joint."""
-        return self.models[0].units
+        """Unit of each joint's compared signal."""
+        return self.models[0].units if self.signal == "position" else (self.unit,) * len(self.joints)
 
-    def rows(self, model: int = -1, signal: str = "position", regime: str | None = None) -> list[Row]:
+    def errors(self, model: int = -1) -> list[np.ndarray]:
+        """Measured less simulated (T, n) of one model, per recording, in the compared signal."""
+        return [e[0] for e in self.signals.errors(_sets_of(self.rollouts[model]))]
+
+    def rows(self, model: int = -1, signal: str = "", regime: str | None = None) -> list[Row]:
         """The table's rows of one model and signal, of all regimes or of one."""
-        wanted = (self.labels[model], signal)
+        wanted = (self.labels[model], signal or self.signal)
         return [r for r in self.table if (r.model, r.signal) == wanted and regime in (None, r.regime)]
 
-    def grid(self, model: int = -1, value: str = "chi2", signal: str = "position") -> np.ndarray:
+    def grid(self, model: int = -1, value: str = "chi2", signal: str = "") -> np.ndarray:
         """Values (n, 7) of one model by joint and regime, "all" first, nan where there is no sample."""
         names = ("all", *REGIMES)
         result = np.full((len(self.joints), len(names)), np.nan)
@@ -96,7 +116,8 @@ class Comparison:
         return {
             "recordings": [r.name for r in self.recordings],
             "models": list(self.labels),
-            "error": {"unit": "rad", "noise": self.noise, "of": error},
+            "signal": self.signal,
+            "error": {"unit": self.unit, "noise": self.noise, "of": error},
             "end_effector_mm": {k: finite(v) for k, v in zip(self.labels, self.end_effector_mm, strict=True)},
             "trajectory": {
                 k: {"translation_m": finite(m), "rotation_rad": finite(angle)}
@@ -111,7 +132,11 @@ class Comparison:
         if len(self.labels) > 1:
             parts.append(self._joints())
         parts.append(self._regimes())
-        parts += [self._other(signal) for signal in ("velocity", "effort") if self.rows(signal=signal)]
+        parts += [
+            self._other(signal)
+            for signal in ("velocity", "effort")
+            if signal != self.signal and self.rows(signal=signal)
+        ]
         return "\n\n".join(parts)
 
     def _summary(self) -> str:
@@ -119,7 +144,7 @@ class Comparison:
         rows = []
         for i, label in enumerate(self.labels):
             chi2 = number(float(np.nanmean(self.joint_chi2[i])))
-            errors = [f"{number(1e3 * value)} mrad" for value in (self.error[i], self.noise)]
+            errors = [f"{number(1e3 * value)} {MILLI[self.unit]}" for value in (self.error[i], self.noise)]
             name = f"{label} (diverges)" if self.diverged[i] else label
             rows.append([name, *errors, chi2, f"{number(self.end_effector_mm[i])} mm"])
         title = f"{len(self.recordings)} recordings, {seconds:.1f} s, {len(self.joints)} joints"
@@ -140,7 +165,7 @@ class Comparison:
             errors = [number(1e3 * value) for value in (*rms[j], self.joint_noise[j])]
             rows.append([joint, *errors, number(chi2[j, 0]), MILLI[self.units[j]]])
         heads = ["all", "hold", "slow", "fast", "reversal", "accel.", "loaded", "noise", "chi2/n", "unit"]
-        return f"position error (rms) of {self.labels[-1]} by regime\n" + layout(["joint", *heads], rows)
+        return f"{self.signal} error (rms) of {self.labels[-1]} by regime\n" + layout(["joint", *heads], rows)
 
     def _other(self, signal: str) -> str:
         found = self.rows(signal=signal, regime="all")
@@ -164,22 +189,28 @@ def compare(
     recordings = tuple(recordings)
     if not models or not recordings:
         raise RecordingError("there is nothing to compare; give at least one model and one recording.")
+    recordings = with_effort_unit(models[0], recordings)
     if not any(r.usable.any() for r in recordings):
         raise RecordingError("no usable sample is left to compare: all of it is contact or faulty.")
     rollouts = tuple(free_runs(model, recordings) for model in models)
     labels = _labels(models) if labels is None else tuple(labels)
     masks = [regimes(models[0], r) for r in recordings]
+    signals = Signals(models[0], recordings)
+    signal = "effort" if signals.by_effort else "position"
     table: list[Row] = []
     for label, model, runs in zip(labels, models, rollouts, strict=True):
-        for signal in _signals(model, recordings, runs):
-            table += _rows(label, model, signal, masks)
+        for one in _signals(model, signals, runs):
+            table += _rows(label, model, one, masks)
     rms, chi2 = (np.full((len(models), models[0].n), np.nan) for _ in range(2))
     for row in table:
-        if (row.signal, row.regime) == ("position", "all"):
+        if (row.signal, row.regime) == (signal, "all"):
             place = labels.index(row.model), models[0].joints.index(row.joint)
             rms[place], chi2[place] = row.rms, row.chi2
-    noise = noise_floor([r.sigma for r in recordings])
-    losses = [trajectory_losses(m, recordings, runs) for m, runs in zip(models, rollouts, strict=True)]
+    noise = signals.sigma
+    losses = [
+        (np.nan, np.nan) if signals.by_effort else trajectory_losses(m, recordings, runs)
+        for m, runs in zip(models, rollouts, strict=True)
+    ]
     return Comparison(
         labels, models, recordings, rollouts,
         error=np.nanmean(rms, axis=1),
@@ -190,22 +221,15 @@ def compare(
         trajectory=np.array(losses),
         end_effector_mm=1e3 * np.array(losses)[:, 0],
         diverged=np.array([any(np.abs(run.velocity).max() > DIVERGED for run in runs) for runs in rollouts]),
+        signals=signals,
         table=tuple(table),
     )  # fmt: skip
 
 
 def free_runs(model: RobotModel, recordings: Sequence[Recording]) -> tuple[Rollout, ...]:
-    """Free-run recordings under one model; arrays (T, n)."""
-    runs = simulate_sets(model, recordings)
+    """Free runs (inverse runs where no log holds a command) of recordings under one model; arrays (T, n)."""
+    runs = run_sets(model, recordings)
     return tuple(Rollout(r.time, r.position[0], r.velocity[0], r.torque[0]) for r in runs)
-
-
-def sensor_sd(recording: Recording, signal: np.ndarray) -> np.ndarray:
-    """Standard deviation (n,) of the noise and rounding of any signal (T, n) of a recording."""
-    quantum = np.array([estimate_quantum(x) for x in signal.T])
-    pairs = zip(signal.T, quantum, strict=True)
-    noise = np.array([estimate_noise(recording.time, x, float(q)) for x, q in pairs])
-    return np.sqrt(noise**2 + quantum**2 / 12)
 
 
 def effort_scale(recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> np.ndarray:
@@ -228,11 +252,19 @@ class _Signal:
     usable: list[np.ndarray]
 
 
-def _signals(model: RobotModel, recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> Iterator[_Signal]:
+def _sets_of(rollouts: Sequence[Rollout]) -> list[Rollout]:
+    """Rollouts of one model as those of one parameter set, arrays (1, T, n)."""
+    return [Rollout(r.time, r.position[None], r.velocity[None], r.torque[None]) for r in rollouts]
+
+
+def _signals(model: RobotModel, signals: Signals, rollouts: Sequence[Rollout]) -> Iterator[_Signal]:
+    recordings = signals.recordings
     pairs = list(zip(recordings, rollouts, strict=True))
-    usable = [r.usable for r in recordings]
-    errors: list[np.ndarray | None] = [r.position - run.position for r, run in pairs]
-    yield _Signal("position", model.units, errors, noise_floor([r.sigma for r in recordings]), usable)
+    usable, units = signals.usable, (signals.unit,) * model.n if signals.by_effort else model.units
+    errors: list[np.ndarray | None] = [e[0] for e in signals.errors(_sets_of(rollouts))]
+    yield _Signal("effort" if signals.by_effort else "position", units, errors, signals.sigma, usable)
+    if signals.by_effort:
+        return
     if any(r.velocity is not None for r in recordings):
         units = tuple(f"{u}/s" for u in model.units)
         errors = [None if r.velocity is None else r.velocity - run.velocity for r, run in pairs]
@@ -247,7 +279,7 @@ def _sensor_sds(recordings: Sequence[Recording], signal: str) -> np.ndarray:
     """Sd (n,) of another signal's noise, at least a hundred-thousandth of the signal's range."""
     pairs = [(r, getattr(r, signal)) for r in recordings if getattr(r, signal) is not None]
     least = 1e-5 * np.max([np.ptp(x, axis=0) for _, x in pairs], axis=0)
-    return np.maximum(noise_floor([sensor_sd(r, x) for r, x in pairs]), least)
+    return np.maximum(noise_floor([sensor_sd(r.time, x) for r, x in pairs]), least)
 
 
 def _rows(label: str, model: RobotModel, signal: _Signal, masks: Sequence[dict[str, np.ndarray]]) -> Iterator[Row]:

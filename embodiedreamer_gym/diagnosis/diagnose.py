@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from embodiedreamer_gym.diagnosis.candidates import Candidate, polish, prune, refit
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, Ranked, summarise
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain
 from embodiedreamer_gym.diagnosis.null import Null, draw_null
+from embodiedreamer_gym.diagnosis.parallel import many
 from embodiedreamer_gym.diagnosis.screen import SEEN_SHARE, Screened, grounds, screen
 from embodiedreamer_gym.diagnosis.verdict import ALARM, EXPLAINED, contenders, mends, pays, total_explained
 from embodiedreamer_gym.effects import Effect
@@ -21,11 +21,13 @@ from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
 MAX_SECONDS = 80.0  # of motion to learn from, and as much to judge by
 REFITS = 5  # best of the screening that are refitted
+LEADERS = 2  # of them that are refitted to the end
 Progress = Callable[[str, int, float], None]
 
 
@@ -44,10 +46,6 @@ class Search:
     rollouts: int = 0
     ranking: list[Ranked] = field(default_factory=list)
     unobservable: tuple[str, ...] = ()
-
-    def map(self, function, items) -> list:
-        """Map a function over a list, in threads: the compiled dynamics leave Python's lock."""
-        return list(Parallel(n_jobs=self.jobs, prefer="threads")(delayed(function)(item) for item in items))
 
 
 def diagnose(
@@ -71,6 +69,8 @@ def diagnose(
     begun = time.perf_counter()
     if not train or not test:
         raise CalibrationError("diagnose needs recordings to learn from and others, held out, to judge by.")
+    both = with_effort_unit(model, [*train, *test])
+    train, test = both[: len(train)], both[len(train) :]
     all_test, train, test = test, thin(train, max_seconds), thin(test, max_seconds)
     both = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in train)
     search = Search(model, train, test, catalogue or model.catalogue, jobs, progress or (lambda *_: None), both,
@@ -121,20 +121,23 @@ def _candidates(
     search.progress("screening", 0, held.error)
     before = problem.rollouts
     short, around = grounds(problem, fit, search.nominal if first else None)
-    screened = screen(search.catalogue, around, short, floor, search.map)
+    screened = screen(search.catalogue, around, short, floor, search.jobs)
     search.rollouts += short.rollouts - before + sum(s.rollouts for s in screened)
     if first:
         search.unobservable = tuple(sorted(s.kind.name for s in screened if s.visible < SEEN_SHARE))
     chosen = _shortlist(screened)
-    done: list[int] = []
-
-    def one(item: Screened) -> Candidate:
-        candidate = refit(model, item, problem, search.train, search.test, search.both_rules)
-        done.append(1)
-        search.progress(f"refit {item.kind.name} ({len(done)} of {len(chosen)})", len(done), candidate.held_out.error)
-        return candidate
-
-    candidates = search.map(one, chosen)
+    candidates: list[Candidate] = []
+    for part in (chosen[:LEADERS], chosen[LEADERS:]):  # the others are given up where they fall far behind the leaders
+        rival = min((c.fit.cost for c in candidates), default=np.inf)
+        done, of = len(candidates), len(chosen)
+        candidates += many(
+            refit,
+            [(model, item, problem, search.train, search.test, search.both_rules, rival) for item in part],
+            search.jobs,
+            lambda k, c, done=done, of=of: search.progress(
+                f"refit {c.kind.name} ({done + k} of {of})", done + k, c.held_out.error
+            ),
+        )
     search.rollouts += sum(c.rollouts for c in candidates)
     if first:
         linear = {s.kind.name: s.score for s in screened}

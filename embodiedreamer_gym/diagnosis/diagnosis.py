@@ -12,6 +12,7 @@ from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.compare import compare, trajectory_losses
 from embodiedreamer_gym.diagnosis.held_out import HeldOut
 from embodiedreamer_gym.diagnosis.null import Null
+from embodiedreamer_gym.diagnosis.tables import MILLI, finite
 from embodiedreamer_gym.diagnosis.verdict import explained, total_explained
 from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.recordings import Recording
@@ -38,8 +39,9 @@ class Diagnosis:
 
     verdict: "nothing_missing", "missing", "ambiguous" or "unknown"; effects: names, first found first (both of a
     tie); joints: effect -> joints or arms it acts on; parameters: effect -> joint -> value, low, high, unit; error
-    and end_effector_mm: nominal, calibrated, with_effect (None where none is named), noise; unexplained: joint ->
-    share of its excess error that is left; model: the better model; steps: (label, held-out error) of the staircase.
+    (in `unit`: rad, or N m or A of logs without a command) and end_effector_mm: nominal, calibrated, with_effect (None
+    where none is named), noise; unexplained: joint -> share of its excess error that is left; chi2: held-out mean square
+    per joint in sensor noises, calibrated, with_effect, and of faultless robots (usual: median, most: 95 %); model: the better model; steps: (label, held-out error) of the staircase.
     """
 
     verdict: str
@@ -56,6 +58,8 @@ class Diagnosis:
     p_value: float
     rollouts: int
     seconds: float
+    unit: str
+    chi2: dict[str, list[float]]
     nominal: RobotModel
     calibrated: RobotModel
     model: RobotModel
@@ -82,18 +86,19 @@ class Diagnosis:
                 }
                 for r in self.ranking
             ],
-            "error": {"unit": "rad", **self.error},
+            "error": {"unit": self.unit, **self.error},
             "end_effector_mm": self.end_effector_mm,
             "unobservable": list(self.unobservable),
             "unexplained": self.unexplained,
             "steps": [list(step) for step in self.steps],
             "p_value": self.p_value,
+            "chi2": self.chi2,
             "rollouts": self.rollouts,
             "seconds": self.seconds,
         }
 
     def __str__(self) -> str:
-        lines = [self.sentence, "", f"{'held-out error':<34} {'mrad':>10}"]
+        lines = [self.sentence, "", f"{'held-out error':<34} {MILLI[self.unit]:>10}"]
         lines += [f"  {label:<32} {error * 1e3:>10.3f}" for label, error in self.steps]
         lines.append(f"  {'noise floor':<32} {(self.error['noise'] or 0) * 1e3:>10.3f}")
         if self.ranking:
@@ -131,7 +136,7 @@ def summarise(
     found: dict[str, float] = dict(zip(models, comparison.error.tolist(), strict=True))
     error: dict[str, float | None] = {label: found.get(label) for label in LABELS} | {"noise": comparison.noise}
     millimetres: dict[str, float] = dict(zip(models, comparison.end_effector_mm.tolist(), strict=True))
-    millimetres["noise"] = _noise_mm(model, test)
+    millimetres["noise"] = np.nan if comparison.signals.by_effort else _noise_mm(model, test)
     share = explained(base, held if named else base, null.chi2)
     unexplained = {
         joint: float(1.0 - s) for joint, s in zip(model.joints, share, strict=True) if np.isfinite(s) and 1.0 - s > 0.1
@@ -145,10 +150,17 @@ def summarise(
         verdict=verdict, sentence=_sentence(verdict, effects, parameters, closest, base, null, p_value),
         effects=effects, joints={e: _places(rows) for e, rows in parameters.items()}, parameters=parameters,
         ranking=tuple(ranking), error=error,
-        end_effector_mm={label: millimetres.get(label) for label in LABELS}, unobservable=unobservable,
+        end_effector_mm={label: finite(millimetres.get(label, np.nan)) for label in LABELS}, unobservable=unobservable,
         unexplained=unexplained, steps=tuple(stairs), p_value=p_value, rollouts=rollouts, seconds=seconds,
-        nominal=model, calibrated=calibrated.model, model=better,
+        unit=comparison.unit, chi2=_chi2(base, held, null, named), nominal=model, calibrated=calibrated.model, model=better,
     )  # fmt: skip
+
+
+def _chi2(base: HeldOut, held: HeldOut, null: Null, named: bool) -> dict[str, list[float]]:
+    """Held-out chi2 per joint, and what faultless robots have: their median and their 95th percentile."""
+    usual, most = np.quantile(null.chi2, (0.5, 0.95), axis=0)
+    found = {"calibrated": base.chi2, "usual": usual, "most": most} | ({"with_effect": held.chi2} if named else {})
+    return {label: [float(x) for x in values] for label, values in found.items()}
 
 
 def _noise_mm(model: RobotModel, test: Sequence[Recording]) -> float:

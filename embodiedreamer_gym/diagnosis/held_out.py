@@ -7,16 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from embodiedreamer_gym.recordings import Recording, noise_floor
+from embodiedreamer_gym.phys_aligner.signals import LARGEST, Signals
+from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.simulation import simulate_sets
+from embodiedreamer_gym.simulation import run_sets
 
 BLOCKS = 24  # pieces of held-out time from which the spread of a difference is estimated
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Free-run errors of one model on held-out recordings.
+    """Errors of one model on held-out recordings.
 
     chi2 (n,): mean square residual of each joint in sensor noises; rms (n,): in the joint's unit; blocks
     (pieces, n), counts (pieces, n): sums of squares and samples of consecutive pieces of time.
@@ -43,26 +44,20 @@ def score(chi2: np.ndarray) -> float:
     return float(np.sum(np.log(np.maximum(chi2, 1.0))))
 
 
-def noise_of(recordings: Sequence[Recording]) -> np.ndarray:
-    """Sensor noise (n,) of recordings, in the joint's unit."""
-    return noise_floor([r.sigma for r in recordings])
-
-
 def evaluate(model: RobotModel, recordings: Sequence[Recording], hold: str | None = None) -> HeldOut:
-    """Free-run the recordings and sum up the errors of their usable samples."""
-    sigma = noise_of(recordings)
-    runs = simulate_sets(model, recordings, hold=hold)
+    """Run the recordings and sum up the errors of their usable samples."""
+    signals = Signals(model, recordings)
+    errors = signals.errors(run_sets(model, signals.recordings, hold=hold))
     pieces = max(2, BLOCKS // len(recordings))
     blocks, counts = [], []
-    for recording, run in zip(recordings, runs, strict=True):
-        e = np.where(recording.usable, (recording.position - run.position[0]) / sigma, 0.0)
-        e = np.clip(e, -1e6, 1e6)
+    for error, usable in zip(errors, signals.usable, strict=True):
+        e = np.clip(np.where(usable, error[0] / signals.sigma, 0.0), -LARGEST, LARGEST)
         for part in np.array_split(np.arange(len(e)), pieces):
             blocks.append(np.sum(e[part] ** 2, axis=0))
-            counts.append(recording.usable[part].sum(axis=0))
+            counts.append(usable[part].sum(axis=0))
     total, number = np.sum(blocks, axis=0), np.maximum(np.sum(counts, axis=0), 1)
     chi2 = total / number
-    return HeldOut(chi2, np.sqrt(chi2) * sigma, np.array(blocks), np.array(counts))
+    return HeldOut(chi2, np.sqrt(chi2) * signals.sigma, np.array(blocks), np.array(counts))
 
 
 def gain(before: HeldOut, after: HeldOut) -> tuple[float, float]:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from embodiedreamer_gym.diagnosis.parallel import many
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.simulation import simulate_sets
+from embodiedreamer_gym.simulation import run_sets
 
 SIZES = (0.2, 0.8, 3.0)  # of a parameter that vanishes at zero, relative to its typical size
 LIMITS = (0.25, 0.45, 0.7, 0.95, 1.2, 1.6)  # of a limit, relative to the largest value seen
@@ -121,11 +122,7 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
 
 def _changed(trial: RobotModel, points: dict[str, np.ndarray], problem: Problem) -> np.ndarray:
     """Residuals (K, N) in sensor noises under K sizes of an effect."""
-    runs = simulate_sets(trial, problem.recordings, points, hold=problem.hold)
-    parts = [
-        ((r.position - s.position) / problem.sigma)[:, r.usable] for r, s in zip(problem.recordings, runs, strict=True)
-    ]
-    return np.clip(np.concatenate(parts, axis=1), -1e6, 1e6)
+    return problem.signals.residuals(trial, points, problem.hold)
 
 
 def _mean_squares(problem: Problem, r: np.ndarray, floor: np.ndarray) -> np.ndarray:
@@ -206,16 +203,15 @@ def _top_speed(recordings: Sequence[Recording]) -> np.ndarray:
 
 def _top_torque(model: RobotModel, problem: Problem) -> np.ndarray:
     """Largest torque (n,) of the calibrated model's servo, 99th percentile."""
-    runs = simulate_sets(model, problem.recordings, hold=problem.hold)
+    runs = run_sets(model, problem.recordings, hold=problem.hold)
     return np.maximum(np.percentile(np.concatenate([np.abs(r.torque[0]) for r in runs]), 99, axis=0), 1e-6)
 
 
 def screen(
-    catalogue: Mapping[str, type[Effect]], around: Sequence[Ground], problem: Problem, floor: np.ndarray,
-    run: Callable[[Callable[[type[Effect]], Screened], list[type[Effect]]], list[Screened]],
+    catalogue: Mapping[str, type[Effect]], around: Sequence[Ground], problem: Problem, floor: np.ndarray, jobs: int = 1
 ) -> list[Screened]:  # fmt: skip
-    """Screen every effect that the model does not have yet, best first; `run` maps a function over a list."""
+    """Screen every effect that the model does not have yet, best first; jobs: see `many`."""
     have = {e.name for e in around[0].model.effects}
     kinds = [kind for name, kind in catalogue.items() if name not in have]
-    results = run(lambda kind: screen_effect(kind, around, problem, floor), kinds)
+    results = many(screen_effect, [(kind, around, problem, floor) for kind in kinds], jobs)
     return sorted(results, key=lambda s: -s.score)

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.compare import sensor_sd
-from embodiedreamer_gym.diagnosis.regimes import smooth_motion, smoothing_gain
-from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.recordings import Recording, sensor_sd, smooth_motion, smoothing_gain
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Drive, Rollout
 
@@ -53,7 +51,7 @@ def _terms(model: RobotModel, recording: Recording) -> dict[str, np.ndarray]:
     torque = model.bodies.inverse_dynamics(q, v, a, Drive(model).mechanics)[0]
     heard = smooth_motion(recording, command).position
     ones, gain = np.ones_like(q), smoothing_gain(recording)
-    sds = (sensor_sd(recording, effort) * gain, recording.sigma * gain, motion.speed_noise)
+    sds = (sensor_sd(recording.time, effort) * gain, recording.sigma * gain, motion.speed_noise)
     return {
         "effort": smooth_motion(recording, effort).position,
         "controller": np.stack([heard - q, v, ones], axis=1),

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 WIDTH = 110  # columns of a terminal
-MILLI = {"rad": "mrad", "m": "mm", "1": "1e-3"}  # a joint's unit -> a thousandth of it
+MILLI = {"rad": "mrad", "m": "mm", "1": "1e-3", "N m": "mN m", "A": "mA"}  # a joint's unit -> a thousandth of it
 
 
 def layout(headers: Sequence[str], rows: Sequence[Sequence[str]], width: int = WIDTH) -> str:

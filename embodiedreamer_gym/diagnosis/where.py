@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.compare import Comparison, compare
-from embodiedreamer_gym.diagnosis.regimes import REGIMES, smooth_motion
+from embodiedreamer_gym.diagnosis.regimes import REGIMES
 from embodiedreamer_gym.diagnosis.sides import controller_share, lags
 from embodiedreamer_gym.diagnosis.tables import MILLI, finite, layout, number
-from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.recordings import Recording, smooth_motion
 from embodiedreamer_gym.robot import RobotModel
 
 BINS = 12
@@ -134,7 +134,7 @@ def where(model: RobotModel, recordings: Sequence[Recording]) -> Where:
 
 def _profiles(comparison: Comparison) -> Iterator[Profile]:
     pairs = list(zip(comparison.recordings, comparison.rollouts[0], strict=True))
-    motions = [smooth_motion(r) for r in comparison.recordings]
+    motions, errors = [smooth_motion(r) for r in comparison.recordings], comparison.errors(0)
     values = {
         "speed": [m.velocity for m in motions],
         "angle": [m.position for m in motions],
@@ -142,8 +142,8 @@ def _profiles(comparison: Comparison) -> Iterator[Profile]:
         "time": [np.repeat((r.time - r.time[0])[:, None], len(r.joints), axis=1) for r, _ in pairs],
     }
     for j, joint in enumerate(comparison.joints):
-        usable = [r.usable[:, j] for r, _ in pairs]
-        error = np.concatenate([(r.position - run.position)[u, j] for (r, run), u in zip(pairs, usable, strict=True)])
+        usable = [u[:, j] for u in comparison.signals.usable]
+        error = np.concatenate([e[u, j] for e, u in zip(errors, usable, strict=True)])
         for against in AGAINST:
             x = np.concatenate([v[u, j] for v, u in zip(values[against], usable, strict=True)])
             if len(x) >= FEWEST:
@@ -212,9 +212,9 @@ def _lag_sentences(comparison: Comparison, bad: Sequence[int], late: np.ndarray)
 
 def _offset_sentences(comparison: Comparison, bad: Sequence[int]) -> Iterator[str]:
     """Joints whose error hardly changes."""
-    pairs = zip(comparison.recordings, comparison.rollouts[0], strict=True)
-    sums = np.sum([((r.position - run.position) * r.usable).sum(axis=0) for r, run in pairs], axis=0)
-    mean = sums / np.maximum(np.sum([r.usable.sum(axis=0) for r in comparison.recordings], axis=0), 1)
+    usable = comparison.signals.usable
+    sums = np.sum([(e * u).sum(axis=0) for e, u in zip(comparison.errors(0), usable, strict=True)], axis=0)
+    mean = sums / np.maximum(np.sum([u.sum(axis=0) for u in usable], axis=0), 1)
     joints = [j for j in bad if abs(mean[j]) > ASIDE * comparison.joint_rms[0, j]]
     if joints:
         sizes = ", ".join(f"{number(1e3 * mean[j])} {MILLI[comparison.units[j]]}" for j in joints)

@@ -16,6 +16,7 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.robust import huber_limit, robust_cost, robust_weight
 
 DAMPINGS = np.array([0.1, 1.0, 10.0])  # tried at once, relative to the present damping
+BEHIND = 0.1  # cost by which a fit must fall short of its rival to be given up
 Progress = Callable[[str, int, float], None]
 
 
@@ -37,12 +38,13 @@ class Fit:
 
 def minimise(
     problem: Problem, start: np.ndarray, iterations: int = 30, tolerance: float = 1e-4, progress: Progress | None = None,
-    budget: float = np.inf,
+    budget: float = np.inf, rival: float = np.inf,
 ) -> Fit:  # fmt: skip
     """Minimise a problem's cost inside its bounds from scaled parameters (m,).
 
     Each iteration spends one rollout per parameter (per pair, with two arms) on the Jacobian and three on steps.
-    Stops when the fall of the cost is below the tolerance, or when the next iteration would pass `budget`.
+    Stops when the fall of the cost is below the tolerance, or when the next iteration would pass `budget`;
+    and where it is so far above the cost of a `rival` that as many falls as iterations are left would not reach it.
     """
     x, damping = np.clip(start, problem.lower, problem.upper), 1e-2
     r, jacobian = problem.jacobian(x)
@@ -59,9 +61,10 @@ def minimise(
             break
         new, new_cost, damping = tried
         converged = cost - new_cost < tolerance or np.abs(new - x).max() < 1e-6
+        hopeless = new_cost - (iterations - iteration - 1) * (cost - new_cost) > rival + BEHIND
         x = new
         r, jacobian = problem.jacobian(x)
-        if converged or problem.rollouts + len(DAMPINGS) + len(x) + 1 > budget:
+        if converged or hopeless or problem.rollouts + len(DAMPINGS) + len(x) + 1 > budget:
             break
     limit = huber_limit(problem, r)
     return Fit(x, robust_cost(problem, r, limit), r, jacobian, robust_weight(problem, r, limit), converged)

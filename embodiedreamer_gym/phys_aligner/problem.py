@@ -7,20 +7,25 @@ from collections.abc import Sequence
 import numpy as np
 
 from embodiedreamer_gym.errors import CalibrationError
-from embodiedreamer_gym.recordings import Recording, noise_floor
+from embodiedreamer_gym.phys_aligner.signals import Signals
+from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import ParameterRow, RobotModel
-from embodiedreamer_gym.simulation.rollout import check_names, simulate_sets
+from embodiedreamer_gym.simulation.rollout import check_names
 
 
-def free_rows(model: RobotModel, groups: Sequence[str] | None = None) -> tuple[ParameterRow, ...]:
+def free_rows(
+    model: RobotModel, groups: Sequence[str] | None = None, by_effort: bool = False
+) -> tuple[ParameterRow, ...]:
     """Parameters that a calibration fits: stiffness, damping, rotor inertia where unknown, and all of the effects.
 
-    Viscous friction acts as damping does and is left out: positions alone cannot tell the two apart.
+    Viscous friction acts as damping does and is left out: positions alone cannot tell the two apart. Where efforts are
+    compared instead (by_effort), it stands in place of the servo's gains.
     """
     table = model.parameters()
     if groups is not None:
         return table.select(*groups).rows
-    names = ["stiffness", "damping", *(e.name for e in model.effects)]
+    names = ["viscous_friction"] if by_effort else ["stiffness", "damping"]
+    names += [e.name for e in model.effects]
     if "rotor_inertia" not in model.given:
         names.append("rotor_inertia")
     return table.select(*names).rows
@@ -30,7 +35,7 @@ class Problem:
     """Residuals of free runs as a function of scaled parameters x (m,).
 
     A parameter with a positive lower bound is scaled by its logarithm, any other by a typical size, so that a step
-    of one is a large step in each. Residuals are (position - simulated) / sigma over the usable samples.
+    of one is a large step in each. Residuals are (measured - simulated) / sigma over the usable samples, see `Signals`.
     rollouts counts parameter sets simulated over all recordings.
     """
 
@@ -42,8 +47,9 @@ class Problem:
             raise CalibrationError("no recording is left to fit; give at least one.")
         for recording in recordings:
             check_names(model, recording)
-        self.model, self.recordings, self.hold = model, tuple(recordings), hold
-        self.rows = free_rows(model, groups)
+        self.signals = Signals(model, recordings)
+        self.model, self.recordings, self.hold = model, self.signals.recordings, hold
+        self.rows = free_rows(model, groups, self.signals.by_effort)
         if not self.rows:
             raise CalibrationError(f"model {model.name} has no free parameter in {groups}.")
         for row in self.rows:
@@ -59,12 +65,12 @@ class Problem:
         self.lower = self.scale(np.array([row.low for row in self.rows]))
         self.upper = self.scale(np.array([row.high for row in self.rows]))
         self.start = np.clip(self.scale(np.array([row.value for row in self.rows])), self.lower, self.upper)
-        self.sigma = noise_floor([r.sigma for r in recordings])
+        self.sigma, usable = self.signals.sigma, self.signals.usable
         self.rollouts = 0
-        self.joint_of = np.concatenate([np.nonzero(r.usable)[1] for r in self.recordings])
+        self.joint_of = np.concatenate([np.nonzero(u)[1] for u in usable])
         self.seconds = sum(r.duration for r in recordings)
         self.joint_counts = np.bincount(self.joint_of, minlength=model.n)
-        self.run_of = np.concatenate([np.full(int(r.usable.sum()), i) for i, r in enumerate(self.recordings)])
+        self.run_of = np.concatenate([np.full(int(u.sum()), i) for i, u in enumerate(usable)])
         if len(self.joint_of) < len(self.rows) + 1:
             raise CalibrationError(
                 "too few usable samples are left to fit; the recordings hold only contact or clipped parts."
@@ -123,12 +129,7 @@ class Problem:
         """Residuals (P, N) of scaled parameters (P, m), in sensor noises."""
         x = np.clip(np.atleast_2d(x), self.lower, self.upper)
         self.rollouts += len(x)
-        runs = simulate_sets(self.model, self.recordings, self.sets(x), hold=self.hold)
-        parts = [
-            ((r.position - run.position) / self.sigma)[:, r.usable]
-            for r, run in zip(self.recordings, runs, strict=True)
-        ]
-        return np.clip(np.concatenate(parts, axis=1), -1e6, 1e6)
+        return self.signals.residuals(self.model, self.sets(x), self.hold)
 
     def joint_rms(self, residuals: np.ndarray) -> np.ndarray:
         """Root mean square (P, n) of residuals (P, N), in sensor noises."""

@@ -3,14 +3,16 @@
 from embodiedreamer_gym.recordings.checks import Finding
 from embodiedreamer_gym.recordings.files import load_recordings, save_recording
 from embodiedreamer_gym.recordings.frames import FrameSource
-from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum, noise_floor
+from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum, noise_floor, sensor_sd
 from embodiedreamer_gym.recordings.preflight import Preflight, preflight
 from embodiedreamer_gym.recordings.recording import Recording, Recordings
+from embodiedreamer_gym.recordings.smoothing import Motion, smooth_motion, smoothing_gain, smoothing_half
 from embodiedreamer_gym.recordings.windows import thin, window
 
 __all__ = [
     "Finding",
     "FrameSource",
+    "Motion",
     "Preflight",
     "Recording",
     "Recordings",
@@ -20,6 +22,10 @@ __all__ = [
     "noise_floor",
     "preflight",
     "save_recording",
+    "sensor_sd",
+    "smooth_motion",
+    "smoothing_gain",
+    "smoothing_half",
     "thin",
     "window",
 ]

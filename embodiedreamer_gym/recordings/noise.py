@@ -110,6 +110,14 @@ def _clipped_variance(d: np.ndarray) -> float:
     return scale**2
 
 
+def sensor_sd(time: np.ndarray, signal: np.ndarray) -> np.ndarray:
+    """Standard deviation (n,) of the noise and rounding of a signal (T, n) sampled at times (T,)."""
+    quantum = np.array([estimate_quantum(x) for x in signal.T])
+    pairs = zip(signal.T, quantum, strict=True)
+    noise = np.array([estimate_noise(time, x, float(q)) for x, q in pairs])
+    return np.sqrt(noise**2 + quantum**2 / 12)
+
+
 def noise_floor(sigmas: Sequence[np.ndarray]) -> np.ndarray:
     """Sensor's sd (n,) from that of each recording: their rms, but a joint that stands still shows none."""
     squares = np.array(sigmas) ** 2

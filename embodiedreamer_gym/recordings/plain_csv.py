@@ -1,8 +1,9 @@
 """Plain CSV logs, one row a sample.
 
-Header: `time,<joint>.command,<joint>.position[,<joint>.velocity,<joint>.effort]`. Comment lines before it may
-say more, as `# name: value`: `command_hold: linear`, `units: rad` (one for all, or a JSON list), `kind:
-step`, `noise: [..]`, `quantum: [..]`. The column `<joint>.usable` (0 or 1) is optional too.
+Header: `time,<joint>.command,<joint>.position[,<joint>.velocity,<joint>.effort]`; `<joint>.current` in place of
+`<joint>.effort` is a motor's current in A, and a log of position and effort may lack the command. Comment lines
+before it may say more, as `# name: value`: `command_hold: linear`, `units: rad` (one for all, or a JSON list), `kind:
+step`, `effort_unit: N m` (or `A`), `noise: [..]`, `quantum: [..]`. The column `<joint>.usable` (0 or 1) is optional too.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.recordings.recording import Recording
 
-_SIGNALS = ("command", "position", "velocity", "effort", "usable")
+_SIGNALS = ("command", "position", "velocity", "effort", "usable", "current")
 _FORM = "time,<joint>.command,<joint>.position[,<joint>.velocity,<joint>.effort]"
 
 
@@ -41,9 +42,12 @@ def read_plain_csv(path: str | Path) -> Recording:
     signals = {signal: _columns(table, header, joints, signal, path) for signal in _SIGNALS}
     if signals["position"] is None:
         raise RecordingError(f"{path}: there is no column <joint>.position; the header must be {_FORM}")
-    optional: dict[str, Any] = {name: notes[name] for name in ("command_hold", "kind") if name in notes}
+    optional: dict[str, Any] = {name: notes[name] for name in ("command_hold", "kind", "effort_unit") if name in notes}
     optional |= {name: _numbers(notes[name], name, path) for name in ("noise", "quantum") if name in notes}
-    usable = signals.pop("usable")
+    usable, current = signals.pop("usable"), signals.pop("current")
+    if current is not None and signals["effort"] is None:
+        signals["effort"] = current
+        optional.setdefault("effort_unit", "A")
     if usable is not None:
         optional["usable"] = usable != 0
     return Recording(
@@ -111,7 +115,7 @@ def _columns(
     if len(have) < len(joints):
         return None
     array = table[:, [header.index(f"{joint}.{signal}") for joint in joints]]
-    return array if signal not in ("velocity", "effort") or np.any(array) else None
+    return array if signal not in ("velocity", "effort", "current") or np.any(array) else None
 
 
 def _numbers(text: str, name: str, path: Path) -> np.ndarray:
@@ -137,6 +141,7 @@ def write_plain_csv(recording: Recording, path: str | Path) -> None:
     notes = {
         "command_hold": recording.command_hold,
         "kind": recording.kind,
+        "effort_unit": recording.effort_unit,
         "units": json.dumps(recording.units),
     }
     notes |= {

@@ -15,6 +15,7 @@ from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum
 
 UNITS = ("rad", "m", "1")
 COMMAND_HOLDS = ("linear", "hold", "unknown")
+EFFORT_UNITS = ("N m", "A", "unknown")
 FEWEST_SAMPLES = 10
 LARGEST = 1e9  # beyond it a value in rad, m or N m is a damaged log
 LONGEST_STEP = 10.0  # s; a longer one means the times are not in seconds
@@ -28,8 +29,9 @@ def _empty() -> np.ndarray:
 class Recording:
     """Joint log of one motion; arrays are float64 and read-only.
 
-    time (T,) s, strictly increasing; position, command, velocity, effort (T, n) in units[j], unit/s, effort's
-    unit unknown; the last three may be None. units: "rad", "m", or "1" for a normalised gripper.
+    time (T,) s, strictly increasing; position, command, velocity, effort (T, n) in units[j], unit/s, effort_unit;
+    the last three may be None. units: "rad", "m", or "1" for a normalised gripper. effort_unit: "N m", "A" of a
+    motor's current, or "unknown".
     noise and quantum (n,): sensor sd and encoder step, estimated where not given (0: none found).
     command_hold: how the controller got from one command to the next, "linear", "hold" or "unknown".
     kind: kind of motion, by default the name without its number. usable (T, n) bool: samples a physics fit
@@ -49,6 +51,7 @@ class Recording:
     noise: np.ndarray = field(default_factory=_empty)
     quantum: np.ndarray = field(default_factory=_empty)
     command_hold: str = "unknown"
+    effort_unit: str = "unknown"
     kind: str = ""
     usable: np.ndarray = field(default_factory=_empty)
     frames: Mapping[str, FrameSource] = field(default_factory=dict)
@@ -146,6 +149,8 @@ class Recording:
             )
         if self.command_hold not in COMMAND_HOLDS:
             raise self._error(f"command_hold {self.command_hold!r} is not one of {', '.join(COMMAND_HOLDS)}")
+        if self.effort_unit not in EFFORT_UNITS:
+            raise self._error(f"effort_unit {self.effort_unit!r} is not one of {', '.join(EFFORT_UNITS)}")
 
     def _check_time(self) -> None:
         if self.time.ndim != 1 or self.time.size < FEWEST_SAMPLES:

@@ -39,10 +39,10 @@ class Drive:
         values = [(effect, _values(effect, model, sets, self.sets)) for effect in model.effects]
         self.mechanics = _mechanics(model, servo["rotor_inertia"], values)
         servo["rotor_inertia"] = self.mechanics.rotor_inertia
-        self._servo = {g: _tile(v, rollouts) for g, v in servo.items()}
+        self.servo = {g: _tile(v, rollouts) for g, v in servo.items()}
         tiled = [(e, SimpleNamespace(**{k: _tile(v, rollouts) for k, v in p.items()})) for e, p in values]
-        self._laws = {s: [(e, p) for e, p in tiled if isinstance(e, SignalLaw) and e.stage == s] for s in STAGES}
-        self._budgets = [(e, p) for e, p in tiled if isinstance(e, TorqueBudget)]
+        self.laws = {s: [(e, p) for e, p in tiled if isinstance(e, SignalLaw) and e.stage == s] for s in STAGES}
+        self.budgets = [(e, p) for e, p in tiled if isinstance(e, TorqueBudget)]
         self._gear = _gear(self.mechanics, self.sets, model.n, rollouts)
         self._gives = self._gear.shape[1] > 0
         self._loose = self._gear[0] + self._gear[2] > 0.0
@@ -54,15 +54,15 @@ class Drive:
         """Put the joints where the sensors (B, n) saw them, with all memories at rest at the first command."""
         self.velocity = np.array(velocity, float)
         self.time = 0.0
-        self._memory: list[Any] = [None] * sum(len(laws) for laws in self._laws.values())
+        self._memory: list[Any] = [None] * sum(len(laws) for laws in self.laws.values())
         self._index = {}
         for stage in STAGES:
-            for law in self._laws[stage]:
+            for law in self.laws[stage]:
                 self._index[id(law[0])] = len(self._index)
         self._joint = JointState(measured, self.velocity, np.zeros_like(self.velocity), self.dt, 0.0)
         self.measured = np.array(measured, float)
         self._joint.position = self.position = 2 * measured - self._begin("sensor", measured)  # exact for an offset
-        pull = self._servo["stiffness"] * self._begin("servo", self._begin("command", command) - measured)
+        pull = self.servo["stiffness"] * self._begin("servo", self._begin("command", command) - measured)
         surplus = self._begin("drive", pull) - self._weight()
         load = self._begin("load", surplus) - surplus
         self.motor, self.spin = self.position, self.velocity
@@ -82,7 +82,7 @@ class Drive:
     def _begin(self, stage: str, signal: np.ndarray) -> np.ndarray:
         """Put a stage's memories at rest at its first signal (B, n); what the stage makes of that signal."""
         signal = np.array(signal, float)
-        for effect, p in self._laws[stage]:
+        for effect, p in self.laws[stage]:
             self._memory[self._index[id(effect)]] = effect.start(signal, p, self.dt)
             signal, _ = effect.law(signal, self._joint, effect.start(signal, p, self.dt), p)
         return signal
@@ -101,15 +101,15 @@ class Drive:
         joint, motor = self._instant()
         self.measured = self._pass("sensor", motor.position, motor)
         heard = self._pass("command", command, motor)
-        servo = self._servo
+        servo = self.servo
         pull = servo["stiffness"] * self._pass("servo", heard - self.measured, motor)
         load = self._pass("load", self._free[0], joint)
         forward, backward, limits, gain, shift = self._free
-        if self._budgets or self._laws["drive"]:
+        if self.budgets or self.laws["drive"]:
             limits = self._limits(motor)
             wanted = within_limits(pull - servo["damping"] * motor.velocity, motor.velocity, limits)
             gain, shift = self._line(wanted, motor)
-            forward, backward = self._friction(joint, gain * wanted + shift if self._laws["drive"] else wanted)
+            forward, backward = self._friction(joint, gain * wanted + shift if self.laws["drive"] else wanted)
         slowest, fastest = end_stops(joint.position, self._lower, self._upper, self.dt)
         mass, bias = self.model.bodies.mass_matrix_and_bias(joint.position, joint.velocity, self.mechanics)
         acceleration, torque = np.empty_like(bias), np.empty_like(bias)
@@ -152,7 +152,7 @@ class Drive:
 
     def _line(self, torque: np.ndarray, joint: JointState) -> tuple[np.ndarray, np.ndarray]:
         """What arrives at the joints of a drive's torque about this one (B, n): the gain and shift of a line."""
-        if not self._laws["drive"]:
+        if not self.laws["drive"]:
             return self._free[3], self._free[4]
         given, step = self._try("drive", torque, joint), NUDGE * (1.0 + np.abs(torque))
         gain = np.maximum((self._try("drive", torque + step, joint) - given) / step, 0.0)
@@ -160,7 +160,7 @@ class Drive:
 
     def _bent(self, torque: np.ndarray, joint: JointState, gain: np.ndarray, shift: np.ndarray) -> bool:
         """Whether the drive's laws give something else at a torque (B, n) than their line."""
-        if not self._laws["drive"]:
+        if not self.laws["drive"]:
             return False
         given = self._try("drive", torque, joint)
         return bool(np.any(np.abs(given - gain * torque - shift) > STRAIGHT * (1.0 + np.abs(given))))
@@ -187,28 +187,28 @@ class Drive:
             setattr(self, name, getattr(self, name)[:b])
         self._gear = np.ascontiguousarray(self._gear[:, :b])
         self._free = self._unlimited()
-        self._servo = {k: v[:b] for k, v in self._servo.items()}
-        for _, p in [*(law for laws in self._laws.values() for law in laws), *self._budgets]:
+        self.servo = {k: v[:b] for k, v in self.servo.items()}
+        for _, p in [*(law for laws in self.laws.values() for law in laws), *self.budgets]:
             for key, value in vars(p).items():
                 setattr(p, key, value[:b])
         self._memory = [_cut(m, b) for m in self._memory]
 
     def _pass(self, stage: str, signal: np.ndarray, joint: JointState) -> np.ndarray:
-        for effect, p in self._laws[stage]:
+        for effect, p in self.laws[stage]:
             i = self._index[id(effect)]
             signal, self._memory[i] = effect.law(signal, joint, self._memory[i], p)
         return signal
 
     def _try(self, stage: str, signal: np.ndarray, joint: JointState) -> np.ndarray:
         """What a stage makes of a signal (B, n); no memory moves on."""
-        for effect, p in self._laws[stage]:
+        for effect, p in self.laws[stage]:
             signal, _ = effect.law(signal, joint, self._memory[self._index[id(effect)]], p)
         return signal
 
     def _limits(self, joint: JointState) -> np.ndarray:
         """The drive's limits (5, B, n) of all budgets together."""
         limits, shape = self._free[2], joint.position.shape
-        for effect, p in self._budgets:
+        for effect, p in self.budgets:
             given = effect.drive(joint, p)
             if given is not None:
                 limits = tightened(limits, tuple(x if x.shape == shape else _spread(x, shape) for x in given))
@@ -218,7 +218,7 @@ class Drive:
         """Friction's torque forward and backward (B, n) of all budgets, the gears loaded by a torque (B, n)."""
         forward, backward = self._free[:2]
         joint = JointState(joint.position, joint.velocity, torque, joint.dt, joint.time)
-        for effect, p in self._budgets:
+        for effect, p in self.budgets:
             taken = effect.friction(joint, p)
             if taken is not None:
                 forward, backward = forward + taken[0], backward + taken[1]

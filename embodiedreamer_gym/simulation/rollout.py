@@ -33,15 +33,13 @@ class Rollout:
 def check_names(model: RobotModel, recording: Recording) -> None:
     """Check that a recording is of this robot.
 
-    Raises: SimulationError when joint names differ or the recording holds no command.
+    Raises: SimulationError when joint names differ.
     """
     if recording.joints != model.joints:
         raise SimulationError(
             f"recording {recording.name} has {len(recording.joints)} joints ({', '.join(recording.joints)}), "
             f"but model {model.name} has {model.n} ({', '.join(model.joints)})."
         )
-    if recording.command is None:
-        raise SimulationError(f"recording {recording.name} holds no command; a free run needs one.")
 
 
 def plant_commands(recording: Recording, hold: str, dt: float = TIME_STEP) -> np.ndarray:

@@ -161,6 +161,7 @@ class StandIn:
             effort=effort if with_effort else None,
             units=self.units,
             command_hold=declare,
+            effort_unit="N m" if with_effort else "unknown",
             kind=motion.kind,
         )
 

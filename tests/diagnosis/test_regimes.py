@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.diagnosis.regimes import REGIMES, gravity_torque, regimes, smooth_motion
-from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.diagnosis.regimes import REGIMES, gravity_torque, regimes
+from embodiedreamer_gym.recordings import Recording, smooth_motion
 from tests.two_joint_arm import RATE, load_arm
 
 

@@ -139,7 +139,7 @@ def test_another_robots_recording_is_an_error(start, record) -> None:
 
 
 def test_a_recording_without_command_is_an_error(start, record) -> None:
-    with pytest.raises(SimulationError, match="holds no command"):
+    with pytest.raises(SimulationError, match="neither a command nor an effort"):
         calibrate(start, [record(1).with_(command=None)])
 
 

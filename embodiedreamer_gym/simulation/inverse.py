@@ -1,0 +1,149 @@
+"""Inverse runs: the effort that a model needs for a measured motion, where a log holds no command.
+
+The motion is smoothed, the rigid bodies' torque follows from it (recursive Newton-Euler), friction and the loads of the
+effects are added, and the drive's laws are turned round. What lies before the drive (command, servo) plays no part,
+nor does a gear that gives way. Friction and loads are smoothed as the log's effort is to be (Swevers et al., IEEE
+Control Systems 27, 2007), and their memories run through the log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from embodiedreamer_gym.effects import JointState
+from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.recordings import Motion, Recording, smooth_motion
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation.drive import Drive, Sets
+from embodiedreamer_gym.simulation.rollout import Rollout, check_names, simulate_sets
+
+RESTING = 3.0  # standard deviations of its noise, of a speed that may be none
+SLOWEST = 1e-4  # unit/s; the like where a sensor shows no noise
+LOOPS = 2  # over a friction that grows with the torque it is part of
+NUDGE = 1e-3  # relative torque by which the drive's law is felt out
+
+
+def run_sets(
+    model: RobotModel, recordings: Sequence[Recording], sets: Sets | None = None, hold: str | None = None
+) -> list[Rollout]:  # fmt: skip
+    """What a model makes of recordings under P parameter sets: free runs, or inverse runs where no log has a command.
+
+    Raises: SimulationError when a recording is not of this robot, or only some hold a command.
+    """
+    without = [r for r in recordings if r.command is None]
+    if not without:
+        return simulate_sets(model, recordings, sets, hold=hold)
+    if len(without) < len(recordings):
+        raise SimulationError(
+            f"recording {without[0].name} holds no command but others do; give logs of one sort at a time."
+        )
+    return [inverse_sets(model, recording, sets) for recording in recordings]
+
+
+def inverse_sets(model: RobotModel, recording: Recording, sets: Sets | None = None) -> Rollout:
+    """Effort (P, T, n) N m that a recording's motion takes under P parameter sets; position and velocity smoothed.
+
+    Raises: SimulationError when the recording is not of this robot or has no effort to compare with.
+    """
+    check_names(model, recording)
+    if recording.effort is None:
+        raise SimulationError(f"recording {recording.name} holds neither a command nor an effort; one is needed.")
+    drive, motion = Drive(model, sets), smooth_motion(recording)
+    track = _Track(drive, motion, recording)
+    return Rollout(recording.time, track.position, track.velocity, track.effort())
+
+
+def resting(recording: Recording, motion: Motion | None = None) -> np.ndarray:
+    """Samples (T, n) at which a joint may stand still, where friction is anything."""
+    motion = motion or smooth_motion(recording)
+    return np.abs(motion.velocity) <= slow_speed(motion)
+
+
+def slow_speed(motion: Motion) -> np.ndarray:
+    """Speed (n,) below which a joint may stand still, unit/s."""
+    return np.maximum(RESTING * motion.speed_noise, SLOWEST)
+
+
+class _Track:
+    """A motion under P parameter sets; arrays (P, T, n)."""
+
+    def __init__(self, drive: Drive, motion: Motion, recording: Recording) -> None:
+        self.drive, self.recording, self.count = drive, recording, drive.sets
+        self.slow = slow_speed(motion)
+        self.steps = np.gradient(recording.time)
+        seen = np.repeat(motion.position[None], self.count, axis=0)
+        self.velocity = np.repeat(motion.velocity[None], self.count, axis=0)
+        self.acceleration = np.repeat(motion.acceleration[None], self.count, axis=0)
+        self.position = 2 * seen - self._laws("sensor", seen, seen)  # exact for an offset
+
+    def effort(self) -> np.ndarray:
+        """Effort (P, T, n) N m that the drive has to be asked for."""
+        rigid = self._rigid_bodies()
+        carried = rigid - self._smoothed(self._laws("load", np.zeros_like(rigid), rigid))
+        torque = carried
+        for _ in range(LOOPS if self.drive.budgets else 0):
+            torque = carried + self._smoothed(self._friction(torque))
+        return self._asked(torque)
+
+    def _rigid_bodies(self) -> np.ndarray:
+        shape, n = self.position.shape, self.position.shape[2]
+        q, v, a = (  # sample-major, so that sample b belongs to parameter set b mod P
+            np.ascontiguousarray(np.swapaxes(x, 0, 1).reshape(-1, n))
+            for x in (self.position, self.velocity, self.acceleration)
+        )
+        torque = self.drive.model.bodies.inverse_dynamics(q, v, a, self.drive.mechanics)[0]
+        torque = np.swapaxes(torque.reshape(shape[1], shape[0], n), 0, 1)
+        servo = self.drive.servo
+        rotor, viscous = servo["rotor_inertia"][:, None], servo["viscous_friction"][:, None]
+        return torque + rotor * self.acceleration + viscous * self.velocity
+
+    def _joint(self, k: int, torque: np.ndarray) -> JointState:
+        time = float(self.recording.time[k] - self.recording.time[0])
+        return JointState(self.position[:, k], self.velocity[:, k], torque[:, k], float(self.steps[k]), time)
+
+    def _laws(self, stage: str, signal: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        """What a stage makes of a signal (P, T, n), sample by sample; the memories of its laws run along."""
+        laws = self.drive.laws[stage]
+        if not laws:
+            return signal
+        if stage == "sensor":
+            self.position = signal
+        out = np.array(signal, float)
+        memory = [effect.start(out[:, 0], p, 1.0 / self.recording.rate) for effect, p in laws]
+        for k in range(out.shape[1]):
+            joint, x = self._joint(k, torque), out[:, k]
+            for i, (effect, p) in enumerate(laws):
+                x, memory[i] = effect.law(x, joint, memory[i], p)
+            out[:, k] = x
+        return out
+
+    def _friction(self, torque: np.ndarray) -> np.ndarray:
+        """Torque (P, T, n) that all friction takes of the motion; where a joint may stand still, in proportion."""
+        taken = np.zeros_like(torque)
+        for k in range(torque.shape[1]):
+            joint = self._joint(k, torque)
+            for effect, p in self.drive.budgets:
+                both = effect.friction(joint, p)
+                if both is not None:
+                    taken[:, k] += np.where(joint.velocity > 0, both[0], both[1])
+        return taken * np.clip(self.velocity / self.slow, -1.0, 1.0)
+
+    def _smoothed(self, torque: np.ndarray) -> np.ndarray:
+        """Torques (P, T, n) smoothed in time as the log's effort is."""
+        if not torque.any():
+            return torque
+        sets, samples, n = torque.shape
+        columns = np.swapaxes(torque, 0, 1).reshape(samples, sets * n)
+        smooth = smooth_motion(self.recording, columns).position
+        return np.swapaxes(smooth.reshape(samples, sets, n), 0, 1)
+
+    def _asked(self, torque: np.ndarray) -> np.ndarray:
+        """Effort whose share that arrives at the joint is this torque: the drive's laws as a line about it."""
+        if not self.drive.laws["drive"]:
+            return torque
+        step = NUDGE * (1.0 + np.abs(torque))
+        given = self._laws("drive", torque, torque)
+        gain = (self._laws("drive", torque + step, torque) - given) / step
+        return torque + (torque - given) / np.maximum(gain, 1e-6)

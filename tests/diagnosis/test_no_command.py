@@ -1,0 +1,79 @@
+"""Logs of position and effort alone, as most industrial arms write them: the plant side, by inverse dynamics."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from embodiedreamer_gym.cli import main
+from embodiedreamer_gym.diagnosis import compare, diagnose, where
+from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
+from embodiedreamer_gym.recordings import Recordings, load_recordings, save_recording
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.standin.cases import draw_case
+
+
+def case(effect: str | None, folder, seed: int = 1):
+    """A stand-in arm's model, and its logs without commands."""
+    drawn = draw_case(effect, "arm6", np.random.default_rng([seed, sum(map(ord, effect or "null"))]))
+    model = RobotModel.load(drawn.write(folder))
+    logs = [Recordings(r.with_(command=None) for r in load_recordings(folder / part)) for part in ("train", "test")]
+    return model, *logs, drawn.truth
+
+
+@pytest.mark.parametrize("effect", ["payload", "coulomb_friction", "torque_constant"])
+def test_what_is_missing_is_named_from_the_effort(effect: str, tmp_path) -> None:
+    """Right name and joints, the truth near its value, the held-out effort error down; the error is in N m."""
+    model, train, test, truth = case(effect, tmp_path)
+    found = diagnose(model, train, test)
+    assert (found.verdict, found.effects) == ("missing", (effect,))
+    (values,) = truth["values"].values()
+    assert set(found.joints[effect]) == set(values)
+    for joint, value in values.items():
+        assert found.parameters[effect][joint]["value"] == pytest.approx(value, rel=0.15)
+    error = found.as_dict()["error"]
+    assert error["unit"] == "N m"
+    assert error["with_effect"] < 0.5 * error["calibrated"]
+    assert found.end_effector_mm["calibrated"] is None
+    assert "command_delay" in found.unobservable
+
+
+def test_a_faultless_arm_is_not_accused(tmp_path) -> None:
+    """Nothing is missing."""
+    model, train, test, _ = case(None, tmp_path)
+    assert diagnose(model, train, test).verdict == "nothing_missing"
+
+
+def test_a_current_is_compared_with_a_scale_of_its_own(tmp_path) -> None:
+    """In A, joint by joint: the model is no worse for not knowing the motors' constants."""
+    model, train, _, _ = case(None, tmp_path)
+    constants = np.array([0.3, 0.5, 0.2, 0.7, 0.9, 2.0])
+    currents = [r.with_(effort=np.asarray(r.effort) * constants, effort_unit="unknown") for r in train]
+    found = compare(model, currents)
+    assert found.unit == "A"
+    assert found.joint_chi2.mean() < 2 * compare(model, train).joint_chi2.mean()
+    assert with_effort_unit(model, train)[0].effort_unit == "N m"
+    assert len(where(model, train).findings) > 0
+
+
+def test_the_command_line_reads_columns_of_currents(tmp_path, capsys) -> None:
+    """A csv with <joint>.current and no command goes all the way to a page."""
+    _, train, test, _ = case("coulomb_friction", tmp_path)
+    for part, logs in (("a", train), ("b", test)):
+        (tmp_path / part).mkdir()
+        for log in logs:
+            path = tmp_path / part / f"{log.name}.csv"
+            save_recording(log.with_(effort_unit="unknown", velocity=None), path)
+            lines = [line for line in path.read_text().splitlines() if not line.startswith("# effort_unit")]
+            path.write_text("\n".join(lines).replace(".effort", ".current"))
+    options = ["--model", str(tmp_path / "model.json"), "--train", str(tmp_path / "a"), "--test", str(tmp_path / "b")]
+    outputs = ["--json", str(tmp_path / "d.json"), "--report", str(tmp_path / "report"), "--quiet"]
+    assert main(["diagnose", *options, *outputs]) == 0
+    answer = json.loads((tmp_path / "d.json").read_text())
+    assert answer["error"]["unit"] == "A"
+    assert answer["effects"] == ["coulomb_friction"]
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert "mA" in page
+    assert "mrad" not in page
