@@ -14,7 +14,7 @@ from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain
 from embodiedreamer_gym.diagnosis.null import Null, draw_null
 from embodiedreamer_gym.diagnosis.parallel import many
 from embodiedreamer_gym.diagnosis.screen import SEEN_SHARE, Screened, grounds, screen
-from embodiedreamer_gym.diagnosis.verdict import ALARM, EXPLAINED, contenders, mends, pays, total_explained
+from embodiedreamer_gym.diagnosis.verdict import ALARM, contenders, convinces, mends, pays
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner import Calibration
@@ -128,7 +128,7 @@ def _candidates(
     chosen = _shortlist(screened)
     candidates: list[Candidate] = []
     for part in (chosen[:LEADERS], chosen[LEADERS:]):  # the others are given up where they fall far behind the leaders
-        rival = min((c.fit.cost for c in candidates), default=np.inf)
+        rival = min((c.fit.cost for c in candidates), default=fit.cost)
         done, of = len(candidates), len(chosen)
         candidates += many(
             refit,
@@ -162,7 +162,7 @@ def _verdict(p_value, base, held, null, steps, tie) -> str:
         return "nothing_missing"
     if not steps:
         return "unknown"
-    if total_explained(base, held, null.chi2) < EXPLAINED:
+    if not convinces(base, held, null.chi2):
         return "unknown"
     return "ambiguous" if tie else "missing"
 

@@ -20,6 +20,7 @@ from embodiedreamer_gym.effects.extra_rotor_inertia import ExtraRotorInertia
 from embodiedreamer_gym.effects.hysteresis import Hysteresis
 from embodiedreamer_gym.effects.joint_elasticity import JointElasticity
 from embodiedreamer_gym.effects.joint_spring import JointSpring
+from embodiedreamer_gym.effects.laws import check_laws
 from embodiedreamer_gym.effects.load_friction import LoadFriction
 from embodiedreamer_gym.effects.payload import Payload
 from embodiedreamer_gym.effects.quadratic_drag import QuadraticDrag
@@ -78,7 +79,8 @@ def find_effect(name: str, catalogue: Catalogue = CATALOGUE) -> type[Effect]:
 def load_effects(path: str | Path, catalogue: Catalogue = CATALOGUE) -> Catalogue:
     """Return the catalogue with the effects that a user's Python file defines (the file is executed).
 
-    Raises: EffectError when the file is missing, fails to run, defines no effect or takes a name that exists.
+    Raises: EffectError when the file is missing, fails to run, defines no effect, takes a name that exists or has an
+    effect that breaks a law.
     """
     path = Path(path)
     if not path.is_file():
@@ -91,20 +93,31 @@ def load_effects(path: str | Path, catalogue: Catalogue = CATALOGUE) -> Catalogu
         spec.loader.exec_module(module)
     except Exception as error:  # any fault of a stranger's file becomes one sentence
         raise EffectError(f"effects file {path} failed: {type(error).__name__}: {error}.") from error
+    own = (v for v in vars(module).values() if _is_effect(v) and v.__module__ == module.__name__)
+    kinds = list(dict.fromkeys(own))
+    bases = {base for kind in kinds for base in kind.__mro__[1:]}
     found: dict[str, type[Effect]] = {}
-    for value in vars(module).values():
-        if _is_effect(value) and value.__module__ == module.__name__:
-            if value.name in catalogue or value.name in found:
-                raise EffectError(f"effects file {path} defines '{value.name}', a name that is taken.")
-            found[value.name] = value
+    for kind in kinds:
+        if kind in bases and not hasattr(kind, "name"):
+            continue  # what several effects of the file share
+        name = getattr(kind, "name", None)
+        name = name if isinstance(name, str) else kind.__name__
+        if name in catalogue or name in found:
+            raise EffectError(f"effects file {path} defines '{name}', a name that is taken.")
+        found[name] = kind
     if not found:
         raise EffectError(
             f"effects file {path} defines no effect (a subclass of SignalLaw, TorqueBudget or "
             "MechanicsChange with a name)."
         )
+    for kind in found.values():
+        try:
+            check_laws(kind)
+        except EffectError as error:
+            raise EffectError(f"effects file {path}: {error}") from error
     return {**catalogue, **found}
 
 
 def _is_effect(value: Any) -> bool:
     kinds = (SignalLaw, TorqueBudget, MechanicsChange)
-    return isinstance(value, type) and issubclass(value, kinds) and value not in kinds and hasattr(value, "name")
+    return isinstance(value, type) and issubclass(value, kinds) and value not in kinds

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import base64
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import pytest
 from embodiedreamer_gym.diagnosis import Diagnosis, compare, where
 from embodiedreamer_gym.diagnosis.diagnosis import Ranked
 from embodiedreamer_gym.diagnosis.report import write_report
-from embodiedreamer_gym.diagnosis.report.words import verdict_sentence
+from embodiedreamer_gym.diagnosis.report.words import false_alarm_sentence, verdict_sentence
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.phys_aligner import calibrate
 from tests.two_joint_arm import load_arm, record, write_arm
@@ -98,7 +98,7 @@ def answer(arm, delayed, verdict: str = "missing", effects: tuple[str, ...] = ("
         error=error, end_effector_mm={"nominal": 9.0, "calibrated": 4.0, "with_effect": 0.2, "noise": 0.1},
         unobservable=("torque_saturation",), unexplained={"elbow": 0.4},
         steps=(("nominal", 0.03), ("calibrated", 0.02), ("+ command_delay", 0.0007)), p_value=0.001,
-        rollouts=100, seconds=5.0, nominal=arm, calibrated=arm, model=delayed,
+        rollouts=100, seconds=5.0, unit="rad", chi2={}, nominal=arm, calibrated=arm, model=delayed,
     )  # fmt: skip
 
 
@@ -135,7 +135,10 @@ def test_a_page_of_a_diagnosis(arm, delayed, logs, tmp_path) -> None:
     page = opened(write_report(tmp_path, diagnosis=found, where=where(arm, logs), recordings=logs))
     assert "The model lacks command delay on shoulder; with it the held-out error falls" in page.text
     assert {"How far the error falls", "Effects tried", "Parameters"} <= set(page.headings)
-    assert "torque saturation" in page.text and "40%" in page.text
+    assert "torque saturation" in page.text and "40\N{NO-BREAK SPACE}%" in page.text
+    assert false_alarm_sentence().replace("`", "") in page.text and "with a probability of 0.001" in page.text
+    assert "3.00 [2.80, 3.20]" in page.text  # gain of the delay, 1.96 standard errors to either side
+    assert "\N{MINUS SIGN}9" in page.text and "times noise" in page.text
     assert len(page.images) == 6  # staircase, overlays, ranking, heat map, profiles, sides
     opened(write_report(tmp_path, diagnosis=found))
 
@@ -156,6 +159,45 @@ def test_a_page_of_a_diagnosis(arm, delayed, logs, tmp_path) -> None:
 def test_each_verdict_is_one_sentence(arm, delayed, verdict, effects, words) -> None:
     sentence = verdict_sentence(answer(arm, delayed, verdict, effects).as_dict())
     assert words in sentence and sentence.endswith(".") and "\n" not in sentence
+
+
+def test_a_verdict_says_what_to_do_next(arm, delayed, tmp_path) -> None:
+    tie = opened(write_report(tmp_path, diagnosis=answer(arm, delayed, "ambiguous", ("command_delay", "payload"))))
+    assert "embodiedreamer excite --separate command_delay,payload" in tie.text
+    unknown = replace(answer(arm, delayed, "unknown", ()), sentence="Unknown: the closest, payload, explains 20 %.")
+    assert unknown.sentence in opened(write_report(tmp_path, diagnosis=unknown)).text
+
+
+@pytest.mark.parametrize(
+    ("unobservable", "tried", "words"),
+    [
+        (("torque_saturation",), True, "could be there unseen: torque saturation."),
+        ((), True, "No effect of the catalogue"),
+        ((), False, "Not examined"),
+    ],
+)
+def test_it_says_what_cannot_be_seen(arm, delayed, tmp_path, unobservable, tried, words) -> None:
+    found = answer(arm, delayed)
+    found = replace(found, unobservable=unobservable, ranking=found.ranking if tried else ())
+    page = opened(write_report(tmp_path, diagnosis=found))
+    assert "What these sensors and this motion cannot show" in page.headings and words in page.text
+
+
+@pytest.mark.parametrize(
+    ("alarms", "robots", "most"), [(0, 10, 31), (0, 100, 4), (3, 100, 9), (10, 10, 100), (0, 1, 98)]
+)
+def test_false_alarms_have_an_exact_interval(alarms: int, robots: int, most: int) -> None:
+    sentence = false_alarm_sentence(alarms, robots)
+    assert f"On {robots} faultless" in sentence and f"accused {alarms} " in sentence
+    assert f"at most {most}\N{NO-BREAK SPACE}%" in sentence and "`make bench-diagnosis`" in sentence
+
+
+def test_a_page_of_logs_without_commands_is_about_effort(arm, logs, tmp_path) -> None:
+    blind = [log.with_(command=None, effort=log.effort / 2, effort_unit="N m") for log in logs]
+    heavy = arm.with_(rotor_inertia=arm.rotor_inertia * 2)
+    page = opened(write_report(tmp_path, models=(heavy, arm), recordings=blind))
+    assert "mN m" in page.text and "mrad" not in page.text and "effort error" in page.text
+    assert len(page.images) == 3
 
 
 def test_names_from_files_are_escaped(tmp_path) -> None:

@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from embodiedreamer_gym.diagnosis.compare import Comparison
+from embodiedreamer_gym.diagnosis.compare import Comparison, effort_scale
 from embodiedreamer_gym.diagnosis.tables import MILLI, number
 from embodiedreamer_gym.diagnosis.where import AGAINST, Where
 from embodiedreamer_gym.robot import ParameterRow
@@ -20,6 +22,7 @@ BEFORE, AFTER = "#d1702a", "#1f6fb2"
 WIDTH = 9.6  # in; a picture fills the page of a laptop
 WINDOW = 8.0  # s of a recording that an overlay shows
 SHOWN = 3  # joints of an overlay
+SPREAD = 1.96  # standard errors to either side: 95 % of a normal distribution
 
 
 def short(name: str, most: int = 26) -> str:
@@ -33,6 +36,13 @@ def tidy(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(GREY)
     axes.tick_params(colors=INK, labelsize=8, width=0.6)
+
+
+def plain_log(axis: Axis) -> None:
+    """Figures of a logarithmic axis as one reads them: 0.5, 1, 2."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def worst_joints(comparison: Comparison, most: int = SHOWN) -> list[int]:
@@ -51,16 +61,24 @@ def overlay(comparison: Comparison, joints: Sequence[int]) -> Figure:
         recording = comparison.recordings[run]
         time = recording.time[rows] - recording.time[0]
         unit = comparison.units[j]
-        measured = recording.position[rows, j]
-        sigma = recording.sigma[j]
-        left.plot(time, measured, color=INK, lw=1.6, label="measured")
+        by_position = comparison.signal == "position"
+        sigma = recording.sigma[j] if by_position else comparison.joint_noise[j]
+        first = _simulated(comparison, 0)[run][rows, j]
+        left.plot(time, first + comparison.errors(0)[run][rows, j], color=INK, lw=1.6, label="measured")
         right.axhspan(-2e3 * sigma, 2e3 * sigma, color=BAND, lw=0, label="noise (±2 sd)")
         for model in sorted({0, last}):
             color = AFTER if model == last else BEFORE
-            simulated = comparison.rollouts[model][run].position[rows, j]
+            error = comparison.errors(model)[run][rows, j]
             label = short(comparison.labels[model], 40)
-            left.plot(time, simulated, color=color, lw=1.1, ls="--" if model == 0 < last else "-", label=label)
-            right.plot(time, 1e3 * (measured - simulated), color=color, lw=0.9, label=label)
+            left.plot(
+                time,
+                _simulated(comparison, model)[run][rows, j],
+                color=color,
+                lw=1.1,
+                ls="--" if model == 0 < last else "-",
+                label=label,
+            )
+            right.plot(time, 1e3 * error, color=color, lw=0.9, label=label)
         left.set_ylabel(f"{short(comparison.joints[j])}\n[{'0..1' if unit == '1' else unit}]", fontsize=9)
         right.set_ylabel(f"error [{MILLI[unit]}]", fontsize=9)
         left.set_title(short(recording.name, 40), fontsize=8, loc="left", color=GREY)
@@ -76,12 +94,21 @@ def overlay(comparison: Comparison, joints: Sequence[int]) -> Figure:
     return figure
 
 
+def _simulated(comparison: Comparison, model: int) -> list[np.ndarray]:
+    """What a model's runs (T, n) show of the compared signal."""
+    runs = comparison.rollouts[model]
+    if comparison.signal == "position":
+        return [run.position for run in runs]
+    scale = effort_scale(comparison.recordings, runs) if comparison.unit == "A" else 1.0
+    return [scale * run.torque for run in runs]
+
+
 def _worst_window(comparison: Comparison, joint: int) -> tuple[int, slice]:
     """Recording and rows in which the first model's error in a joint is largest."""
     best, place = -1.0, (0, slice(0, len(comparison.recordings[0].time)))
+    errors, usable = comparison.errors(0), comparison.signals.usable
     for run, recording in enumerate(comparison.recordings):
-        error = recording.position[:, joint] - comparison.rollouts[0][run].position[:, joint]
-        square = np.where(recording.usable[:, joint], error, 0.0) ** 2
+        square = np.where(usable[run][:, joint], errors[run][:, joint], 0.0) ** 2
         size = min(len(square), max(2, round(WINDOW * recording.rate)))
         total = np.convolve(square, np.ones(size), mode="valid") / size
         start = int(np.argmax(total))
@@ -111,7 +138,9 @@ def heat_map(comparison: Comparison) -> Figure:
         axes.set_title(short(comparison.labels[model], 44), fontsize=9, loc="left")
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
-    figure.colorbar(figure.axes[0].images[0], ax=figure.axes, label="chi²/n", shrink=0.9, pad=0.01)
+    bar = figure.colorbar(figure.axes[0].images[0], ax=figure.axes, label="chi²/n", shrink=0.9, pad=0.01)
+    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    bar.ax.yaxis.set_minor_formatter(NullFormatter())
     return figure
 
 
@@ -121,8 +150,8 @@ def _compact(value: float) -> str:
     return f"{value:.0f}" if value < 9999.5 else f"{value / 1000:.0f}k"
 
 
-def staircase(steps: Sequence[tuple[str, float]], noise: float) -> Figure:
-    """Error falling from step to step to the noise floor; steps (label, rad)."""
+def staircase(steps: Sequence[tuple[str, float]], noise: float, unit: str = "mrad") -> Figure:
+    """Error falling from step to step to the noise floor; steps (label, error), shown in thousandths: `unit`."""
     figure = Figure(figsize=(WIDTH, 3.1), layout="constrained")
     axes = figure.subplots()
     levels = [1e3 * error for _, error in steps]
@@ -135,33 +164,40 @@ def staircase(steps: Sequence[tuple[str, float]], noise: float) -> Figure:
         color = BEFORE if k == 0 and last else AFTER
         axes.fill_between([k, k + 0.92], bottom, level, color=color, alpha=0.16, lw=0)
         axes.plot([k, k + 0.92], [level, level], color=color, lw=2.6, solid_capstyle="butt")
-        fall = f"  ({level / levels[k - 1] - 1:+.0%})" if k and levels[k - 1] > 0 else ""
-        axes.annotate(f"{number(level)} mrad{fall}", (k + 0.46, level), xytext=(0, 5), ha="center",
+        fall = f"  ({100 * (level / levels[k - 1] - 1):+.0f} %)" if k and levels[k - 1] > 0 else ""
+        axes.annotate(f"{number(level)} {unit}{fall}".replace("-", "−"), (k + 0.46, level), xytext=(0, 5), ha="center",
                       textcoords="offset points", fontsize=9.5, color=INK)  # fmt: skip
     axes.axhspan(bottom, floor, color=BAND, lw=0, zorder=0)
     axes.axhline(floor, color=GREY, lw=1.0, ls="--")
-    axes.annotate(f"sensor noise {number(floor)} mrad", (0.0, floor), xytext=(4, -11), fontsize=8.5,
+    axes.annotate(f"sensor noise {number(floor)} {unit}", (0.0, floor), xytext=(4, -11), fontsize=8.5,
                   textcoords="offset points", color="#3b4048")  # fmt: skip
     axes.set_xticks([k + 0.46 for k in range(len(levels))], [short(label, 34) for label, _ in steps], fontsize=9.5)
     axes.set_xlim(-0.05, len(levels))
     if log:
         axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        plain_log(axes.yaxis)
     top = max(*levels, floor)
     axes.set_ylim(bottom, top * (top / bottom) ** 0.2 if log else 1.2 * max(top, 1e-9))
-    axes.set_ylabel("error [mrad]" + (" (log)" if log else ""), fontsize=9)
+    axes.set_ylabel(f"error [{unit}]" + (" (log)" if log else ""), fontsize=9)
     tidy(axes)
     return figure
 
 
 def ranking(entries: Sequence[Mapping], named: Sequence[str], most: int = 15) -> Figure:
-    """Held-out chi2/n of each effect tried, the best first; those that the verdict names are marked."""
+    """Held-out chi2/n of each effect tried, the best first, and its gain's interval; the named ones are marked."""
     entries = [e for e in sorted(entries, key=lambda e: e["held_out_chi2"]) if np.isfinite(e["held_out_chi2"])][:most]
     figure = Figure(figsize=(WIDTH, 0.9 + 0.27 * len(entries)), layout="constrained")
-    axes = figure.subplots()
+    axes, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     values = [float(e["held_out_chi2"]) for e in entries]
     rows = range(len(entries))
-    axes.barh(rows, values, color=[AFTER if e["effect"] in named else "#b9bfc7" for e in entries], height=0.68)
+    colors = [AFTER if e["effect"] in named else "#9aa1ab" for e in entries]
+    axes.barh(rows, values, color=colors, height=0.68)
+    for row, e, color in zip(rows, entries, colors, strict=True):
+        right.errorbar(e["gain"], row, xerr=SPREAD * e["gain_error"], fmt="o", color=color, ms=4.5, capsize=3)
+    right.axvline(0.0, color=GREY, lw=1.0, ls="--")
+    right.set_xlabel("fall of log chi²/n, 95 % interval", fontsize=9)
+    right.tick_params(axis="y", length=0)
+    tidy(right)
     for row, value in zip(rows, values, strict=True):
         axes.annotate(number(value), (value, row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8)
     axes.set_yticks(rows, [short(str(e["effect"]).replace("_", " "), 40) for e in entries])
@@ -169,10 +205,10 @@ def ranking(entries: Sequence[Mapping], named: Sequence[str], most: int = 15) ->
     if values and max(values) > 30 * max(min(values), 1e-12):
         axes.set_xscale("log")
         axes.set_xlim(0.6 * max(min(*values, 1.0), 1e-12), 2 * max(values))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        plain_log(axes.xaxis)
     axes.margins(x=0.12)
     axes.axvline(1.0, color=GREY, lw=1.0, ls="--")
-    axes.set_xlabel("held-out chi²/n with this effect added (dashed: sensor noise)", fontsize=9)
+    axes.set_xlabel("held-out chi²/n with it (dashed: sensor noise)", fontsize=9)
     tidy(axes)
     return figure
 
@@ -185,13 +221,17 @@ def forest(rows: Sequence[ParameterRow], columns: int = 3) -> Figure:
     columns = min(columns, len(groups))
     lines = -(-len(groups) // columns)
     tallest = max(len(members) for members in groups.values())
-    figure = Figure(figsize=(WIDTH, lines * (0.85 + 0.21 * tallest)), layout="constrained")
+    room = ConstrainedLayoutEngine(w_pad=0.12)  # in; the numbers at the right belong to the panel at their left
+    figure = Figure(figsize=(WIDTH, lines * (0.85 + 0.21 * tallest)), layout=room)
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
     for axes, (group, members) in zip(panels, groups.items(), strict=False):
         for k, row in enumerate(members):
             if row.interval:
                 axes.plot(row.interval, (k, k), color=AFTER, lw=1.8, solid_capstyle="round")
-            axes.plot(row.value, k, "o", color=AFTER if row.interval else "white", mec=AFTER, ms=4.5)
+                half = 100 * (row.interval[1] - row.interval[0]) / 2 / max(abs(row.value), 1e-12)
+                axes.annotate(f"±{number(half, 2)} %" if half < 999.5 else "±∞", (1.0, k), xycoords=("axes fraction", "data"),
+                              xytext=(3, 0), textcoords="offset points", va="center", fontsize=7, color=GREY)  # fmt: skip
+            axes.plot(row.value, k, "o", color=AFTER if row.interval else "white", mec=AFTER, ms=3.8)
             if row.off is not None and row.off == 0:
                 axes.axvline(0, color=GREY, lw=0.8, ls="--")
         axes.set_yticks(range(len(members)), [short(m.joint, 18) for m in members])
@@ -202,7 +242,7 @@ def forest(rows: Sequence[ParameterRow], columns: int = 3) -> Figure:
         ends = [v for m in members for v in (m.value, *(m.interval or ()))]
         if min(ends) > 0 and max(ends) > 20 * min(ends):
             axes.set_xscale("log")
-            axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            plain_log(axes.xaxis)
         else:
             axes.locator_params(axis="x", nbins=5)
         tidy(axes)

@@ -11,7 +11,7 @@ from pathlib import Path
 from embodiedreamer_gym.diagnosis.compare import Comparison, compare
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis
 from embodiedreamer_gym.diagnosis.report import sections
-from embodiedreamer_gym.diagnosis.report.words import headline, verdict_sentence
+from embodiedreamer_gym.diagnosis.report.words import closer_look, effect_name, headline, verdict_sentence
 from embodiedreamer_gym.diagnosis.where import Where
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.phys_aligner import Calibration
@@ -62,7 +62,7 @@ def _compare(
         return compare(tuple(models), recordings) if models else None
     found = {"nominal": diagnosis.nominal, "calibrated": diagnosis.calibrated}
     if diagnosis.effects:
-        found[f"with {', '.join(diagnosis.effects)}"] = diagnosis.model
+        found[f"with {', '.join(map(effect_name, diagnosis.effects))}"] = diagnosis.model
     return compare(tuple(found.values()), recordings, labels=tuple(found))
 
 
@@ -85,10 +85,10 @@ def _page(
     yield f'<header><p class="kind">{kind}</p><h1>{title}</h1></header><main>'
     yield from _top(comparison, where, calibration, diagnosis)
     if diagnosis:
-        yield from sections.staircase(diagnosis.steps, diagnosis.error["noise"] or 0.0, held_out=True)
+        yield from sections.staircase(diagnosis.steps, diagnosis.error["noise"] or 0.0, diagnosis.unit, held_out=True)
     elif comparison:
         steps = list(zip(comparison.labels, comparison.error.tolist(), strict=True))
-        yield from sections.staircase(steps, comparison.noise, held_out=False)
+        yield from sections.staircase(steps, comparison.noise, comparison.unit, held_out=False)
     if comparison:
         yield from sections.overlays(comparison)
     if diagnosis:
@@ -101,11 +101,10 @@ def _page(
         yield from sections.joint_table(comparison)
     if source:
         yield from sections.parameters(source.model)
-    yield from sections.unseen(
-        diagnosis.unobservable if diagnosis else (),
-        calibration.undetermined if calibration else (),
-        diagnosis.unexplained if diagnosis else {},
-    )
+    data = diagnosis.as_dict() if diagnosis else None
+    yield from sections.unseen(data, calibration.undetermined if calibration else ())
+    if data:
+        yield from sections.trust(data)
     yield "</main>"
     if comparison:
         yield from sections.footer(comparison)
@@ -122,7 +121,8 @@ def _top(
     if diagnosis:
         data = diagnosis.as_dict()
         yield f'<p class="verdict">{escape(verdict_sentence(data))}</p>'
-        yield f"<p>{escape(diagnosis.sentence)}</p>"
+        more = closer_look(data, diagnosis.sentence)
+        yield f"<p>{escape(more)}</p>" if more else ""
         yield sections.diagnosis_numbers(data)
         return
     cells = sections.comparison_numbers(comparison) if comparison else []

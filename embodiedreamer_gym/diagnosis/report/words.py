@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from scipy.special import betaincinv
+
 from embodiedreamer_gym.diagnosis.compare import Comparison
-from embodiedreamer_gym.diagnosis.tables import number
+from embodiedreamer_gym.diagnosis.tables import MILLI, number
+from embodiedreamer_gym.diagnosis.verdict import ALARM
 from embodiedreamer_gym.diagnosis.where import Where
 from embodiedreamer_gym.phys_aligner import Calibration
 
 READABLE = 6  # joints in a sentence
+PERCENT = "\N{NO-BREAK SPACE}%"
+# Accusations of faultless stand-in robots, and how many there were; measured by `make bench-diagnosis`.
+FALSE_ALARMS, FAULTLESS = 0, 10
 
 
 def effect_name(name: str) -> str:
@@ -18,9 +25,14 @@ def effect_name(name: str) -> str:
     return name.replace("_", " ")
 
 
-def mrad(value: float | None) -> str:
-    """An error in rad as a number of mrad."""
-    return number(None if value is None else 1e3 * value)
+def milli(value: float | None, unit: str = "rad") -> str:
+    """An error in a thousandth of its unit, as "2.88 mrad"."""
+    return f"{number(None if value is None else 1e3 * value)} {MILLI[unit]}"
+
+
+def percent(share: float) -> str:
+    """A share as "48 %", which no line breaks."""
+    return f"{100 * share:.0f}{PERCENT}"
 
 
 def listed(names: Sequence[str], word: str = "and") -> str:
@@ -37,13 +49,13 @@ def on_joints(names: Sequence[str]) -> str:
 
 def verdict_sentence(data: Mapping[str, Any]) -> str:
     """One sentence from a diagnosis' JSON."""
-    error = data["error"]
+    error, unit = data["error"], data["error"]["unit"]
     effects = [f"{effect_name(e)}{on_joints(data['joints'].get(e, []))}" for e in data["effects"]]
-    floor = f"sensor noise is {mrad(error['noise'])} mrad"
-    calibrated = f"{mrad(error['calibrated'])} mrad"
+    floor = f"sensor noise is {milli(error['noise'], unit)}"
+    calibrated = milli(error["calibrated"], unit)
     if data["verdict"] == "missing":
-        fall = f"the held-out error falls from {calibrated} to {mrad(error['with_effect'])} mrad"
-        return f"The model lacks {listed(effects)}; with it {fall} ({floor})."
+        fall = f"the held-out error falls from {calibrated} to {milli(error['with_effect'], unit)}"
+        return f"The model lacks {listed(effects)}; with {'it' if len(effects) == 1 else 'them'} {fall} ({floor})."
     if data["verdict"] == "ambiguous":
         return f"The model lacks {listed(effects, 'or')}; these recordings do not tell which."
     if data["verdict"] == "nothing_missing":
@@ -51,20 +63,60 @@ def verdict_sentence(data: Mapping[str, Any]) -> str:
     return f"Something is missing that no known effect explains: {calibrated} off, {floor}."
 
 
+def closer_look(data: Mapping[str, Any], sentence: str) -> str:
+    """What to add to a verdict: how much the closest explains, or the way to the motion that decides; else nothing."""
+    if data["verdict"] == "unknown":
+        return sentence
+    if data["verdict"] == "ambiguous":
+        return f"The motion that decides: embodiedreamer excite --separate {','.join(data['effects'][:2])}"
+    return ""
+
+
+def alarm_sentence(data: Mapping[str, Any]) -> str:
+    """How likely a faultless robot is to do as badly as this one."""
+    chance = f"of {data['p_value']:.3f}" if data["p_value"] >= 5e-4 else "below 0.001"
+    return (
+        f"A faultless robot whose masses are 2{PERCENT} off would do as badly as the calibrated model with a probability "
+        f"{chance}; the model counts as wrong below {ALARM:g}."
+    )
+
+
+def false_alarm_sentence(alarms: int = FALSE_ALARMS, robots: int = FAULTLESS) -> str:
+    """How often this procedure accuses the innocent, with the upper end of its 95 % interval.
+
+    Source: Clopper and Pearson 1934, the exact interval of a binomial share.
+    """
+    most = 1.0 if alarms == robots else float(betaincinv(alarms + 1, robots - alarms, 0.975))
+    return (
+        f"On {robots} faultless stand-in robots this verdict procedure accused {alarms} "
+        f"(95{PERCENT} interval: at most {math.ceil(100 * most - 1e-9)}{PERCENT}); print it again with `make bench-diagnosis`."
+    )
+
+
+def unseen_sentences(data: Mapping[str, Any]) -> list[str]:
+    """What a diagnosis says of the effects that could not have shown."""
+    if data["unobservable"]:
+        names = ", ".join(map(effect_name, data["unobservable"]))
+        return [f"Effects that could be there unseen: {names}."]
+    if data["ranking"]:
+        return ["No effect of the catalogue: each would have shown at a typical size."]
+    return ["Not examined: no effect was tried on these recordings, because nothing is missing."]
+
+
 def headline(comparison: Comparison | None, where: Where | None, calibration: Calibration | None) -> str:
     """One sentence from what there is, the most telling first."""
     if comparison and len(comparison.labels) > 1:
-        first, last = mrad(comparison.error[0]), mrad(comparison.error[-1])
-        return f"The error goes from {first} to {last} mrad; sensor noise is {mrad(comparison.noise)} mrad."
+        first, last, floor = (milli(v, comparison.unit) for v in (*comparison.error[[0, -1]], comparison.noise))
+        return f"The error goes from {first} to {last}; sensor noise is {floor}."
     if calibration:
-        left = f"{mrad(calibration.error)} mrad are left on the recordings it was fitted to"
+        left = f"{milli(calibration.error, comparison.unit if comparison else 'rad')} are left where it was fitted"
         return f"Calibrated by {calibration.method}: {left}."
     if comparison is None:
         return ""
     error, noise = comparison.error[0], comparison.noise
     times = f", {number(error / noise, 2)} times the sensor noise" if noise > 0 else ""
     place = f"; {_lower(where.findings[1])}" if where and len(where.findings) > 1 else "."
-    return f"The simulation is {mrad(error)} mrad off{times}{place}"
+    return f"The simulation is {milli(error, comparison.unit)} off{times}{place}"
 
 
 def _lower(sentence: str) -> str:

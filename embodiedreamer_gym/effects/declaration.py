@@ -1,0 +1,82 @@
+"""What an effect says of itself, checked: name, words, stage, methods, parameters."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+
+import numpy as np
+
+from embodiedreamer_gym.effects.effect import STAGES, Effect, MechanicsChange, Parameter, SignalLaw, TorqueBudget
+
+METHODS = {SignalLaw: ("law",), TorqueBudget: ("friction", "drive"), MechanicsChange: ("change",)}
+WORDS = {"symptom": "what it does to a motion", "reveals": "which motion shows it"}
+
+
+def faults(kind: type[Effect]) -> Iterator[str]:
+    """What is wrong with a class's name, words, stage, methods and parameters, each as the end of a sentence."""
+    name = getattr(kind, "name", None)
+    if not isinstance(name, str) or not name.isidentifier():
+        yield f"has as its name {name!r}; write one plain word, name = 'my_effect'"
+    base = next((b for b in METHODS if issubclass(kind, b)), None)
+    if base is None:
+        yield "is none of SignalLaw, TorqueBudget and MechanicsChange"
+        return
+    for word, meaning in WORDS.items():
+        text = getattr(kind, word, None)
+        if not isinstance(text, str) or not text.strip() or "\n" in text:
+            yield f"has no {word}; say in one line {meaning}"
+    others = getattr(kind, "confused_with", ())
+    if not isinstance(others, tuple) or not all(isinstance(other, str) for other in others):
+        yield "has a confused_with that is no tuple of names; write ('joint_spring',), with its comma"
+    stage = getattr(kind, "stage", None)
+    if base is SignalLaw and stage not in STAGES:
+        yield f"has as its stage {stage!r}; a SignalLaw acts on one of {', '.join(STAGES)}"
+    if kind.passive and base is SignalLaw and stage != "load":
+        yield f"is passive on the stage '{stage}'; only a torque on the joint, stage 'load', can be"
+    own = [m for m in METHODS[base] if inspect.getattr_static(kind, m) is not inspect.getattr_static(base, m)]
+    if not own:
+        yield f"defines no {' and no '.join(METHODS[base])}"
+    for method in (*own, *(["start"] if base is SignalLaw else [])):
+        if not isinstance(inspect.getattr_static(kind, method), staticmethod):
+            yield f"has a {method} that is no @staticmethod"
+    yield from _parameter_faults(kind, base)
+
+
+def _parameter_faults(kind: type[Effect], base: type[Effect]) -> Iterator[str]:
+    given = getattr(kind, "parameters", None)
+    if not isinstance(given, tuple) or not given or not all(isinstance(p, Parameter) for p in given):
+        yield "has no parameters; write parameters = (Parameter(...),), with its comma"
+        return
+    names = [p.name for p in given]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        yield f"has the parameter '{twice[0]}' twice"
+    if all(p.shape for p in given):
+        yield "has no parameter but shapes; one has to be its size"
+    for p in given:
+        for fault in _absurd(p):
+            yield f"has the parameter '{p.name}' {fault}"
+        if p.per == "arm" and base is not MechanicsChange:
+            yield f"has the parameter '{p.name}' per arm; only a MechanicsChange knows of arms"
+
+
+def _absurd(p: Parameter) -> Iterator[str]:
+    """What is wrong with one parameter."""
+    bounds = f"{p.low:g} .. {p.high:g}"
+    if not p.name.isidentifier() or p.name == "name":
+        yield "whose name is no plain word, or is 'name'"
+    if not isinstance(p.unit, str) or not p.unit:
+        yield "without a unit; of a ratio it is '1'"
+    if not np.isfinite([p.low, p.high, p.off, p.typical]).all():
+        yield "with a number that is not finite; of a limit, the upper bound is where it is off"
+    if not p.low < p.high:
+        yield f"with the bounds {bounds}; the lower one must be less"
+    if not (p.low <= p.typical <= p.high and p.typical > 0):
+        yield f"with the typical size {p.typical:g}; it must be positive and inside {bounds}"
+    if p.typical == p.off and not p.shape:
+        yield f"with the typical size {p.typical:g}, at which it is off"
+    if p.scale not in ("", "torque", "1/torque") or p.per not in ("joint", "arm"):
+        yield f"with scale '{p.scale}', per '{p.per}'; allowed are '', 'torque', '1/torque' and 'joint', 'arm'"
+    if p.starts and not (p.shape and all(p.low <= start <= p.high for start in p.starts)):
+        yield f"with starts; only a shape has them, inside {bounds}"

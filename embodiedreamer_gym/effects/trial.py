@@ -1,0 +1,92 @@
+"""What effects are tried on to see whether they keep the laws: seeded parameter sets, motions and bodies."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from types import SimpleNamespace
+
+import numpy as np
+
+from embodiedreamer_gym.effects.effect import Array, Effect, JointState, Mechanics
+
+N, ARMS, BODIES = 3, 2, 5
+SETS, OFF, TYPICAL = 7, slice(0, 2), 4  # parameter sets: off, off but for shapes, low, high, typical, two at random
+EVERY = slice(None)
+STEPS, DT = 24, 1 / 240  # s
+BY_JOINT = ("compliance", "settling", "gap")  # of a Mechanics, which broadcast
+Sets = dict[str, Array]  # parameter -> (B, joints or arms)
+
+
+def parameter_sets(kind: type[Effect], rng: np.random.Generator) -> Sets:
+    """Values of every parameter at its ends, its typical size, off and at random; a limit that is off is infinite."""
+    sets = {}
+    for p in kind.parameters:
+        values = rng.uniform(p.low, p.high, (SETS, N if p.per == "joint" else ARMS))
+        values[2:5] = np.array([p.low, p.high, p.typical])[:, None]
+        values[: 1 if p.shape and p.off != p.high else 2] = p.off
+        if p.off == p.high:
+            values[values >= p.off * (1 - 1e-9)] = np.inf
+        sets[p.name] = values
+    return sets
+
+
+def given(sets: Sets, rows: slice = EVERY) -> SimpleNamespace:
+    """Rows of parameter sets as a law gets them; it cannot write to them."""
+    return SimpleNamespace(**{name: locked(values[rows]) for name, values in sets.items()})
+
+
+def locked(array: Array) -> Array:
+    """A copy that nobody can write to."""
+    array = np.array(array)
+    array.setflags(write=False)
+    return array
+
+
+class Motion:
+    """Sines of signal and joints: arrays (S, B, n), of up to about 10 rad/s and 3 N m."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        time, shape = DT * np.arange(STEPS)[:, None, None], (SETS, N)
+        rate, phase = rng.uniform(10.0, 40.0, (3, *shape)), rng.uniform(0.0, 6.28, (3, *shape))
+        size = rng.uniform(0.02, 0.4, shape)
+        self.position = rng.uniform(-0.5, 0.5, shape) + size * np.sin(rate[0] * time + phase[0])
+        self.velocity = size * rate[0] * np.cos(rate[0] * time + phase[0])
+        self.torque = 3.0 * np.sin(rate[1] * time + phase[1])
+        self.signal = np.sin(rate[2] * time + phase[2])
+
+    def joint(self, k: int, rows: slice = EVERY) -> JointState:
+        """The joints at a step."""
+        position, velocity, torque = (locked(x[k, rows]) for x in (self.position, self.velocity, self.torque))
+        return JointState(position, velocity, torque, DT, k * DT)
+
+
+def ordinary_bodies(batch: int) -> Mechanics:
+    """Two arms of ordinary links with rotors, all robots of a batch the same."""
+    rng = np.random.default_rng(1)
+    mass, centre = rng.uniform(0.5, 2.0, (1, BODIES)), rng.uniform(-0.1, 0.1, (1, BODIES, 3))
+    square = np.einsum("bki,bki->bk", centre, centre)[..., None, None] * np.eye(3)
+    inertia = mass[..., None, None] * (square - centre[..., :, None] * centre[..., None, :] + 0.003 * np.eye(3))
+    parts = (mass, mass[..., None] * centre, inertia, np.tile([0.0, 0.0, -9.81], (1, ARMS, 1)), np.full((1, N), 0.05))
+    return Mechanics(*(np.repeat(x, batch, axis=0) for x in parts), tip_body=np.array([1, BODIES - 1]),
+                     tip_point=np.array([[0.1, 0.0, 0.05], [0.0, 0.15, 0.0]]))  # fmt: skip
+
+
+def arrays(mechanics: Mechanics, batch: int) -> dict[str, Array]:
+    """Field -> array with the robots first; what broadcasts is spread."""
+    found = {f.name: np.asarray(getattr(mechanics, f.name), float) for f in fields(Mechanics) if f.name[:3] != "tip"}
+    for name in BY_JOINT:
+        if np.broadcast_shapes(found[name].shape, (batch, N)) == (batch, N):
+            found[name] = np.broadcast_to(found[name], (batch, N))
+    return found
+
+
+def spatial_inertia(found: dict[str, Array]) -> Array:
+    """Mass, centre and inertia of bodies as one matrix (B, k, 6, 6): positive wherever it belongs to matter."""
+    mass, moment = found["mass"], found["first_moment"]
+    cross = np.zeros((*mass.shape, 3, 3))
+    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -moment[..., 2], moment[..., 1], -moment[..., 0]
+    cross = cross - cross.swapaxes(-1, -2)
+    whole = np.zeros((*mass.shape, 6, 6))
+    whole[..., :3, :3], whole[..., 3:, 3:] = found["inertia"], mass[..., None, None] * np.eye(3)
+    whole[..., :3, 3:], whole[..., 3:, :3] = cross, cross.swapaxes(-1, -2)
+    return whole
