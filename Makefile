@@ -13,7 +13,7 @@ export OPENBLAS_NUM_THREADS := 1
 export NUMBA_NUM_THREADS := 1
 export MPLBACKEND := Agg
 
-.PHONY: install demo test lint bench format test-lowest test-newest clean
+.PHONY: install demo test lint bench bench-diagnosis format test-lowest test-newest clean
 
 install: $(INSTALLED)
 
@@ -40,6 +40,10 @@ format: $(INSTALLED)
 bench: $(INSTALLED)
 	@if [ -f benchmarks/__main__.py ]; then $(BIN)/python -m benchmarks; \
 	else echo "run one of these with $(BIN)/python:"; ls benchmarks/*.py; fi
+
+# 240 blind cases, kept and resumed; ARGUMENTS="--set positions", and so on (see benchmarks/diagnosis.py).
+bench-diagnosis: $(INSTALLED)
+	$(BIN)/python -m benchmarks.diagnosis $(ARGUMENTS)
 
 # The same tests on the lower bounds of pyproject.toml; torch keeps its pin (older ones have no CPU build there).
 test-lowest: pyproject.toml constraints.txt

@@ -1,4 +1,4 @@
-"""Blind cases: a robot with one hidden effect or none, its recordings, and the model a user starts from.
+"""Blind cases: a robot with hidden effects or none, its recordings, and the model a user starts from.
 
 Beside the effect every case has link masses +-1.5 %, centres +-2 mm, gains +-5 %, viscous friction +-25 %,
 torque noise, and 12-bit encoders with 0.4 mrad noise: a fault-free robot is no perfect model either.
@@ -9,8 +9,8 @@ otherwise.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
@@ -19,16 +19,10 @@ import h5py
 import numpy as np
 
 from embodiedreamer_gym.errors import ModelError
-from embodiedreamer_gym.motions import (
-    MOTIONS,
-    multisine,
-    point_to_point,
-    span_of,
-    teleoperation,
-)
+from embodiedreamer_gym.motions import MOTIONS, Motion, Span, span_of, teleoperation
 from embodiedreamer_gym.recordings import Recording, Recordings, save_recording
 from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
-from embodiedreamer_gym.standin.sizes import STRENGTHS, draw_values
+from embodiedreamer_gym.standin.sizes import draw_values, strength_of
 from embodiedreamer_gym.standin.world import StandIn
 
 Array = np.ndarray
@@ -47,7 +41,9 @@ ALOHA_HOME = (0.0, 1.57, -1.3485, 0.0, 0.0, 0.0, 0.5)
 class Case:
     """Recordings to learn from and to be judged by, the nominal model (JSON), its URDF text, the truth.
 
-    truth: {"effect": name or None, "values": {parameter: {joint or end effector: value}}, "servo": {...}}.
+    truth: {"effect": name or None, "values": {parameter: {joint or end effector: value}}, "servo": {...}}; of several
+    effects {"effects": {name: values}, "servo": {...}}. record: logs one more motion, under a name, with the same robot
+    and sensors.
     """
 
     train: Recordings
@@ -55,6 +51,14 @@ class Case:
     model_json: dict[str, Any]
     urdf: str
     truth: dict[str, Any]
+    record: Callable[[Motion, str], Recording] = field(repr=False)
+
+    @property
+    def hidden(self) -> dict[str, dict[str, dict[str, float]]]:
+        """The hidden effects: name -> parameter -> joint or end effector -> value; empty for a faultless robot."""
+        if "effects" in self.truth:
+            return self.truth["effects"]
+        return {self.truth["effect"]: self.truth["values"]} if self.truth["effect"] else {}
 
     def write(self, folder: str | Path) -> Path:
         """Write model, URDF and logs (train/, test/) but not the truth; the path of the model.
@@ -78,35 +82,54 @@ class Case:
 
 
 def draw_case(
-    effect: str | None,
+    effect: str | Sequence[str] | None,
     arm: str,
     rng: np.random.Generator,
-    strength: Literal["faint", "plain", "strong"] = "plain",
-    held_out: tuple[str, str] = ("teleoperation", "slow_ramps"),
+    strength: Literal["faint", "plain", "strong"] | float = "plain",
+    held_out: Sequence[str] = ("teleoperation", "slow_ramps"),
     seconds: float = 4.0,
     command_known: Literal["continuous", "linear", "hold"] = "linear",
     declare: str = "linear",
-    **sensor: float,
+    *,
+    learnt: Sequence[str] = ("multisine", "point_to_point"),
+    reach: float = 0.7,
+    speed: float = 0.8,
+    rate: float = 100.0,
+    with_command: bool = True,
+    with_velocity: bool = True,
+    with_effort: bool = True,
+    **sensor: Any,
 ) -> Case:
-    """One arm: multisine and fast point-to-point to learn from, two other motions held out; `seconds` each.
+    """One arm that plays motions to learn from and others held out, `seconds` each, at first multisine and fast moves.
 
-    sensor: what replaces SENSOR or adds to it (jitter, rate, noise, ...).
+    effect: a name, several or none; strength: of all of them, a name of STRENGTHS or a number (1.0 is plain); learnt,
+    held_out: names of MOTIONS; reach, speed: of every motion, see `span_of`; rate: Hz; with_...: what the logs hold
+    beside positions; sensor: what replaces SENSOR or adds to it (jitter, noise, ...).
 
-    Raises: EffectError and ModelError for an unknown effect or arm.
+    Raises: EffectError for an unknown effect or strength, ModelError for an unknown arm or motion.
     """
     urdf, joints, servo = arm_urdf(arm), arm_joints(arm), asdict(TRUTH[arm])
     motion_rng, effect_rng, robot_rng = rng.spawn(3)
-    span = span_of(urdf, joints, arm_home(arm))
-    learnt = [make(span, motion_rng, seconds) for make in (multisine, point_to_point)]
-    judged = [MOTIONS[kind](span, motion_rng, seconds) for kind in held_out]
+    span = span_of(urdf, joints, arm_home(arm), reach, speed)
+    train_motions = [_motion(kind, span, motion_rng, seconds) for kind in learnt]
+    test_motions = [_motion(kind, span, motion_rng, seconds) for kind in held_out]
     nominal = StandIn(urdf, joints, **servo, timestep=5e-4)
-    everywhere = list(range(len(joints)))
-    values = draw_values(effect, nominal, learnt, span, effect_rng, STRENGTHS[strength], everywhere, [0])
-    effects = {effect: values} if effect else {}
+    everywhere, size = list(range(len(joints))), strength_of(strength)
+    effects = {
+        name: draw_values(name, nominal, train_motions, span, effect_rng, size, everywhere, [0])
+        for name in _names(effect)
+    }
     robot = StandIn(urdf, joints, **servo, effects=effects, rng=robot_rng, **IMPERFECT)
-    logging: dict[str, Any] = {**SENSOR, "command_known": command_known, "declare": declare, **sensor}
-    train = Recordings([robot.record(m, name=f"{m.kind}-{i + 1}", **logging) for i, m in enumerate(learnt)])
-    test = Recordings([robot.record(m, name=f"{m.kind}-{i + 3}", **logging) for i, m in enumerate(judged)])
+    logging: dict[str, Any] = {**SENSOR, "command_known": command_known, "declare": declare, "rate": rate,
+                               "with_effort": with_effort, **sensor}  # fmt: skip
+    absent: dict[str, Any] = {"command": None} if not with_command else {}
+    absent |= {"velocity": None} if not with_velocity else {}
+
+    def record(motion: Motion, name: str) -> Recording:
+        log = robot.record(motion, name=name, **logging)
+        return log.with_(**absent) if absent else log
+
+    logs = [record(m, f"{m.kind}-{i + 1}") for i, m in enumerate([*train_motions, *test_motions])]
     model = {
         "robot": {"urdf": f"{arm}.urdf", "joints": list(joints), "end_effectors": ["tip"]},
         "servo": {key: list(servo[key]) for key in ("stiffness", "damping")},
@@ -114,14 +137,16 @@ def draw_case(
         "viscous_friction": list(servo["viscous_friction"]),
         "effects": [],
     }
-    return Case(train, test, model, urdf, _truth(effect, values, joints, ("tip",), robot))
+    cut = len(train_motions)
+    truth = _truth(effects, joints, ("tip",), robot)
+    return Case(Recordings(logs[:cut]), Recordings(logs[cut:]), model, urdf, truth, record)
 
 
 def aloha_case(
     effect: str | None,
     side: Literal["left", "right"],
     rng: np.random.Generator,
-    strength: Literal["faint", "plain", "strong"] = "plain",
+    strength: Literal["faint", "plain", "strong"] | float = "plain",
     episodes: int = 10,
     seconds: float = 10.0,
     command_known: Literal["continuous", "linear", "hold"] = "linear",
@@ -144,17 +169,22 @@ def aloha_case(
     nominal = StandIn(urdf, joints, **servo, timestep=5e-4, **common)
     hurt = [i for i, name in enumerate(joints) if name.startswith(side)]
     arms = [i for i, tip in enumerate(tips) if tip.startswith(side)]
-    values = draw_values(effect, nominal, motions[:1], span, effect_rng, STRENGTHS[strength], hurt, arms)
-    effects = {effect: values} if effect else {}
+    size = strength_of(strength)
+    effects = {
+        name: draw_values(name, nominal, motions[:1], span, effect_rng, size, hurt, arms) for name in _names(effect)
+    }
     faults = {"effects": effects, "rng": robot_rng, **IMPERFECT}
     robot = StandIn(urdf, joints, **servo, timestep=2e-4, **common, **faults)
     gripper = np.array([name in common["normalised"] for name in joints])
     sensor = {**SENSOR, "quantum": np.where(gripper, 1e-3, SENSOR["quantum"]), "command_known": command_known}
-    logs = [robot.record(m, rate=30.0, name=f"episode_{i}", **sensor) for i, m in enumerate(motions)]
-    logs = [log.with_(kind="episode") for log in logs]
+
+    def record(motion: Motion, name: str) -> Recording:
+        return robot.record(motion, rate=30.0, name=name, **sensor).with_(kind="episode")
+
+    logs = [record(m, f"episode_{i}") for i, m in enumerate(motions)]
     model = {**model, "robot": {**robot_json, "urdf": "embodiedreamer:aloha.urdf"}, "effects": []}
-    truth = _truth(effect, values, joints, tips, robot)
-    return Case(Recordings(logs[::2]), Recordings(logs[1::2]), model, urdf.read_text(), truth)
+    truth = _truth(effects, joints, tips, robot)
+    return Case(Recordings(logs[::2]), Recordings(logs[1::2]), model, urdf.read_text(), truth, record)
 
 
 def write_agilex(recording: Recording, path: str | Path) -> None:
@@ -172,9 +202,26 @@ def write_agilex(recording: Recording, path: str | Path) -> None:
                 file.create_dataset(key, data=array.astype(np.float32))
 
 
-def _truth(effect: str | None, values: Mapping[str, Array], joints, tips, robot: StandIn) -> dict[str, Any]:
+def _names(effect: str | Sequence[str] | None) -> tuple[str, ...]:
+    return () if effect is None else (effect,) if isinstance(effect, str) else tuple(effect)
+
+
+def _motion(kind: str, span: Span, rng: np.random.Generator, seconds: float) -> Motion:
+    if kind not in MOTIONS:
+        raise ModelError(f"there is no motion '{kind}'; there are {', '.join(MOTIONS)}.")
+    return MOTIONS[kind](span, rng, seconds)
+
+
+def _truth(effects: Mapping[str, Mapping[str, Array]], joints, tips, robot: StandIn) -> dict[str, Any]:
     named = {
-        name: {k: float(v) for k, v in zip(joints if len(array) == len(joints) else tips, array, strict=True) if v}
-        for name, array in values.items()
+        effect: {
+            name: {k: float(v) for k, v in zip(joints if len(array) == len(joints) else tips, array, strict=True) if v}
+            for name, array in values.items()
+        }
+        for effect, values in effects.items()
     }
-    return {"effect": effect, "values": named, "servo": {k: v.tolist() for k, v in robot.true.items()}}
+    servo = {k: v.tolist() for k, v in robot.true.items()}
+    if len(named) > 1:
+        return {"effects": named, "servo": servo}
+    effect = next(iter(named), None)
+    return {"effect": effect, "values": named[effect] if effect else {}, "servo": servo}

@@ -10,7 +10,7 @@ A "shape" does not grow with the strength asked for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -65,10 +65,24 @@ EITHER_SIGN = ("torque_bias", "encoder_offset", "base_tilt")
 STRENGTHS = {"faint": 0.3, "plain": 1.0, "strong": 2.5}
 
 
+def strength_of(strength: str | float) -> float:
+    """Factor of a strength given by its name or as a positive number.
+
+    Raises: EffectError for another name or number.
+    """
+    if isinstance(strength, str):
+        if strength not in STRENGTHS:
+            raise EffectError(f"there is no strength '{strength}'; give a number or one of {', '.join(STRENGTHS)}.")
+        return STRENGTHS[strength]
+    if not 0 < strength < np.inf:
+        raise EffectError(f"strength is {strength:g}; give a number above 0 or one of {', '.join(STRENGTHS)}.")
+    return float(strength)
+
+
 def draw_values(
-    effect: str | None,
+    effect: str,
     nominal: StandIn,
-    motions: list[Motion],
+    motions: Sequence[Motion],
     span: Span,
     rng: np.random.Generator,
     strength: float,
@@ -76,8 +90,6 @@ def draw_values(
     arms: list[int],
 ) -> dict[str, Array]:
     """Values of the effect's parameters (n,) or (arms,); joints, arms: where it may act."""
-    if effect is None:
-        return {}
     if effect not in SIZES:
         raise EffectError(f"there are no cases of '{effect}'; there are {', '.join(SIZES)}.")
     if effect in ("payload", "base_tilt"):
@@ -136,7 +148,7 @@ def _choose(effect: str, nominal: StandIn, span: Span, rng: np.random.Generator,
     return joints[: (len(joints) + 1) // 2] if draw < 0.75 else joints
 
 
-def _scales(nominal: StandIn, motions: list[Motion]) -> dict[str, Array]:
+def _scales(nominal: StandIn, motions: Sequence[Motion]) -> dict[str, Array]:
     """What the shares of SIZES refer to: numbers (n,) of the fault-free arm in the motions."""
     runs = [nominal.run(motion, motion.duration) for motion in motions]
     position, speed, torque = (np.concatenate([run[i][::10] for run in runs]) for i in (1, 2, 3))

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import EffectError, ModelError
+from embodiedreamer_gym.motions import MOTIONS, span_of
 from embodiedreamer_gym.recordings import load_recordings
+from embodiedreamer_gym.standin.arms import arm_home, arm_joints, arm_urdf
 from embodiedreamer_gym.standin.cases import aloha_case, draw_case
 from embodiedreamer_gym.standin.hidden import EFFECTS
 from embodiedreamer_gym.standin.sizes import SIZES
@@ -58,6 +60,59 @@ def test_strength_and_sensor_can_be_chosen():
     coarse = draw_case(None, "pendulum1", rng(), seconds=SECONDS, **other)
     assert coarse.train[0].rate == pytest.approx(50.0)
     assert [r.kind for r in coarse.test] == ["hold_poses", "staircase"]
+
+
+def test_a_strength_may_be_a_number():
+    named, number = (draw_case("torque_bias", "pendulum1", rng(), s, seconds=SECONDS) for s in ("strong", 2.5))
+    assert named.truth == number.truth
+    for strength in (0.0, "huge"):
+        with pytest.raises(EffectError, match=r"strength.*number.*faint, plain, strong"):
+            draw_case("torque_bias", "pendulum1", rng(), strength)
+
+
+def test_two_effects_are_both_hidden():
+    names = ("torque_bias", "coulomb_friction")
+    both = draw_case(names, "pendulum1", rng(), seconds=SECONDS)
+    alone = draw_case("torque_bias", "pendulum1", rng(), seconds=SECONDS)
+    assert tuple(both.truth["effects"]) == tuple(both.hidden) == names
+    assert "effect" not in both.truth
+    assert alone.hidden == {"torque_bias": both.hidden["torque_bias"]}  # the first is drawn as if it were the only one
+    assert alone.truth == draw_case(["torque_bias"], "pendulum1", rng(), seconds=SECONDS).truth
+    assert np.abs(both.train[0].position - alone.train[0].position).max() > 2e-3
+
+
+def test_motions_rate_and_signals_can_be_chosen(plain):
+    motions = {"learnt": ("staircase",), "held_out": ("hold_poses", "multisine"), "reach": 0.1}
+    signals = {"with_command": False, "with_velocity": False, "rate": 50.0}
+    case = draw_case(None, "pendulum1", rng(), seconds=SECONDS, **motions, **signals)
+    assert [r.kind for r in (*case.train, *case.test)] == ["staircase", "hold_poses", "multisine"]
+    log = case.train[0]
+    assert log.command is None and log.velocity is None and log.effort is not None
+    assert log.rate == pytest.approx(50.0)
+    assert np.ptp(case.test[1].position) < 0.3 < np.ptp(plain.train[0].position)
+    assert draw_case(None, "pendulum1", rng(), seconds=SECONDS, with_effort=False).train[0].effort is None
+    with pytest.raises(ModelError, match="no motion 'dance'; there are multisine"):
+        draw_case(None, "pendulum1", rng(), learnt=("dance",))
+
+
+def test_a_log_without_command_is_written_without_it(tmp_path):
+    draw_case(None, "pendulum1", rng(), seconds=SECONDS, with_command=False).write(tmp_path)
+    for path in tmp_path.rglob("*.csv"):
+        assert ".command" not in path.read_text()
+    assert all(log.command is None for log in load_recordings(tmp_path / "train"))
+
+
+def test_the_same_robot_can_make_one_more_recording(plain):
+    motion = MOTIONS["staircase"](plain_span(), rng(5), SECONDS)
+    one, other = (draw_case(e, "pendulum1", rng(), "strong", seconds=SECONDS) for e in (None, "torque_bias"))
+    first, second = (case.record(motion, "extra") for case in (one, other))
+    assert (first.name, first.kind, first.rate) == ("extra", "staircase", pytest.approx(100.0))
+    np.testing.assert_array_equal(first.command, second.command)
+    assert np.abs(first.position - second.position).max() > 2e-3  # the effect is still there
+
+
+def plain_span():
+    return span_of(arm_urdf("pendulum1"), arm_joints("pendulum1"), arm_home("pendulum1"))
 
 
 def test_a_six_joint_case_names_joints_and_end_effectors():

@@ -1,0 +1,270 @@
+"""What the diagnosis benchmark asks: the labels of its cases, the robots behind them, and one diagnosis of each.
+
+A label says which effects a robot hides and how strongly; everything else about the robot, its motions and its noise
+comes from the case's own generator, `default_rng([seed, number of the set, index])`. The diagnoser is given the files a
+user would have; the label is set beside its answer afterwards.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis import Diagnosis, add_effect, compare, diagnose
+from embodiedreamer_gym.diagnosis.candidates import refit
+from embodiedreamer_gym.diagnosis.next_motion import propose_motion
+from embodiedreamer_gym.diagnosis.screen import grounds, screen
+from embodiedreamer_gym.effects import CATALOGUE
+from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.motions import Motion
+from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
+from embodiedreamer_gym.recordings import load_recordings, save_recording
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.standin.cases import Case, draw_case
+from embodiedreamer_gym.standin.sizes import SIZES
+
+SEEDS = {"development": 20011, "test": 70001}
+BARELY, PLAIN, STRONG = 0.15, 1.0, 2.5  # strengths; 1.0 is a plain effect
+ATTEMPTS = 5  # robots drawn until one rests at its first command
+
+# With a logged command the fitted gains take up a torque constant whole: only effort without a command shows it.
+SINGLES = tuple(name for name in SIZES if name != "torque_constant")
+# Laws that another one of the catalogue contains: left out of it, they are not outside it.
+CONTAINED = ("coulomb_friction", "torque_saturation", "torque_bias", "torque_constant")
+OUTSIDE = tuple(name for name in SIZES if name not in CONTAINED)
+IN_EFFORT = ("payload", "coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
+             "torque_constant", "torque_bias", "extra_rotor_inertia")  # fmt: skip
+FAMILIES = {
+    "command": ("command_delay", "command_lowpass", "command_rate_limit"),
+    "drive": ("servo_deadzone", "torque_saturation", "velocity_limit", "torque_constant", "torque_fade"),
+    "friction": ("coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
+                 "hysteresis", "quadratic_drag"),
+    "load": ("torque_bias", "joint_spring", "payload", "base_tilt", "encoder_offset", "torque_ripple"),
+    "gear": ("joint_elasticity", "backlash", "extra_rotor_inertia"),
+}  # fmt: skip
+TIES = (
+    ("command_delay", "command_lowpass"),
+    ("torque_bias", "joint_spring"),
+    ("payload", "base_tilt"),
+    ("coulomb_friction", "stribeck_friction"),
+    ("backlash", "joint_elasticity"),
+    ("encoder_offset", "torque_bias"),
+    ("load_friction", "direction_dependent_friction"),
+    ("servo_deadzone", "backlash"),
+)
+
+
+@dataclass(frozen=True)
+class Design:
+    """A set of cases: how many of each kind, which effects in rotation, which arms, how it is recorded."""
+
+    number: int
+    counts: Mapping[str, int]
+    singles: tuple[str, ...] = SINGLES
+    arms: tuple[str, ...] = ("arm6",)
+    recording: Mapping[str, Any] = field(default_factory=dict)
+
+
+FEW = {"null": 24, "single": 56}
+SLOW = {"learnt": ("slow_ramps", "slow_ramps"), "held_out": ("hold_poses", "slow_ramps"), "reach": 0.2, "speed": 0.15}
+AS_A_PERSON = {"learnt": ("teleoperation",) * 2, "held_out": ("teleoperation",) * 2, "rate": 30.0}
+SETS = {
+    "main": Design(1, {"null": 100, "single": 80, "pair": 30, "outside": 30}),
+    "positions": Design(2, FEW, recording={"with_effort": False}),
+    "teleoperation": Design(3, FEW, recording=AS_A_PERSON),
+    "no_command": Design(4, FEW, singles=IN_EFFORT, recording={"with_command": False}),
+    "other_arm": Design(5, {"null": 33, "single": 27, "pair": 10, "outside": 10}, arms=("arm6b", "arm7")),
+    "ties": Design(6, {"tie": 80}, recording=SLOW),
+}
+
+
+@dataclass(frozen=True)
+class Label:
+    """What a case hides; question: of a tie, the two effects a user wants told apart, the truth being one of them."""
+
+    index: int
+    kind: str
+    effects: tuple[str, ...]
+    strength: float
+    arm: str
+    question: tuple[str, ...] = ()
+
+
+def case_rng(name: str, seeds: str, index: int) -> np.random.Generator:
+    """The generator of one case of a set, the same whatever other cases are drawn."""
+    return np.random.default_rng([SEEDS[seeds], SETS[name].number, index])
+
+
+def labels(name: str, seeds: str) -> list[Label]:
+    """All labels of a set; its kinds of case alternate, so that the first few are a fair mixture."""
+    design = SETS[name]
+    places = [((k + 0.5) / count, kind, k) for kind, count in design.counts.items() for k in range(count)]
+    return [
+        _label(design, index, kind, k, case_rng(name, seeds, index))
+        for index, (_, kind, k) in enumerate(sorted(places))
+    ]
+
+
+def _label(design: Design, index: int, kind: str, k: int, rng: np.random.Generator) -> Label:
+    """The k-th case of its kind."""
+    rotation = {"outside": OUTSIDE}.get(kind, design.singles)
+    arm = design.arms[(k + k // len(rotation)) % len(design.arms)]
+    effect = rotation[k % len(rotation)]
+    if kind == "null":
+        return Label(index, kind, (), 0.0, arm)
+    if kind == "single":
+        return Label(index, kind, (effect,), _strength(rng, BARELY), arm)
+    if kind == "outside":
+        return Label(index, kind, (effect,), _strength(rng, PLAIN), arm)
+    if kind == "pair":
+        strength, other = _strength(rng, PLAIN), str(rng.choice(partners(effect)))
+        return Label(index, kind, (effect, other), strength, arm)
+    question = TIES[k % len(TIES)]
+    return Label(index, kind, (question[k // len(TIES) % 2],), _strength(rng, 0.5, 1.5), arm, question)
+
+
+def _strength(rng: np.random.Generator, low: float, high: float = STRONG) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def partners(effect: str) -> list[str]:
+    """Effects of other families that are not confused with this one."""
+    family = next(names for names in FAMILIES.values() if effect in names)
+    confused = {other for other in SINGLES if other in CATALOGUE[effect].confused_with}
+    confused |= {other for other in SINGLES if effect in CATALOGUE[other].confused_with}
+    return [other for other in SINGLES if other not in family and other not in confused]
+
+
+def draw(name: str, seeds: str, label: Label) -> Case:
+    """The robot and the recordings of a label; one that never comes to rest, as under too much friction, is redrawn."""
+    rng = case_rng(name, seeds, label.index)
+    recording: dict[str, Any] = {"seconds": 6.0, "with_velocity": False, **SETS[name].recording}
+    for _ in range(ATTEMPTS - 1):
+        with suppress(SimulationError):
+            return draw_case(label.effects, label.arm, rng, label.strength or PLAIN, **recording)
+    return draw_case(label.effects, label.arm, rng, label.strength or PLAIN, **recording)
+
+
+def run_case(name: str, seeds: str, label: Label, oracle: str = "singles") -> dict[str, Any]:
+    """Draw a case, write a user's files, diagnose them, and only then set the answer beside the label.
+
+    oracle: "none", "singles" or "all": of which cases a refit with the true effects is made. An error becomes a row.
+    """
+    row: dict[str, Any] = {"index": label.index, "label": asdict(label)}
+    begun = time.perf_counter()
+    try:
+        case = draw(name, seeds, label)
+        row["label"] |= {"values": case.hidden, "joints": places(case.hidden)}
+        with tempfile.TemporaryDirectory() as folder:
+            model = RobotModel.load(case.write(folder))
+            row["label"]["beyond"] = beyond(model, case.hidden)
+            known = {k: v for k, v in CATALOGUE.items() if label.kind != "outside" or k not in label.effects}
+            begun = time.perf_counter()
+            found = _diagnose(model, folder, known)
+            row |= {"seconds": time.perf_counter() - begun, "found": found.as_dict()}
+            if label.kind == "tie":
+                row["next"] = ask_again(case, model, folder, found, label)
+            if label.kind in {"none": (), "singles": ("single",), "all": ("single", "pair")}[oracle]:
+                row |= oracle_of(model, folder, label.effects)
+    except Exception as error:  # counted as a wrong answer, not hidden
+        row |= {"failed": f"{type(error).__name__}: {error}", "seconds": time.perf_counter() - begun}
+    return row
+
+
+def _diagnose(model: RobotModel, folder: str, known: Mapping[str, Any]) -> Diagnosis:
+    train, test = (load_recordings(f"{folder}/{part}") for part in ("train", "test"))
+    return diagnose(model, train, test, catalogue=known, jobs=1)
+
+
+def places(hidden: Mapping[str, Mapping[str, Mapping[str, float]]]) -> dict[str, list[str]]:
+    """Joints or end effectors on which each hidden effect acts."""
+    return {name: sorted({at for row in values.values() for at in row}) for name, values in hidden.items()}
+
+
+def beyond(model: RobotModel, hidden: Mapping[str, Mapping[str, Mapping[str, float]]]) -> list[str]:
+    """True values that lie outside the bounds that the model gives a parameter, as "effect.parameter[joint]"."""
+    found = []
+    for effect, values in hidden.items():
+        for parameter in CATALOGUE[effect].parameters:
+            low, high = model.parameter_bounds(parameter)
+            names = model.joints if parameter.per == "joint" else model.arms
+            found += [f"{effect}.{parameter.name}[{at}]" for at, value in values.get(parameter.name, {}).items()
+                      if not low[names.index(at)] <= value <= high[names.index(at)]]  # fmt: skip
+    return found
+
+
+def oracle_of(model: RobotModel, folder: str, effects: tuple[str, ...]) -> dict[str, Any]:
+    """Held-out error of the model refitted with the true effects on all joints: what knowing them is worth."""
+    train, test = (load_recordings(f"{folder}/{part}") for part in ("train", "test"))
+    try:
+        for name in effects:
+            model = add_effect(model, name, train, test).after.model
+        return {"oracle": float(compare(model, test).error[0])}
+    except Exception as error:  # no fault of the diagnosis
+        return {"oracle": None, "oracle_failed": f"{type(error).__name__}: {error}"}
+
+
+def ask_again(case: Case, model: RobotModel, folder: str, found: Diagnosis, label: Label) -> dict[str, Any] | None:
+    """Where the first answer named no one effect: record the proposed motion twice, to learn from and to be judged by.
+
+    A declared tie is asked about; where nothing was named, the two effects of the user's question are, whose typical
+    sizes then choose the motion. None where one effect was named.
+    """
+    if found.verdict == "missing":
+        return None
+    tie = found.verdict == "ambiguous" and len(found.effects) > 1
+    names = list(found.effects if tie else label.question)
+    pair = names[0], names[1]
+    train = load_recordings(f"{folder}/train")
+    home = np.median(np.concatenate([r.position for r in train]), axis=0)
+    proposal = propose_motion(model, pair, train if tie else (), centre=home)
+    motion = Motion(_between(proposal.time, proposal.command), float(proposal.time[-1]), proposal.kind)
+    for part in ("train", "test"):
+        take = case.record(motion, f"decides-{part}")
+        save_recording(take, f"{folder}/{part}/{take.name}.csv")
+    again = _diagnose(model, folder, CATALOGUE)
+    return {
+        "asked": list(pair),
+        "kind": proposal.kind,
+        "separation": proposal.separation,
+        "found": again.as_dict(),
+    }
+
+
+def _between(time: np.ndarray, command: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Commands (T, n) at times (T,), linear between them."""
+    return lambda t: np.stack([np.interp(t, time, column) for column in command.T], axis=1)
+
+
+def brute_case(name: str, seeds: str, label: Label) -> dict[str, Any]:
+    """The baseline: refit every effect of the catalogue and name the best on held-out recordings, whatever it gains."""
+    row: dict[str, Any] = {"index": label.index, "label": asdict(label)}
+    begun = time.perf_counter()
+    try:
+        case = draw(name, seeds, label)
+        with tempfile.TemporaryDirectory() as folder:
+            model = RobotModel.load(case.write(folder))
+            train, test = (load_recordings(f"{folder}/{part}") for part in ("train", "test"))
+            begun = time.perf_counter()
+            problem, fit = fit_least_squares(model, train)
+            calibrated = finish(problem, fit, 0.0).model
+            short, around = grounds(problem, fit, model)
+            screened = screen(CATALOGUE, around, short, np.ones(model.n))
+            refitted = [refit(calibrated, item, problem, train, test, False) for item in screened]
+            row["named"] = min(refitted, key=lambda c: c.held_out.score).kind.name
+    except Exception as error:
+        row["failed"] = f"{type(error).__name__}: {error}"
+    return row | {"seconds": time.perf_counter() - begun}
+
+
+def sealed(name: str, seeds: str) -> str:
+    """All labels of a set as the text that is written before the first diagnosis."""
+    rows = ",\n".join(json.dumps(asdict(label)) for label in labels(name, seeds))
+    return f'{{"set": "{name}", "seeds": "{seeds}", "labels": [\n{rows}\n]}}\n'

@@ -1,0 +1,326 @@
+"""The figures of the diagnosis benchmark from its rows: shares and medians with 95 % intervals beside their targets."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import beta, binom
+
+Row = Mapping[str, Any]
+
+VISIBLE = 3.0  # mean over joints of the calibrated model's held-out mean square residual, in sensor noises
+PERIODIC = {("torque_ripple", "phase")}  # parameters that an interval on the real line does not describe
+BESIDE = ("name", "detected", "accused", "unknown", "both")
+POINTS = 0.05  # by which another arm's shares may be worse
+
+TEXTS = {
+    "name": "visible singles: right name, and no other",
+    "name_or_tie": "visible singles: right name or a tie with it",
+    "joints": "rightly named singles: exactly the right joints",
+    "misnamed": "barely visible singles: misnamed",
+    "right_or_silent": "singles: right name, or no accusation of another",
+    "fall": "visible singles: fall of the held-out error, median",
+    "fall_above_noise": "the same of what is above the sensors' noise (in squares), median",
+    "gap": "visible singles: share of the fall that the true effect brings, median",
+    "accused": "faultless robots accused",
+    "detected": "visible singles and pairs not called faultless",
+    "unknown": "visible effects outside the catalogue called unknown",
+    "known_unknown": "visible singles called unknown",
+    "both": "pairs: both named and nothing else",
+    "held": "95 % intervals of the named effect that hold the truth",
+    "resolved": "ties and unseen effects rightly named after the proposed motion",
+    "median_seconds": "seconds of a diagnosis, median",
+    "worst_seconds": "seconds of a diagnosis, worst",
+}
+TARGETS: dict[str, dict[str, tuple[float, float]]] = {  # least and most
+    "main": {
+        "name": (0.95, 1), "name_or_tie": (0.99, 1), "joints": (0.95, 1), "misnamed": (0, 0.05), "fall": (0.85, np.inf),
+        "gap": (0.90, np.inf), "accused": (0, 0.02), "detected": (0.95, 1), "unknown": (0.90, 1),
+        "known_unknown": (0, 0.05), "both": (0.80, 1), "held": (0.90, 0.98), "median_seconds": (0, 20),
+        "worst_seconds": (0, 60),
+    },
+    "positions": {"name": (0.90, 1)},
+    "teleoperation": {"right_or_silent": (0.80, 1)},
+    "no_command": {"name": (0.90, 1), "fall": (0.80, np.inf)},
+    "ties": {"resolved": (0.80, 1)},
+    "other_arm": {},
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A share or a median with its 95 % interval, and the target (least, most) if it has one."""
+
+    key: str
+    value: float
+    low: float
+    high: float
+    of: int
+    hits: int | None = None
+    target: tuple[float, float] | None = None
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the value lies in its target; None without a target."""
+        return None if self.target is None else bool(self.target[0] <= self.value <= self.target[1])
+
+    def __str__(self) -> str:
+        number = _number if "seconds" in self.key else _percent
+        count = f"of {self.of}" if self.hits is None else f"{self.hits} of {self.of}"
+        line = f"{TEXTS[self.key]:<72}{number(self.value):>7} [{number(self.low)}, {number(self.high)}]".ljust(98)
+        line += count.ljust(12)
+        if self.target is None:
+            return line.rstrip()
+        low, high = self.target
+        wanted = f"<= {number(high)}" if low == 0 else f">= {number(low)}"
+        wanted = f"{number(low)} to {number(high)}" if low > 0 and high < 1 else wanted
+        return f"{line}target {wanted:<14}{'met' if self.met else 'missed'}"
+
+
+def clopper_pearson(hits: int, of: int) -> tuple[float, float]:
+    """95 % interval of a share (Clopper and Pearson, Biometrika 26, 1934)."""
+    low = beta.ppf(0.025, hits, of - hits + 1) if hits else 0.0
+    high = beta.ppf(0.975, hits + 1, of - hits) if hits < of else 1.0
+    return float(low), float(high)
+
+
+def share(key: str, answers: Iterable[bool], targets: Mapping[str, tuple[float, float]]) -> list[Figure]:
+    """How often the answer is yes; nothing where nothing was asked."""
+    given = [bool(answer) for answer in answers]
+    if not given:
+        return []
+    hits, of = sum(given), len(given)
+    return [Figure(key, hits / of, *clopper_pearson(hits, of), of, hits, targets.get(key))]
+
+
+def median(key: str, values: Iterable[float | None], targets: Mapping[str, tuple[float, float]]) -> list[Figure]:
+    """The median and its interval between two order statistics."""
+    given = np.sort([value for value in values if value is not None])
+    if not len(given):
+        return []
+    k = max(int(binom.ppf(0.025, len(given), 0.5)), 1)
+    return [Figure(key, float(np.median(given)), float(given[k - 1]), float(given[-k]), len(given), None, targets.get(key))]  # fmt: skip
+
+
+def figures(rows: Sequence[Row], name: str) -> list[Figure]:
+    """All figures of a set that its rows allow, with that set's targets."""
+    targets = TARGETS[name]
+    singles, nulls, pairs, outside, ties = (of_kind(rows, k) for k in ("single", "null", "pair", "outside", "tie"))
+    seen = [row for row in singles if visible(row)]
+    right = [row for row in singles if right_name(row)]
+    seconds = [row["seconds"] for row in rows if "failed" not in row]
+    found = share("name", map(right_name, seen), targets)
+    found += share("name_or_tie", (right_name(row) or tied(row) for row in seen), targets)
+    found += share("joints", map(right_joints, right), targets)
+    found += share("misnamed", (misnamed(row) for row in singles if not visible(row)), targets)
+    if name == "teleoperation":
+        found += share("right_or_silent", (not misnamed(row) for row in singles), targets)
+    for key, of in (("fall", fall), ("fall_above_noise", fall_above_noise), ("gap", gap)):
+        found += median(key, map(of, seen), targets)
+    found += share("accused", map(accused, nulls), targets)
+    found += share("detected", map(detected, [row for row in [*singles, *pairs] if visible(row)]), targets)
+    found += share("unknown", (verdict(row) == "unknown" for row in outside if visible(row)), targets)
+    found += share("known_unknown", (verdict(row) in ("unknown", "failed") for row in seen), targets)
+    found += share("both", map(right_name, pairs), targets)
+    found += share("held", (inside for row in right for inside in held(row)), targets)
+    found += share("resolved", (resolved(row) for row in ties if not right_name(row)), targets)
+    found += median("median_seconds", seconds, targets)
+    if seconds:
+        worst = max(seconds)
+        found.append(Figure("worst_seconds", worst, worst, worst, len(seconds), None, targets.get("worst_seconds")))
+    return found
+
+
+def of_kind(rows: Sequence[Row], kind: str) -> list[Row]:
+    """Rows of one kind of case."""
+    return [row for row in rows if row["label"]["kind"] == kind]
+
+
+def verdict(row: Row) -> str:
+    """The verdict, "failed" where the diagnosis raised an error."""
+    return "failed" if "failed" in row else row["found"]["verdict"]
+
+
+def visible(row: Row) -> bool:
+    """Whether the calibrated model is clearly off on the held-out recordings; a failed case counts as if it were."""
+    if "failed" in row:
+        return True
+    chi2 = row["found"].get("chi2", {}).get("calibrated")
+    if chi2 is None:
+        error = row["found"]["error"]
+        chi2 = (error["calibrated"] / error["noise"]) ** 2
+    return bool(np.mean(chi2) >= VISIBLE)
+
+
+def right_name(row: Row) -> bool:
+    """Whether exactly the effects that are hidden are named."""
+    return verdict(row) == "missing" and set(row["found"]["effects"]) == set(row["label"]["effects"])
+
+
+def tied(row: Row) -> bool:
+    """Whether the hidden effect is one of a declared tie."""
+    return verdict(row) == "ambiguous" and set(row["label"]["effects"]) <= set(row["found"]["effects"])
+
+
+def accused(row: Row) -> bool:
+    """Whether something is said to be missing; a failed case counts as if it were."""
+    return verdict(row) in ("missing", "ambiguous", "failed")
+
+
+def misnamed(row: Row) -> bool:
+    """Whether something else than the hidden effect is accused, alone or beside it."""
+    return accused(row) and not (right_name(row) or tied(row))
+
+
+def detected(row: Row) -> bool:
+    """Whether the robot is not called faultless."""
+    return verdict(row) not in ("nothing_missing", "failed")
+
+
+def right_joints(row: Row) -> bool:
+    """Whether each effect is named on exactly the joints (or end effectors) it acts on."""
+    said = row["found"]["joints"]
+    return all(set(said.get(name, ())) == set(at) for name, at in row["label"]["joints"].items())
+
+
+def fall(row: Row) -> float:
+    """Share of the calibrated model's held-out error that is gone; nothing where nothing was added."""
+    if "failed" in row or row["found"]["error"].get("with_effect") is None:
+        return 0.0
+    return 1.0 - row["found"]["error"]["with_effect"] / row["found"]["error"]["calibrated"]
+
+
+def fall_above_noise(row: Row) -> float | None:
+    """The fall of the held-out error without the noise in it; None where the calibrated model is as good as the noise."""
+    if "failed" in row or row["found"]["error"].get("with_effect") is None:
+        return 0.0
+    error = row["found"]["error"]
+    left, before = (max(error[key] ** 2 - error["noise"] ** 2, 0.0) for key in ("with_effect", "calibrated"))
+    return 1.0 - float(np.sqrt(left / before)) if before else None
+
+
+def gap(row: Row) -> float | None:
+    """The fall of the held-out error relative to that of a refit with the true effect; None where that brings none."""
+    if "failed" in row:
+        return 0.0
+    error = row["found"]["error"]
+    if row.get("oracle") is None or row["oracle"] >= error["calibrated"]:
+        return None
+    return fall(row) * error["calibrated"] / (error["calibrated"] - row["oracle"])
+
+
+def held(row: Row) -> list[bool]:
+    """Of each interval of the named effects, on joints where they act: whether it holds the true value."""
+    inside = []
+    for effect, parameters in row["found"]["parameters"].items():
+        for key, said in parameters.items():
+            true = row["label"]["values"].get(effect, {}).get(said["parameter"], {}).get(key.split(".")[0])
+            if true is not None and said["low"] is not None and (effect, said["parameter"]) not in PERIODIC:
+                inside.append(bool(said["low"] <= true <= said["high"]))
+    return inside
+
+
+def resolved(row: Row) -> bool:
+    """Whether the second diagnosis, after the proposed motion, names the hidden effect alone."""
+    return bool(row.get("next")) and right_name({"label": row["label"], "found": row["next"]["found"]})
+
+
+def beside(mine: Sequence[Figure], main: Sequence[Figure]) -> list[str]:
+    """Another arm's shares beside the main set's: how many points worse, and whether within the target."""
+    lines, there = [], {figure.key: figure for figure in main}
+    for figure in mine:
+        if figure.key in BESIDE and figure.key in there:
+            worse = (figure.value - there[figure.key].value) * (1 if figure.key == "accused" else -1)
+            said = "met" if worse <= POINTS + 1e-9 else "missed"
+            lines.append(f"{TEXTS[figure.key]:<72}{_percent(figure.value):>7}, main {_percent(there[figure.key].value)}"
+                         f", {100 * worse:+.1f} points worse".ljust(40) + f" target <= 5 points {said}")  # fmt: skip
+    return lines
+
+
+def confusion(rows: Sequence[Row]) -> str:
+    """Hidden effect by what was said first of it; a column for each effect said, for ties and for no name."""
+    chosen = [row for row in rows if row["label"]["kind"] in ("single", "null", "outside", "tie")]
+    counts = Counter((_truth(row), _said(row)) for row in chosen)
+    truths = sorted({truth for truth, _ in counts}, key=lambda t: (t == "faultless", t))
+    names = sorted({said for _, said in counts if not said.startswith("(")})
+    columns = names + sorted({said for _, said in counts if said.startswith("(")})
+    number = {said: str(k + 1) for k, said in enumerate(names)} | {said: said[1:5] for said in columns[len(names) :]}
+    lines = ["columns: " + ", ".join(f"{number[said]} {said}" for said in columns), ""]
+    lines.append(" " * 40 + "".join(f"{number[said]:>5}" for said in columns))
+    for truth in truths:
+        cells = "".join(f"{counts[truth, said] or '.':>5}" for said in columns)
+        lines.append(f"{truth:<40}{cells}")
+    return "\n".join(lines)
+
+
+def _truth(row: Row) -> str:
+    label = row["label"]
+    name = label["effects"][0] if label["effects"] else "faultless"
+    return f"{name}, outside" if label["kind"] == "outside" else name
+
+
+def _said(row: Row) -> str:
+    said = verdict(row)
+    if said == "missing":
+        return row["found"]["effects"][0]
+    if said == "ambiguous":
+        return "(tie with it)" if tied(row) else "(other tie)"
+    return {"nothing_missing": "(nothing)", "unknown": "(unknown)"}.get(said, "(failed)")
+
+
+def baselines(rows: Sequence[Row], brute: Sequence[Row] = ()) -> list[str]:
+    """What naming Coulomb friction every time, and refitting everything and naming the best, would score."""
+    singles, nulls = of_kind(rows, "single"), of_kind(rows, "null")
+    if not (singles or nulls):
+        return []
+    coulomb = sum("coulomb_friction" in row["label"]["effects"] for row in singles)
+    lines = [f"always naming Coulomb friction: right in {coulomb} of {len(singles)} singles, accuses {len(nulls)} of {len(nulls)} faultless robots"]  # fmt: skip
+    if brute:
+        asked, spared = of_kind(brute, "single"), of_kind(brute, "null")
+        right = sum([row.get("named")] == list(row["label"]["effects"]) for row in asked)
+        ours = {row["index"]: right_name(row) for row in singles}
+        same = sum(ours.get(row["index"], False) for row in asked)
+        wait = np.median([row["seconds"] for row in brute])
+        lines.append(f"refitting every effect and naming the best: right in {right} of {len(asked)} singles (diagnose: {same}), "
+                     f"accuses {len(spared)} of {len(spared)} faultless robots, {wait:.0f} s (median)")  # fmt: skip
+    return lines
+
+
+def remarks(rows: Sequence[Row]) -> list[str]:
+    """What the shares do not show: failures, effects named beside the right one, truths outside a model's bounds."""
+    lines = [f"failed: case {row['index']}, {row['failed']}" for row in rows if "failed" in row]
+    singles = of_kind(rows, "single")
+    extra = [row for row in singles if verdict(row) == "missing" and not right_name(row)
+             and row["label"]["effects"][0] in row["found"]["effects"]]  # fmt: skip
+    if extra:
+        lines.append(f"singles named beside something else: {len(extra)} of {len(singles)}")
+    beyond = [row for row in rows if row["label"].get("beyond")]
+    if beyond:
+        lines.append(f"cases whose true values lie outside the model's own bounds: {len(beyond)}, "
+                     f"of them rightly named {sum(map(right_name, beyond))}")  # fmt: skip
+    named = sum(right_name(row) for row in of_kind(rows, "tie"))
+    if named:
+        lines.append(f"rightly named at first, so not asked again: {named} of {len(of_kind(rows, 'tie'))}")
+    return lines
+
+
+def report(rows: Sequence[Row], name: str, main: Sequence[Row] = (), brute: Sequence[Row] = ()) -> str:
+    """Everything that is printed at the end of a set."""
+    kinds = Counter(row["label"]["kind"] for row in rows)
+    found = figures(rows, name)
+    lines = [f"{name}: {len(rows)} cases ({', '.join(f'{count} {kind}' for kind, count in sorted(kinds.items()))})", ""]
+    lines += [*map(str, found), *beside(found, figures(main, "main") if main else ())]
+    lines += ["", *baselines(rows, brute), *remarks(rows), "", confusion(rows)]
+    return "\n".join(lines)
+
+
+def _percent(value: float) -> str:
+    return f"{100 * value:.0f} %"
+
+
+def _number(value: float) -> str:
+    return f"{value:.1f}"

@@ -1,0 +1,263 @@
+"""The diagnosis benchmark's own book-keeping: labels, sealing, resuming and figures; no diagnosis is run."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+from benchmarks import diagnosis, diagnosis_cases, diagnosis_figures
+from benchmarks.diagnosis_cases import FAMILIES, OUTSIDE, SEEDS, SETS, SINGLES, Label, labels
+from benchmarks.diagnosis_figures import beside, clopper_pearson, confusion, figures, report
+from embodiedreamer_gym.effects import CATALOGUE
+from embodiedreamer_gym.recordings import load_recordings
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.standin.sizes import SIZES
+
+STAMP = {"set": "main", "seeds": "test", "labels_sha256": "0"}
+
+
+def row(kind="single", effects=("payload",), verdict="missing", said=None, chi2=9.0, after=0.2, index=0, **more):
+    """A finished case: 1 mrad calibrated, `after` mrad with what was said."""
+    said = list(effects if said is None and verdict == "missing" else said or ())
+    error = {"calibrated": 1e-3, "with_effect": after * 1e-3 if said else None, "noise": 1e-4, "unit": "rad"}
+    found = {"verdict": verdict, "effects": said, "error": error, "joints": {e: ["tip"] for e in said},
+             "parameters": {}, "chi2": {"calibrated": [chi2, chi2]}}  # fmt: skip
+    label = {"kind": kind, "effects": list(effects), "joints": {e: ["tip"] for e in effects}, "values": {}}
+    return {"index": index, "seconds": 10.0, "label": label, "found": found} | more
+
+
+def by_key(rows, name="main"):
+    return {figure.key: figure for figure in figures(rows, name)}
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_labels_are_the_same_every_time_and_differ_between_seeds(name):
+    assert labels(name, "test") == labels(name, "test")
+    assert labels(name, "test") != labels(name, "development")
+    counts = SETS[name].counts
+    for kind, count in counts.items():
+        assert sum(label.kind == kind for label in labels(name, "test")) == count
+    assert [label.index for label in labels(name, "test")] == list(range(sum(counts.values())))
+
+
+def test_no_case_shares_its_generator_with_another():
+    assert len(set(SEEDS.values())) == len(SEEDS)
+    assert len({design.number for design in SETS.values()}) == len(SETS)
+    draws = {diagnosis_cases.case_rng(n, s, k).random() for n in SETS for s in SEEDS for k in range(20)}
+    assert len(draws) == 20 * len(SETS) * len(SEEDS)
+
+
+def test_main_asks_for_every_effect_and_for_pairs_of_two_families():
+    assert set(SIZES) == set(SINGLES) | {"torque_constant"} <= set(CATALOGUE)
+    asked = labels("main", "test")
+    assert {e for label in asked if label.kind == "single" for e in label.effects} == set(SINGLES)
+    assert {e for label in asked if label.kind == "outside" for e in label.effects} == set(OUTSIDE)
+    family = {effect: name for name, effects in FAMILIES.items() for effect in effects}
+    assert set(family) == set(SIZES)
+    for label in asked:
+        if label.kind == "pair":
+            first, second = label.effects
+            assert family[first] != family[second]
+            assert second not in CATALOGUE[first].confused_with and first not in CATALOGUE[second].confused_with
+        if label.kind in ("pair", "outside"):
+            assert 1.0 <= label.strength <= 2.5
+    assert {label.kind for label in asked[:8]} == set(SETS["main"].counts)
+    assert {label.arm for label in labels("other_arm", "test") if label.kind == "null"} == {"arm6b", "arm7"}
+    assert all(set(label.effects) < set(label.question) for label in labels("ties", "test"))
+
+
+def test_labels_are_sealed_before_the_first_diagnosis(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "run" / "main.jsonl"
+    sealed = out.with_suffix(".labels.json")
+
+    def work(name, seeds, label, oracle):
+        kept = json.loads(sealed.read_text())["labels"]
+        assert kept[label.index]["effects"] == list(label.effects)
+        return row(label.kind, label.effects, "unknown", index=label.index)
+
+    monkeypatch.setattr(diagnosis, "run_case", work)
+    diagnosis.main(["--cases", "5", "--jobs", "1", "--out", str(out)])
+    digest = hashlib.sha256(sealed.read_bytes()).hexdigest()
+    assert len(json.loads(sealed.read_text())["labels"]) == 240
+    assert {r["labels_sha256"] for r in diagnosis.read_rows(out)} == {digest}
+    printed = capsys.readouterr().out
+    assert printed.index(digest) < printed.index("diagnose   1/5")
+    with pytest.raises(SystemExit):  # other labels beside the same rows
+        diagnosis.main(["--cases", "5", "--seeds", "development", "--out", str(out)])
+
+
+def test_a_finished_case_is_not_run_again_and_a_torn_line_is(tmp_path):
+    out, ran = tmp_path / "rows.jsonl", []
+    wanted = [Label(k, "null", (), 0.0, "arm6") for k in range(4)]
+    first, second = (json.dumps(STAMP | row("null", (), "nothing_missing", index=k)) for k in (2, 0))
+    out.write_text(f"{first}\n{second[:30]}")
+
+    def work(label):
+        ran.append(label.index)
+        return row("null", (), "nothing_missing", index=label.index)
+
+    assert [r["index"] for r in diagnosis.read_rows(out)] == [2]
+    for _ in range(2):
+        list(diagnosis.run_missing(wanted, work, out, 1, STAMP))
+    assert ran == [0, 1, 3]
+    assert [r["index"] for r in diagnosis.read_rows(out)] == [2, 0, 1, 3]
+    with pytest.raises(ValueError, match="other labels"):
+        list(diagnosis.run_missing(wanted, work, out, 1, STAMP | {"labels_sha256": "1"}))
+
+
+def test_a_case_that_raises_is_kept_as_a_failure(monkeypatch):
+    def broken(*_):
+        raise ZeroDivisionError("of no use")
+
+    monkeypatch.setattr(diagnosis_cases, "draw", broken)
+    found = diagnosis_cases.run_case("main", "test", labels("main", "test")[0])
+    assert found["failed"] == "ZeroDivisionError: of no use"
+    assert json.dumps(found)
+
+
+def test_shares_of_hand_made_rows():
+    rows = [
+        row(),
+        row(said=["payload", "base_tilt"]),
+        row(verdict="ambiguous", said=["base_tilt", "payload"]),
+        row(verdict="nothing_missing"),
+        row(verdict="unknown", chi2=2.0),
+        row(said=["base_tilt"], chi2=2.0),
+        row(failed="ValueError: no"),
+        row("null", (), "nothing_missing"),
+        row("null", (), "missing", ["payload"]),
+        row("null", (), "unknown"),
+        row("pair", ("payload", "backlash"), said=["backlash", "payload"]),
+        row("pair", ("payload", "backlash"), said=["payload"]),
+        row("outside", verdict="unknown"),
+        row("outside", said=["base_tilt"]),
+        row("outside", verdict="nothing_missing", chi2=1.0),
+    ]
+    found = by_key(rows)
+    shares = {"name": (1, 5), "name_or_tie": (2, 5), "joints": (1, 1), "misnamed": (1, 2), "accused": (1, 3),
+              "detected": (5, 7), "unknown": (1, 2), "known_unknown": (1, 5), "both": (1, 2)}  # fmt: skip
+    for key, (hits, of) in shares.items():
+        assert (found[key].hits, found[key].of) == (hits, of), key
+        assert (found[key].low, found[key].high) == clopper_pearson(hits, of)
+    assert found["joints"].met and not found["name"].met
+    assert (by_key(rows, "teleoperation")["right_or_silent"].hits, by_key(rows, "teleoperation")["name"].met) == (
+        4,
+        None,
+    )
+    text = report(rows, "main", brute=[row(named="payload"), row("null", (), named="payload")])
+    assert "failed: case 0, ValueError: no" in text
+    assert "always naming Coulomb friction: right in 0 of 7 singles, accuses 3 of 3" in text
+    assert "naming the best: right in 1 of 1 singles" in text
+
+
+def test_errors_falls_and_costs_of_hand_made_rows():
+    rows = [row(after=a, oracle=1e-4) for a in (0.1, 0.19, 0.28)] + [row(verdict="unknown", oracle=2e-3)]
+    found = by_key(rows)
+    assert found["fall"].value == pytest.approx((0.81 + 0.72) / 2)
+    above = [1 - np.sqrt((a**2 - 0.01) / 0.99) for a in (0.19, 0.28)]
+    assert found["fall_above_noise"].value == pytest.approx(np.mean(above))
+    assert found["gap"].value == pytest.approx(0.9) and found["gap"].of == 3
+    assert (found["fall"].low, found["fall"].high) == pytest.approx((0.0, 0.9))
+    rows = [row(seconds=s) for s in (10.0, 12.0, 70.0)]
+    assert by_key(rows)["median_seconds"].met and not by_key(rows)["worst_seconds"].met
+
+
+def test_intervals_are_held_against_the_truth():
+    one = row(effects=("torque_ripple",))
+    one["label"]["values"] = {"torque_ripple": {"amplitude": {"a": 1.0, "b": 2.0}, "phase": {"a": 1.0}}}
+    said = {"a": ("amplitude", 0.9, 1.1), "b": ("amplitude", 2.1, 2.2), "a.phase": ("phase", 4.0, 5.0),
+            "c": ("amplitude", 0.0, 1.0), "b.phase": ("phase", None, None)}  # fmt: skip
+    rows = {key: {"parameter": p, "low": low, "high": high} for key, (p, low, high) in said.items()}
+    one["found"]["parameters"] = {"torque_ripple": rows}
+    assert diagnosis_figures.held(one) == [True, False]
+    assert (by_key([one])["held"].hits, by_key([one])["held"].of) == (1, 2)
+
+
+def test_ties_are_resolved_by_the_second_answer():
+    again = row("tie")["found"]
+    rows = [
+        row("tie"),
+        row("tie", verdict="ambiguous", said=["payload", "base_tilt"], next={"found": again}),
+        row("tie", verdict="nothing_missing", next={"found": row("tie", verdict="unknown")["found"]}),
+        row("tie", said=["base_tilt"], next=None),
+    ]
+    resolved = by_key(rows, "ties")["resolved"]
+    assert (resolved.hits, resolved.of) == (1, 3)
+    assert "rightly named at first, so not asked again: 1 of 4" in report(rows, "ties")
+
+
+def test_without_chi2_the_error_in_noises_says_what_is_visible():
+    old = row()
+    del old["found"]["chi2"]
+    assert diagnosis_figures.visible(old)
+    old["found"]["error"]["noise"] = 9e-4
+    assert not diagnosis_figures.visible(old)
+
+
+def test_another_arm_may_be_five_points_worse():
+    main = [row() for _ in range(20)] + [row("null", (), "nothing_missing")] * 20
+    other = [row() for _ in range(19)] + [row(verdict="unknown")] + [row("null", (), "unknown")] * 18
+    lines = beside(figures(other + [row("null", ())] * 2, "other_arm"), figures(main, "main"))
+    assert [line.endswith("met") for line in lines] == [True, False, True]  # name, accused, detected
+
+
+def test_the_confusion_matrix_counts_what_was_said_of_what():
+    rows = [row(), row(), row(said=["base_tilt"]), row(verdict="ambiguous", said=["payload", "base_tilt"]),
+            row("null", (), "nothing_missing"), row("outside", verdict="unknown")]  # fmt: skip
+    *_, head, payload, outside, faultless = confusion(rows).splitlines()
+    assert head.split() == ["1", "2", "noth", "tie", "unkn"]
+    assert payload.split() == ["payload", "1", "2", ".", "1", "."]
+    assert outside.split() == ["payload,", "outside", ".", ".", ".", ".", "1"]
+    assert faultless.split() == ["faultless", ".", ".", "1", ".", "."]
+
+
+@pytest.mark.parametrize("name", ["main", "positions", "no_command", "teleoperation"])
+def test_the_diagnoser_gets_files_without_the_truth(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(diagnosis_cases, "SETS", {n: short(d) for n, d in SETS.items()})
+    label = Label(0, "single", ("torque_bias",), 1.0, "pendulum1")
+    case = diagnosis_cases.draw(name, "test", label)
+    case.write(tmp_path)
+    logs = [*load_recordings(str(tmp_path / "train")), *load_recordings(str(tmp_path / "test"))]
+    assert len(logs) == 4
+    assert all((log.command is None) == (name == "no_command") for log in logs)
+    assert all((log.effort is None) == (name == "positions") and log.velocity is None for log in logs)
+    assert logs[0].rate == pytest.approx(30 if name == "teleoperation" else 100, rel=1e-6)
+    assert not any("torque_bias" in p.read_text() for p in tmp_path.rglob("*") if p.is_file())
+
+
+def test_a_tie_is_asked_again_with_the_proposed_motion_recorded_twice(tmp_path, monkeypatch):
+    label = Label(0, "tie", ("torque_bias",), 1.0, "pendulum1", ("torque_bias", "joint_spring"))
+    monkeypatch.setattr(diagnosis_cases, "SETS", {"ties": short(SETS["ties"])})
+    case = diagnosis_cases.draw("ties", "test", label)
+    model = RobotModel.load(case.write(tmp_path))
+    asked = []
+
+    def propose(model, pair, recordings, centre):
+        asked.append((pair, len(recordings), centre.shape))
+        time = np.linspace(0.0, 0.5, 26)
+        return SimpleNamespace(time=time, command=centre + 0.1 * time[:, None], kind="multisine", separation=3.0)
+
+    def look(model, folder, known):
+        logs = [load_recordings(f"{folder}/{part}") for part in ("train", "test")]
+        assert [len(part) for part in logs] == [3, 3]
+        assert "multisine" in logs[0].by_kind() and "multisine" in logs[1].by_kind()
+        return SimpleNamespace(as_dict=lambda: {"verdict": "missing"})
+
+    monkeypatch.setattr(diagnosis_cases, "propose_motion", propose)
+    monkeypatch.setattr(diagnosis_cases, "_diagnose", look)
+    for verdict, effects in (("ambiguous", ("payload", "base_tilt")), ("unknown", ()), ("missing", ("payload",))):
+        found: Any = SimpleNamespace(verdict=verdict, effects=effects)
+        again = diagnosis_cases.ask_again(case, model, str(tmp_path), found, label)
+        assert (again is None) == (verdict == "missing")
+    assert asked == [(("payload", "base_tilt"), 2, (1,)), (("torque_bias", "joint_spring"), 0, (1,))]
+
+
+def short(design):
+    return diagnosis_cases.Design(design.number, design.counts, recording={**design.recording, "seconds": 0.5})
