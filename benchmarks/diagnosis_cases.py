@@ -36,18 +36,20 @@ ATTEMPTS = 5  # robots drawn until one rests at its first command
 
 # With a logged command the fitted gains take up a torque constant whole: only effort without a command shows it.
 SINGLES = tuple(name for name in SIZES if name != "torque_constant")
-# Laws that another one of the catalogue contains: left out of it, they are not outside it.
-CONTAINED = ("coulomb_friction", "torque_saturation", "torque_bias", "torque_constant")
+# Laws that others of the catalogue contain: left out of it, they are not outside it. Direction-dependent friction is
+# Coulomb friction and a bias.
+CONTAINED = ("direction_dependent_friction", "coulomb_friction", "torque_saturation", "torque_bias", "torque_constant")
 OUTSIDE = tuple(name for name in SIZES if name not in CONTAINED)
 IN_EFFORT = ("payload", "coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
-             "torque_constant", "torque_bias", "extra_rotor_inertia")  # fmt: skip
+             "torque_constant", "torque_bias", "rotor_inertia")  # fmt: skip
 FAMILIES = {
     "command": ("command_delay", "command_lowpass", "command_rate_limit"),
     "drive": ("servo_deadzone", "torque_saturation", "velocity_limit", "torque_constant", "torque_fade"),
     "friction": ("coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
                  "hysteresis", "quadratic_drag"),
     "load": ("torque_bias", "joint_spring", "payload", "base_tilt", "encoder_offset", "torque_ripple"),
-    "gear": ("joint_elasticity", "backlash", "extra_rotor_inertia"),
+    "gear": ("joint_elasticity", "backlash", "rotor_inertia"),
+    "log": ("timestamp_jitter",),
 }  # fmt: skip
 TIES = (
     ("command_delay", "command_lowpass"),

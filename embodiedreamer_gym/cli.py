@@ -66,7 +66,10 @@ def build_parser() -> argparse.ArgumentParser:
     verb("where", _where, "in which joints and regimes, on which side a model fails")
     fit = verb("calibrate", _calibrate, "fit a model's parameters", out="required")
     fit.add_argument("--method", choices=METHODS, default=METHODS[0], help="default: %(default)s")
-    verb("diagnose", _diagnose, "calibrate, then find the effects that are missing", out="optional", split=True)
+    find = verb("diagnose", _diagnose, "calibrate, then find the effects that are missing", out="optional", split=True)
+    find.add_argument(
+        "--resume", type=Path, metavar="FILE", help="keeps finished fits; goes on where it was interrupted"
+    )
     add = verb("add", _add, "add an effect and fit again", out="required", split=True)
     add.add_argument("effect", metavar="EFFECT", help=f"one of {', '.join(CATALOGUE)}, or of --effects")
     _excite_parser(verbs, common)
@@ -171,7 +174,7 @@ def _diagnose(a: argparse.Namespace, progress: Progress) -> None:
     model = _model(a, a.model)
     train, test = (_recordings(a, model, part, fit=True) for part in (a.train, a.test))
     rng = np.random.default_rng(a.seed)
-    found = diagnose(model, train, test, jobs=a.jobs, rng=rng, progress=progress)
+    found = diagnose(model, train, test, jobs=a.jobs, rng=rng, progress=progress, journal=a.resume)
     progress.close()
     _answer(a, found, lambda: write_report(
         a.report, diagnosis=found, where=where(found.calibrated, test), recordings=test
@@ -293,7 +296,7 @@ def _readable(what: str, load: Callable[[], T]) -> T:
 
 def _check_outputs(a: argparse.Namespace) -> None:
     """Complain about outputs that cannot be written before the long work begins."""
-    for path in filter(None, (getattr(a, "out", None), a.json, a.report)):
+    for path in filter(None, (getattr(a, "out", None), getattr(a, "resume", None), a.json, a.report)):
         parent = path.absolute().parent
         if not parent.is_dir():
             raise EmbodieDreamerError(f"{path} cannot be written: folder {parent} does not exist; make it first.")

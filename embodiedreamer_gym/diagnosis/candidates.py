@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
+from embodiedreamer_gym.diagnosis.journal import Known
 from embodiedreamer_gym.diagnosis.screen import Screened
 from embodiedreamer_gym.effects import Effect
-from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
+from embodiedreamer_gym.phys_aligner.least_squares import Fit, fit_at, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
@@ -41,19 +42,24 @@ class Candidate:
 
 def refit(
     base: RobotModel, screened: Screened, problem: Problem, train: Sequence[Recording], test: Sequence[Recording],
-    both_rules: bool, rival: float = np.inf,
+    both_rules: bool, rival: float = np.inf, known: Known | None = None,
 ) -> Candidate:  # fmt: skip
     """Fit base + effect from where the screening found it; under both rules between commands where none is known.
 
     problem: the base model's own, whose weights per joint and rule are kept, so that costs compare; rival: cost of another
-    refit, far above which this one is given up.
+    refit, far above which this one is given up; known: where this refit ended once before.
     """
-    trial = base.with_effect(screened.kind)
+    trial = base.with_effect(screened.kind, screened.joints)
     options = RULES if both_rules and screened.kind.stage == "command" else (problem.hold,)
+    if known is not None:
+        options = (known.hold,)
     found: list[Candidate] = []
     for hold in options:
         new = Problem(trial, train, hold=hold)
-        fit = minimise(new, start_of(new, screened.start), ITERATIONS, TOLERANCE, rival=rival)
+        if known is not None:
+            fit = fit_at(new, known.x)
+        else:
+            fit = minimise(new, start_of(new, screened.start), ITERATIONS, TOLERANCE, rival=rival)
         model = new.model_at(fit.x)
         found.append(Candidate(screened.kind, model, new, fit, evaluate(model, test, hold), new.rollouts))
     best = min(found, key=lambda c: c.fit.cost)
@@ -76,7 +82,8 @@ def prune(
     """Keep the effect only on the joints (or arms) where switching it off costs held-out score, and refit.
 
     A joint stays when switching it off alone loses more than `share` of what the dearest joint loses, both as it stands
-    and if all other parameters could answer (linearly). The smaller effect is taken unless it does worse on the held-out
+    and if all other parameters could answer (linearly); the latter alone counts where held-out motion feels no joint, as
+    of a limit that it does not reach. The smaller effect is taken unless it does worse on the held-out
     recordings.
     """
     kind, model = candidate.kind, candidate.model
@@ -84,7 +91,7 @@ def prune(
     places = sorted({place for values in effect.values.values() for place in values}, key=_order(model))
     if len(places) < 2:
         return candidate
-    losses = []
+    losses, answered = [], []
     for place in places:
         values = {}
         for p in kind.parameters:
@@ -92,9 +99,9 @@ def prune(
             if place in names:
                 values[f"{kind.name}.{p.name}"] = {place: float(model.parameter_off(p)[names.index(place)])}
         off = evaluate(model.with_values(values), test, candidate.problem.hold)
-        losses.append(min(off.score - candidate.held_out.score, _answered_loss(candidate, place)))
-    dearest = max(losses)
-    keep = [p for p, loss in zip(places, losses, strict=True) if loss > max(share * dearest, TRIFLE)]
+        answered.append(_answered_loss(candidate, place))
+        losses.append(min(off.score - candidate.held_out.score, answered[-1]))
+    keep = _dear(places, losses, share) or _dear(places, answered, share)
     spent = candidate.rollouts + len(places)
     if not keep or len(keep) == len(places):
         return replace(candidate, rollouts=spent)
@@ -108,6 +115,11 @@ def prune(
     if held_out.score > candidate.held_out.score + TRIFLE * (len(places) - len(keep)):
         return replace(candidate, rollouts=spent)
     return Candidate(kind, fitted, new, fit, held_out, spent)
+
+
+def _dear(places: Sequence[str], losses: Sequence[float], share: float) -> list[str]:
+    """Places whose loss is no trifle, beside the dearest."""
+    return [p for p, loss in zip(places, losses, strict=True) if loss > max(share * max(losses), TRIFLE)]
 
 
 def _answered_loss(candidate: Candidate, place: str) -> float:

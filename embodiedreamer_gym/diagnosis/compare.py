@@ -18,7 +18,7 @@ from embodiedreamer_gym.phys_aligner.signals import Signals, with_effort_unit
 from embodiedreamer_gym.poses import EndEffector, rotation_error, translation_error
 from embodiedreamer_gym.recordings import Recording, noise_floor, sensor_sd
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.simulation import Rollout, run_sets
+from embodiedreamer_gym.simulation import Rollout
 
 DIVERGED = 900.0  # rad/s; the simulation clips a little above
 
@@ -228,7 +228,7 @@ def compare(
 
 def free_runs(model: RobotModel, recordings: Sequence[Recording]) -> tuple[Rollout, ...]:
     """Free runs (inverse runs where no log holds a command) of recordings under one model; arrays (T, n)."""
-    runs = run_sets(model, recordings)
+    runs = Signals(model, recordings).runs(model)
     return tuple(Rollout(r.time, r.position[0], r.velocity[0], r.torque[0]) for r in runs)
 
 

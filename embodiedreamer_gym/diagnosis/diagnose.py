@@ -5,16 +5,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.candidates import Candidate, polish, prune, refit
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, Ranked, summarise
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain
+from embodiedreamer_gym.diagnosis.journal import Journal
 from embodiedreamer_gym.diagnosis.null import Null, draw_null
 from embodiedreamer_gym.diagnosis.parallel import many
+from embodiedreamer_gym.diagnosis.revise import decided, placed, without_needless
 from embodiedreamer_gym.diagnosis.screen import SEEN_SHARE, Screened, grounds, screen
-from embodiedreamer_gym.diagnosis.verdict import ALARM, contenders, convinces, mends, pays
+from embodiedreamer_gym.diagnosis.verdict import ALARM, contenders, convinces, left_over, mends, pays
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner import Calibration
@@ -43,9 +46,40 @@ class Search:
     progress: Progress
     both_rules: bool
     rng: np.random.Generator
+    journal: Journal
     rollouts: int = 0
     ranking: list[Ranked] = field(default_factory=list)
     unobservable: tuple[str, ...] = ()
+
+
+@dataclass
+class Found:
+    """What a search has added: the model at its start, its steps, rivals for the first of them, the best alone; and
+    how faultless robots like the model so far do.
+    """
+
+    start: tuple[RobotModel, Problem, Fit]
+    base: HeldOut
+    null: Null
+    steps: list[Candidate] = field(default_factory=list)
+    tie: list[Candidate] = field(default_factory=list)
+    closest: Candidate | None = None
+
+    @property
+    def current(self) -> tuple[RobotModel, Problem, Fit]:
+        """Model, problem and fit so far."""
+        return (self.steps[-1].model, self.steps[-1].problem, self.steps[-1].fit) if self.steps else self.start
+
+    @property
+    def wanting(self) -> bool:
+        """Whether the model so far is worse than faultless robots are."""
+        alarm = self.null.p_value(self.held.chi2) < ALARM
+        return alarm or (bool(self.steps) and left_over(self.held, self.null.chi2))
+
+    @property
+    def held(self) -> HeldOut:
+        """How the model so far does on the held-out recordings."""
+        return self.steps[-1].held_out if self.steps else self.base
 
 
 def diagnose(
@@ -58,12 +92,14 @@ def diagnose(
     max_seconds: float = MAX_SECONDS,
     rng: np.random.Generator | None = None,
     progress: Progress | None = None,
+    journal: str | Path | None = None,
 ) -> Diagnosis:
     """Find out which physical effects a model lacks, by free-run error on held-out recordings.
 
     catalogue: effects to consider (default: the model's); max_effects: the most that are added, one at a time, all
     parameters refitted each time; jobs: threads; max_seconds: of longer recordings the liveliest windows are used,
-    but the errors reported are those of the whole held-out recordings. The model is calibrated first.
+    but the errors reported are those of the whole held-out recordings; journal: a file that keeps finished refits, so
+    that an interrupted diagnosis goes on where it was. The model is calibrated first.
     Raises: CalibrationError or SimulationError when the recordings do not fit the model.
     """
     begun = time.perf_counter()
@@ -73,8 +109,9 @@ def diagnose(
     train, test = both[: len(train)], both[len(train) :]
     all_test, train, test = test, thin(train, max_seconds), thin(test, max_seconds)
     both = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in train)
-    search = Search(model, train, test, catalogue or model.catalogue, jobs, progress or (lambda *_: None), both,
-                    rng or np.random.default_rng(0))  # fmt: skip
+    catalogue = catalogue or model.catalogue
+    search = Search(model, train, test, catalogue, jobs, progress or (lambda *_: None), both,
+                    rng or np.random.default_rng(0), Journal(journal, model, [*train, *test], catalogue))  # fmt: skip
     problem, fit = fit_least_squares(model, train, progress=search.progress)
     calibrated = finish(problem, fit, 0.0)
     search.rollouts += problem.rollouts
@@ -83,63 +120,101 @@ def diagnose(
     null = draw_null(calibrated.model, fit, problem, test, search.rng)
     search.rollouts += null.rollouts
     p_value = null.p_value(base.chi2)
-    steps: list[Candidate] = []
-    tie: list[Candidate] = []
-    closest: Candidate | None = None
-    current, held = (calibrated.model, problem, fit), base
-    while len(steps) < max_effects and (p_value if not steps else null.p_value(held.chi2)) < ALARM:
-        candidates = _candidates(search, *current, held, null, first=not steps)
-        worthy = [c for c in candidates if pays(held, c.held_out) and (not steps or mends(held, c.held_out, null.chi2))]
-        if candidates and closest is None:
-            closest = min(candidates, key=lambda c: c.held_out.score)
-        if not worthy:
-            break
-        close = contenders(held, worthy)
-        if len(close) > 1 and not steps:
-            tie = close
-        chosen = polish(prune(close[0], train, test), test)
-        search.rollouts += chosen.rollouts - close[0].rollouts
-        steps.append(chosen)
-        current, held = (chosen.model, chosen.problem, chosen.fit), chosen.held_out
-        search.progress(f"+ {chosen.kind.name}", len(steps), held.error)
-        if tie:
-            break
+    search.progress("screening", 0, base.error)
+    screened = _screen(search, problem, fit, null, first=True)
+    found = Found((calibrated.model, problem, fit), base, null)
+    if p_value < ALARM:
+        _add_effects(search, found, screened, max_effects)
+        _revise(search, found, base)
+    steps, tie, held, null = found.steps, found.tie, found.held, found.null
     verdict = _verdict(p_value, base, held, null, steps, tie)
     final = _final(calibrated, steps)
     return summarise(
-        verdict=verdict, model=model, calibrated=calibrated, final=final, steps=steps, tie=tie, closest=closest,
+        verdict=verdict, model=model, calibrated=calibrated, final=final, steps=steps, tie=tie, closest=found.closest,
         base=base, held=held, null=null, p_value=p_value, ranking=search.ranking,
         unobservable=search.unobservable, test=all_test, rollouts=search.rollouts, seconds=time.perf_counter() - begun,
     )  # fmt: skip
 
 
-def _candidates(
-    search: Search, model: RobotModel, problem: Problem, fit: Fit, held: HeldOut, null: Null, first: bool
-) -> list[Candidate]:  # fmt: skip
-    """Screen the catalogue, refit the best of it and all that they are confused with."""
+def _add_effects(
+    search: Search, found: Found, screened: Sequence[Screened], max_effects: int
+) -> None:  # fmt: skip
+    """Add effects one at a time, all parameters refitted each time, until the model is as good as a faultless one."""
+    while len(found.steps) < max_effects and found.wanting:
+        held, null, further = found.held, found.null, bool(found.steps)
+        if further:
+            search.progress("screening", 0, held.error)
+            screened = _screen(search, *found.current[1:], null, first=False)
+        candidates = _candidates(search, screened, *found.current, held)
+        worthy = [
+            c for c in candidates if pays(held, c.held_out) and (not further or mends(held, c.held_out, null.chi2))
+        ]
+        if candidates and found.closest is None:
+            found.closest = min(candidates, key=lambda c: c.held_out.score)
+        if not worthy:
+            return
+        close = contenders(held, worthy)
+        if not further and len(close) > 1:
+            found.tie = close
+        chosen = polish(prune(close[0], search.train, search.test), search.test)
+        search.rollouts += chosen.rollouts - close[0].rollouts
+        found.steps.append(chosen)
+        found.null = draw_null(chosen.model, chosen.fit, chosen.problem, search.test, search.rng)
+        search.rollouts += found.null.rollouts
+        search.progress(f"+ {chosen.kind.name}", len(found.steps), chosen.held_out.error)
+
+
+def _revise(search: Search, found: Found, base: HeldOut) -> None:
+    """Drop an effect that others have made needless, and decide between rivals for the first."""
+    if len(found.steps) < 2:
+        return
+    search.progress("second thoughts", len(found.steps), found.held.error)
+    spent = sum(s.rollouts for s in found.steps)
+    first = found.steps[0]
+    found.steps = without_needless(found.steps, search.train, search.test)
+    if found.tie and found.steps[0] is first and len(found.steps) > 1:
+        found.steps, close = decided(base, found.tie, found.steps, search.train, search.test)
+        found.tie = close if len(close) > 1 else []
+    elif found.steps[0] is not first:
+        found.tie = []
+    found.steps = placed(found.steps, search.train, search.test)
+    search.rollouts += sum(s.rollouts for s in found.steps) - spent
+
+
+def _screen(search: Search, problem: Problem, fit: Fit, null: Null, first: bool) -> list[Screened]:
+    """Screen the catalogue; the first time also note what these sensors and this motion cannot show."""
     floor = np.sqrt(np.median(null.chi2, axis=0))
-    search.progress("screening", 0, held.error)
     before = problem.rollouts
     short, around = grounds(problem, fit, search.nominal if first else None)
     screened = screen(search.catalogue, around, short, floor, search.jobs)
     search.rollouts += short.rollouts - before + sum(s.rollouts for s in screened)
     if first:
         search.unobservable = tuple(sorted(s.kind.name for s in screened if s.visible < SEEN_SHARE))
-    chosen = _shortlist(screened)
+    return screened
+
+
+def _candidates(
+    search: Search, screened: Sequence[Screened], model: RobotModel, problem: Problem, fit: Fit, held: HeldOut
+) -> list[Candidate]:  # fmt: skip
+    """Refit the best of the screening and all that they are confused with."""
+    chosen, step = _shortlist(screened), f"{len(model.effects)} effects"
     candidates: list[Candidate] = []
     for part in (chosen[:LEADERS], chosen[LEADERS:]):  # the others are given up where they fall far behind the leaders
         rival = min((c.fit.cost for c in candidates), default=fit.cost)
-        done, of = len(candidates), len(chosen)
-        candidates += many(
-            refit,
-            [(model, item, problem, search.train, search.test, search.both_rules, rival) for item in part],
-            search.jobs,
-            lambda k, c, done=done, of=of: search.progress(
-                f"refit {c.kind.name} ({done + k} of {of})", done + k, c.held_out.error
-            ),
-        )
+        done = len(candidates)
+
+        def finished(k: int, c: Candidate, done=done) -> None:
+            search.progress(f"refit {c.kind.name} ({done + k} of {len(chosen)})", done + k, c.held_out.error)
+            search.journal.keep(f"{step} + {c.kind.name}", c.fit.x, c.problem.hold)
+
+        known = [search.journal.known(f"{step} + {item.kind.name}") for item in part]
+        calls = [
+            (model, item, problem, search.train, search.test, search.both_rules, rival, k)
+            for item, k in zip(part, known, strict=True)
+        ]
+        candidates += many(refit, calls, search.jobs, finished)
     search.rollouts += sum(c.rollouts for c in candidates)
-    if first:
+    if not search.ranking:
         linear = {s.kind.name: s.score for s in screened}
         search.ranking = [
             Ranked(c.kind.name, float(np.mean(c.held_out.chi2)), *gain(held, c.held_out), linear[c.kind.name])

@@ -128,7 +128,8 @@ def summarise(
     """Put a search's results into a Diagnosis."""
     named = verdict in ("missing", "ambiguous")
     better = final.model if named else calibrated.model
-    effects = tuple(c.kind.name for c in (tie if verdict == "ambiguous" else steps)) if named else ()
+    chain = [*tie, *steps[1:]] if verdict == "ambiguous" else steps
+    effects = tuple(c.kind.name for c in chain) if named else ()
     models = {"nominal": model, "calibrated": calibrated.model}
     if named:
         models["with_effect"] = better
@@ -177,7 +178,7 @@ def _parameters(model: RobotModel, name: str) -> dict[str, dict[str, Any]]:
     """Joint -> value, low, high, unit of an effect's first parameter; "joint.parameter" for its others."""
     rows: dict[str, dict[str, Any]] = {}
     first = next(e for e in model.effects if e.name == name).parameters[0].name
-    for row in model.parameters().select(name):
+    for row in model.parameters().of_effect(name):
         parameter = row.group.split(".")[1]
         low, high = row.interval or (None, None)
         key = row.joint if parameter == first else f"{row.joint}.{parameter}"

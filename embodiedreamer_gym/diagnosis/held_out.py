@@ -10,7 +10,6 @@ import numpy as np
 from embodiedreamer_gym.phys_aligner.signals import LARGEST, Signals
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.simulation import run_sets
 
 BLOCKS = 24  # pieces of held-out time from which the spread of a difference is estimated
 
@@ -47,7 +46,7 @@ def score(chi2: np.ndarray) -> float:
 def evaluate(model: RobotModel, recordings: Sequence[Recording], hold: str | None = None) -> HeldOut:
     """Run the recordings and sum up the errors of their usable samples."""
     signals = Signals(model, recordings)
-    errors = signals.errors(run_sets(model, signals.recordings, hold=hold))
+    errors = signals.errors(signals.runs(model, hold=hold))
     pieces = max(2, BLOCKS // len(recordings))
     blocks, counts = [], []
     for error, usable in zip(errors, signals.usable, strict=True):

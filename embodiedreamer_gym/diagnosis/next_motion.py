@@ -233,7 +233,7 @@ def _lookalike(model: RobotModel, true_name: str, other: str, span: Span, rng, p
     """The model with an effect of its typical size, and with another one fitted to what the first does."""
     true = model.with_effect(true_name)
     values: dict[str, dict[str, float]] = {}
-    for row in true.parameters().select(true_name):
+    for row in true.parameters().of_effect(true_name):
         parameter = next(p for p in model.catalogue[true_name].parameters if row.group.endswith(f".{p.name}"))
         scale = (row.high - row.low) / (parameter.high - parameter.low)
         values.setdefault(row.group, {})[row.joint] = float(np.clip(parameter.typical * scale, row.low, row.high))

@@ -21,6 +21,7 @@ LIMITS = (0.25, 0.45, 0.7, 0.95, 1.2, 1.6)  # of a limit, relative to the larges
 SHAPES = (0.3, 1.0, 3.0)
 SECONDS = 40.0  # of motion to screen on
 PLAIN = 0.02  # fall of a joint's log mean square from which an effect is started there
+FAINT = 0.005  # the like, below which a joint is left without the effect
 SEEN_SHARE = 0.5  # of the calibrated residual that an effect must change to be observable
 
 
@@ -63,7 +64,8 @@ def grounds(problem: Problem, fit: Fit, nominal: RobotModel | None) -> tuple[Pro
 class Screened:
     """One effect's screening: score (fall of the summed log residual, linear), where to start, how visible it is.
 
-    start: group -> (n or arms,) values, of the effect and of the servo's gains; visible: the effect's change of the
+    start: group -> (n or arms,) values, of the effect and of the servo's gains; joints: those that have use of the effect,
+    None for all; visible: the effect's change of the
     residuals at a typical size that the gains cannot mimic, relative to the calibrated residual of the joint where
     it is plainest.
     """
@@ -73,6 +75,7 @@ class Screened:
     start: dict[str, np.ndarray]
     visible: float
     rollouts: int
+    joints: tuple[str, ...] | None = None
 
 
 def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem, floor: np.ndarray) -> Screened:
@@ -92,6 +95,8 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
         falls.append(np.log(before) - np.log(after))
         shares.append(share)
         visible = seen if k == 0 else visible
+    if kind.of_the_log:  # it changes residuals only where a log has it
+        visible = float((problem.signals.clock_seen(kind.parameters[0].typical) / np.maximum(floor, 1.0)).max())
     fall, share = np.concatenate(falls), np.concatenate(shares)
     rows = {group: np.concatenate([points[group] for points in sizes]) for group in sizes[0]}
     start: dict[str, np.ndarray] = {}
@@ -99,12 +104,14 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
         totals = np.stack([fall[:, model.tree.arm == a].sum(axis=1) for a in range(model.tree.arms)], axis=1)
         best = np.argmax(totals, axis=0)
         score = float(np.maximum(totals.max(axis=0), 0.0).sum())
-        part, plain = np.ones(len(best)), totals.max(axis=0) > PLAIN
+        part, plain, joints = np.ones(len(best)), totals.max(axis=0) > PLAIN, None
         ground_of = (best // len(falls[0]))[model.tree.arm]
     else:
         best, columns = np.argmax(fall, axis=0), np.arange(model.n)
         score = float(np.maximum(fall[best, columns], 0.0).sum())
         plain = fall[best, columns] > PLAIN
+        use = fall[best, columns] > min(FAINT, fall[best, columns].max())
+        joints = tuple(name for name, useful in zip(model.joints, use, strict=True) if useful) or None
         part = np.where(plain, share[best, columns], 0.1)
         ground_of = np.where(plain, best // len(falls[0]), 0)
     for p in kind.parameters:
@@ -117,7 +124,7 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
             start[group] = np.clip(chosen if p.shape else chosen * part, low, high)
     for group in {row.group for row in problem.rows if "." not in row.group}:
         start[group] = np.array([getattr(around[g].model, group)[j] for j, g in enumerate(ground_of)])
-    return Screened(kind, score, start, visible, len(fall))
+    return Screened(kind, score, start, visible, len(fall), joints)
 
 
 def _changed(trial: RobotModel, points: dict[str, np.ndarray], problem: Problem) -> np.ndarray:

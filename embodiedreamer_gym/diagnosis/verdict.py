@@ -83,6 +83,11 @@ def convinces(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
     return bool(rest <= (1 - NEARLY) * was and rest_log <= (1 - MOSTLY) * was_log)
 
 
+def left_over(held: HeldOut, null: np.ndarray) -> bool:
+    """Whether some joint is worse than it may be once the right effects are in."""
+    return bool((held.chi2 / np.quantile(null, 0.95, axis=0)).max() > USUAL)
+
+
 def explained(before: HeldOut, after: HeldOut, null: np.ndarray) -> np.ndarray:
     """Share (n,) of each joint's excess mean square that is gone; NaN where there was no excess.
 

@@ -16,7 +16,6 @@ from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
 from embodiedreamer_gym.effects.direction_dependent_friction import DirectionDependentFriction
 from embodiedreamer_gym.effects.effect import Effect, MechanicsChange, SignalLaw, TorqueBudget
 from embodiedreamer_gym.effects.encoder_offset import EncoderOffset
-from embodiedreamer_gym.effects.extra_rotor_inertia import ExtraRotorInertia
 from embodiedreamer_gym.effects.hysteresis import Hysteresis
 from embodiedreamer_gym.effects.joint_elasticity import JointElasticity
 from embodiedreamer_gym.effects.joint_spring import JointSpring
@@ -24,8 +23,10 @@ from embodiedreamer_gym.effects.laws import check_laws
 from embodiedreamer_gym.effects.load_friction import LoadFriction
 from embodiedreamer_gym.effects.payload import Payload
 from embodiedreamer_gym.effects.quadratic_drag import QuadraticDrag
+from embodiedreamer_gym.effects.rotor_inertia import RotorInertia
 from embodiedreamer_gym.effects.servo_deadzone import ServoDeadzone
 from embodiedreamer_gym.effects.stribeck_friction import StribeckFriction
+from embodiedreamer_gym.effects.timestamp_jitter import TimestampJitter
 from embodiedreamer_gym.effects.torque_bias import TorqueBias
 from embodiedreamer_gym.effects.torque_constant import TorqueConstant
 from embodiedreamer_gym.effects.torque_fade import TorqueFade
@@ -58,10 +59,11 @@ CATALOGUE: Catalogue = {
         JointSpring,
         JointElasticity,
         Backlash,
-        ExtraRotorInertia,
+        RotorInertia,
         Payload,
         BaseTilt,
         EncoderOffset,
+        TimestampJitter,
     )
 }
 

@@ -34,6 +34,8 @@ def faults(kind: type[Effect]) -> Iterator[str]:
         yield f"has as its stage {stage!r}; a SignalLaw acts on one of {', '.join(STAGES)}"
     if kind.passive and base is SignalLaw and stage != "load":
         yield f"is passive on the stage '{stage}'; only a torque on the joint, stage 'load', can be"
+    if kind.of_the_log and (base is not SignalLaw or stage != "sensor"):
+        yield "is of the log; only a SignalLaw on the stage 'sensor' can be"
     own = [m for m in METHODS[base] if inspect.getattr_static(kind, m) is not inspect.getattr_static(base, m)]
     if not own:
         yield f"defines no {' and no '.join(METHODS[base])}"
@@ -57,7 +59,7 @@ def _parameter_faults(kind: type[Effect], base: type[Effect]) -> Iterator[str]:
     for p in given:
         for fault in _absurd(p):
             yield f"has the parameter '{p.name}' {fault}"
-        if p.per == "arm" and base is not MechanicsChange:
+        if p.per == "arm" and base is not MechanicsChange and not kind.of_the_log:
             yield f"has the parameter '{p.name}' per arm; only a MechanicsChange knows of arms"
 
 

@@ -8,8 +8,8 @@ class DirectionDependentFriction(TorqueBudget):
 
     name = "direction_dependent_friction"
     parameters = (
-        Parameter("forward", "N m", off=0.0, low=0.0, high=2.0, typical=0.15, scale="torque"),
-        Parameter("backward", "N m", off=0.0, low=0.0, high=2.0, typical=0.05, scale="torque"),
+        Parameter("forward", "N m", off=0.0, low=0.0, high=6.0, typical=0.15, scale="torque"),
+        Parameter("backward", "N m", off=0.0, low=0.0, high=6.0, typical=0.05, scale="torque"),
     )
     symptom = "the joint lags more in one direction than in the other, at any pose"
     reveals = "the same slow sweep forward and backward"

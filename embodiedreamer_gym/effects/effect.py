@@ -102,6 +102,7 @@ class Effect:
     kind: ClassVar[str]
     stage: ClassVar[str]
     passive: ClassVar[bool] = False  # never adds energy, which its laws then check
+    of_the_log: ClassVar[bool] = False  # of the sensors' clock: the robot does not feel it, see `TimestampJitter`
 
     def __init__(self, **values: Mapping[str, float]) -> None:
         known = {p.name: p for p in self.parameters}

@@ -12,7 +12,7 @@ class Hysteresis(SignalLaw):
     stage = "load"
     passive = True
     parameters = (
-        Parameter("torque", "N m", off=0.0, low=0.0, high=2.0, typical=0.1, scale="torque"),
+        Parameter("torque", "N m", off=0.0, low=0.0, high=6.0, typical=0.1, scale="torque"),
         Parameter("travel", "rad", off=0.02, low=0.004, high=0.5, typical=0.02, shape=True),
     )
     symptom = "after each reversal the torque takes some travel to change sides: small moves go round in loops"

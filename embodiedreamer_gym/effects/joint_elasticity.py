@@ -13,7 +13,7 @@ class JointElasticity(MechanicsChange):
     )
     symptom = "the joint rings after sudden stops, faster than its servo, and hardly feels its load while speeding up"
     reveals = "abrupt stops and a multisine up to the resonance; the end effector, which sags unseen by the encoders"
-    confused_with = ("extra_rotor_inertia", "backlash")
+    confused_with = ("rotor_inertia", "backlash")
 
     @staticmethod
     def change(mechanics, p):

@@ -9,7 +9,7 @@ class JointSpring(SignalLaw):
     name = "joint_spring"
     stage = "load"
     parameters = (
-        Parameter("stiffness", "N m/rad", off=0.0, low=0.0, high=5.0, typical=0.2, scale="torque"),
+        Parameter("stiffness", "N m/rad", off=0.0, low=0.0, high=60.0, typical=0.2, scale="torque"),
         Parameter("angle", "rad", off=0.0, low=-3.2, high=3.2, typical=0.3, shape=True),
     )
     symptom = "the error grows with the distance from one angle of the joint"

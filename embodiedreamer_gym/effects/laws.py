@@ -93,6 +93,8 @@ def _check_signal(effect: SignalLaw, sets: Sets, motion: Motion) -> None:
         _refuse(effect, "returns NaN or inf for ordinary inputs; a limit that is off reaches it as np.inf", "finite")
     if np.abs(out - motion.signal)[:, OFF].max() > CLOSE:
         _refuse(effect, "is not the identity when its parameters are off", "off")
+    if effect.of_the_log and np.abs(out - motion.signal).max() > CLOSE:
+        _refuse(effect, "is of the log but changes the signal; return it as it is", "off")
     _check_repeats(effect, np.array_equal(out, _play(effect, motion, sets)))
     for b in range(SETS):
         rows = slice(b, b + 1)

@@ -14,7 +14,7 @@ class Payload(MechanicsChange):
         "torque_bias",
         "base_tilt",
         "joint_spring",
-        "extra_rotor_inertia",
+        "rotor_inertia",
         "torque_fade",
         "torque_constant",
     )

@@ -10,8 +10,8 @@ class StribeckFriction(TorqueBudget):
 
     name = "stribeck_friction"
     parameters = (
-        Parameter("sliding", "N m", off=0.0, low=0.0, high=2.0, typical=0.05, scale="torque"),
-        Parameter("extra_static", "N m", off=0.0, low=0.0, high=2.0, typical=0.1, scale="torque"),
+        Parameter("sliding", "N m", off=0.0, low=0.0, high=6.0, typical=0.05, scale="torque"),
+        Parameter("extra_static", "N m", off=0.0, low=0.0, high=6.0, typical=0.1, scale="torque"),
         Parameter("speed", "rad/s", off=0.1, low=0.005, high=1.0, typical=0.1, shape=True),
     )
     symptom = "stick-slip: the joint breaks loose with a jerk, and moves more easily once it moves"

@@ -11,7 +11,7 @@ class TorqueRipple(SignalLaw):
     name = "torque_ripple"
     stage = "load"
     parameters = (
-        Parameter("amplitude", "N m", off=0.0, low=0.0, high=1.0, typical=0.1, scale="torque"),
+        Parameter("amplitude", "N m", off=0.0, low=0.0, high=6.0, typical=0.1, scale="torque"),
         Parameter("frequency", "1/rad", off=10.0, low=1.0, high=200.0, typical=10.0, shape=True,
                   starts=(2, 5, 8, 11, 14, 17, 20, 23, 26, 30, 34, 38, 43, 48, 54, 60, 70, 80, 100)),
         Parameter("phase", "rad", off=0.0, low=-6.3, high=6.3, typical=2.1, shape=True),

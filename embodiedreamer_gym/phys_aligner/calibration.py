@@ -25,7 +25,7 @@ RULES = ("linear", "hold")
 class Calibration:
     """Result of a calibration: the model with its values and 95 % intervals, and what they cost.
 
-    error: mean over joints of each joint's root-mean-square on the fitted recordings, in the joints' unit;
+    error: mean over joints of each joint's root-mean-square on the fitted recordings, in `unit` (or the joint's own);
     undetermined: parameters that this motion does not determine; rollouts: parameter sets simulated over all
     recordings; fit: where the minimisation ended (least squares only).
     """
@@ -40,9 +40,17 @@ class Calibration:
     fit: Fit | None = field(default=None, repr=False)
     problem: Problem | None = field(default=None, repr=False)
 
+    @property
+    def unit(self) -> str:
+        """Unit of the error: rad, or N m or A of logs without a command."""
+        return (self.problem.signals.unit if self.problem else "") or "rad"
+
     def __str__(self) -> str:
         lines = [str(self.model.parameters()), ""]
-        lines.append(f"{self.method}: {self.error * 1e3:.3f} mrad after {self.rollouts} rollouts, {self.seconds:.1f} s")
+        milli = "mrad" if self.unit == "rad" else f"m{self.unit}"
+        lines.append(
+            f"{self.method}: {self.error * 1e3:.3f} {milli} after {self.rollouts} rollouts, {self.seconds:.1f} s"
+        )
         if self.model.command_hold != "unknown":
             lines.append(f"between two commands the controller's rule is: {self.model.command_hold}")
         if self.undetermined:
@@ -56,7 +64,7 @@ class Calibration:
                      "high": r.interval[1] if r.interval else None, "unit": r.unit}
             for r in self.model.parameters()
         }  # fmt: skip
-        return {"method": self.method, "error": {"unit": "rad", "value": self.error}, "parameters": rows,
+        return {"method": self.method, "error": {"unit": self.unit, "value": self.error}, "parameters": rows,
                 "command_hold": self.model.command_hold, "undetermined": list(self.undetermined),
                 "rollouts": self.rollouts, "seconds": self.seconds, "converged": self.converged}  # fmt: skip
 

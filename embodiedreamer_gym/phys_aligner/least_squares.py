@@ -66,6 +66,15 @@ def minimise(
         r, jacobian = problem.jacobian(x)
         if converged or hopeless or problem.rollouts + len(DAMPINGS) + len(x) + 1 > budget:
             break
+    return _fit(problem, x, r, jacobian, converged)
+
+
+def fit_at(problem: Problem, x: np.ndarray) -> Fit:
+    """The fit that ended at scaled parameters (m,)."""
+    return _fit(problem, x, *problem.jacobian(x), True)
+
+
+def _fit(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray, converged: bool) -> Fit:
     limit = huber_limit(problem, r)
     return Fit(x, robust_cost(problem, r, limit), r, jacobian, robust_weight(problem, r, limit), converged)
 

@@ -25,7 +25,7 @@ def free_rows(
     if groups is not None:
         return table.select(*groups).rows
     names = ["viscous_friction"] if by_effort else ["stiffness", "damping"]
-    names += [e.name for e in model.effects]
+    names += [row.group for e in model.effects for row in table.of_effect(e.name)]
     if "rotor_inertia" not in model.given:
         names.append("rotor_inertia")
     return table.select(*names).rows

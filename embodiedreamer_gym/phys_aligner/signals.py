@@ -8,6 +8,7 @@ squares.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -19,6 +20,7 @@ from embodiedreamer_gym.recordings import (
     smooth_motion,
     smoothing_gain,
     smoothing_half,
+    stamp_errors,
 )
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Drive, Rollout, Sets, resting, run_sets
@@ -39,7 +41,7 @@ class Signals:
     def __init__(self, model: RobotModel, recordings: Sequence[Recording]) -> None:
         self.recordings = tuple(recordings)
         self.by_effort = any(r.command is None for r in recordings)
-        self.unit = ""
+        self.unit, self._arm = "", model.tree.arm
         if not self.by_effort:
             self.sigma = noise_floor([r.sigma for r in recordings])
             self.usable = [r.usable for r in recordings]
@@ -47,8 +49,12 @@ class Signals:
         self.recordings = with_effort_unit(model, recordings)
         self.unit = self.recordings[0].effort_unit
         self._measured = [_smoothed_effort(r) for r in self.recordings]
-        self.sigma = _effort_noise(model, self.recordings)
         self.usable = [r.usable & ~_unknown(r) for r in self.recordings]
+        scale = np.ones(model.n)
+        if self.unit == "A":
+            runs = [run.torque for run in run_sets(model, self.recordings)]
+            scale = _scales(self._measured, runs, self.usable)[0, 0]
+        self.sigma = _effort_noise(model, self.recordings, scale)
 
     def errors(self, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
         """Measured less simulated (P, T, n) of runs (P, T, n), in the channels' units."""
@@ -59,9 +65,45 @@ class Signals:
         scale = _scales(self._measured, runs, self.usable) if self.unit == "A" else 1.0
         return [e - scale * run for e, run in zip(self._measured, runs, strict=True)]
 
+    def runs(self, model: RobotModel, sets: Sets | None = None, hold: str | None = None) -> list[Rollout]:
+        """What a model makes of the recordings under P parameter sets, as their clocks would have stamped it.
+
+        The clock's part is linear in its jitter: of the jitter that an arm's joints show, the run on mended stamps is it.
+        """
+        runs = run_sets(model, self.recordings, sets, hold)
+        if self.by_effort:
+            return runs
+        for effect, p in Drive(model, sets).laws["sensor"]:
+            seconds = getattr(p, effect.parameters[0].name) if effect.of_the_log else np.zeros((1, 0))
+            for arm in np.flatnonzero(seconds.any(axis=0)).tolist():
+                shown, mended = self._clocks[arm]
+                if shown > 0:
+                    share = (self._arm == arm) * seconds[:, arm, None, None] / shown
+                    other = run_sets(model, mended, sets, hold)
+                    runs = [_between(a, b, share) for a, b in zip(runs, other, strict=True)]
+        return runs
+
+    def clock_seen(self, seconds: float) -> np.ndarray:
+        """Rms residual (n,), in sensor noises, that time stamps with a jitter would leave."""
+        if self.by_effort:
+            return np.zeros(len(self.sigma))
+        speeds = np.concatenate([smooth_motion(r).velocity for r in self.recordings])
+        return seconds * np.sqrt(np.mean(speeds**2, axis=0)) / self.sigma
+
+    @cached_property
+    def _clocks(self) -> list[tuple[float, list[Recording]]]:
+        """Of each arm, the jitter that its joints show, s, and the recordings on stamps without it."""
+        clocks = []
+        for arm in range(int(self._arm.max()) + 1):
+            own = [r.joints[j] for r in self.recordings[:1] for j in np.flatnonzero(self._arm == arm)]
+            shown, late = stamp_errors([r.only(own) for r in self.recordings])
+            mended = [r.with_(time=_rising(r.time - d)) for r, d in zip(self.recordings, late, strict=True)]
+            clocks.append((shown, mended if shown > 0 else []))
+        return clocks
+
     def residuals(self, model: RobotModel, sets: Sets | None = None, hold: str | None = None) -> np.ndarray:
         """Residuals (P, N) of the usable samples in sensor noises, under P parameter sets of a model."""
-        errors = self.errors(run_sets(model, self.recordings, sets, hold))
+        errors = self.errors(self.runs(model, sets, hold))
         parts = [(error / self.sigma)[:, usable] for error, usable in zip(errors, self.usable, strict=True)]
         return np.clip(np.concatenate(parts, axis=1), -LARGEST, LARGEST)
 
@@ -78,6 +120,18 @@ def with_effort_unit(model: RobotModel, recordings: Sequence[Recording]) -> tupl
     scale = float(np.median(_scales([_smoothed_effort(r) for r in recordings], runs, usable)))
     unit = "N m" if 1 / PLAUSIBLE < scale < PLAUSIBLE else "A"
     return tuple(r.with_(effort_unit=unit) for r in recordings)
+
+
+def _between(a: Rollout, b: Rollout, share: np.ndarray) -> Rollout:
+    """The run that lies a share (P, 1, n) of the way from one to the other."""
+    mixed = (x + share * (y - x) for x, y in zip(vars(a).values(), vars(b).values(), strict=True) if x.ndim == 3)
+    return Rollout(a.time, *mixed)
+
+
+def _rising(time: np.ndarray) -> np.ndarray:
+    """Times (T,), each at least a little after the one before."""
+    least = 0.02 * float(np.median(np.diff(time))) * np.arange(len(time))
+    return np.maximum.accumulate(time - least) + least
 
 
 def _smoothed_effort(recording: Recording) -> np.ndarray:
@@ -102,8 +156,11 @@ def _scales(measured: Sequence[np.ndarray], runs: Sequence[np.ndarray], usable: 
     return np.asarray(product) / np.maximum(power, 1e-300)
 
 
-def _effort_noise(model: RobotModel, recordings: Sequence[Recording]) -> np.ndarray:
-    """Noise (n,) of a smoothed effort against an inverse run: the effort's own and that of the acceleration."""
+def _effort_noise(model: RobotModel, recordings: Sequence[Recording], scale: np.ndarray) -> np.ndarray:
+    """Noise (n,) of a smoothed effort against an inverse run: the effort's own and that of the acceleration.
+
+    scale (n,): effort per torque.
+    """
     mechanics, found = Drive(model).mechanics, []
     for r in recordings:
         motion = smooth_motion(r)
@@ -113,10 +170,5 @@ def _effort_noise(model: RobotModel, recordings: Sequence[Recording]) -> np.ndar
         bend = np.sqrt(np.mean((mass * motion.acceleration_noise) ** 2, axis=0).sum(axis=1))
         own = smoothing_gain(r) * sensor_sd(r.time, np.asarray(r.effort))
         least = 1e-5 * np.ptp(np.asarray(r.effort), axis=0)
-        scale = (
-            1.0
-            if r.effort_unit == "N m"
-            else np.std(np.asarray(r.effort), axis=0) / np.maximum(model.torque_scale, 1e-9)
-        )
         found.append(np.sqrt(own**2 + (bend * scale) ** 2 + least**2))
     return np.sqrt(np.mean(np.square(found), axis=0))

@@ -3,6 +3,7 @@
 from embodiedreamer_gym.recordings.checks import Finding
 from embodiedreamer_gym.recordings.files import load_recordings, save_recording
 from embodiedreamer_gym.recordings.frames import FrameSource
+from embodiedreamer_gym.recordings.jitter import estimate_jitter, stamp_errors
 from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum, noise_floor, sensor_sd
 from embodiedreamer_gym.recordings.preflight import Preflight, preflight
 from embodiedreamer_gym.recordings.recording import Recording, Recordings
@@ -16,6 +17,7 @@ __all__ = [
     "Preflight",
     "Recording",
     "Recordings",
+    "estimate_jitter",
     "estimate_noise",
     "estimate_quantum",
     "load_recordings",
@@ -26,6 +28,7 @@ __all__ = [
     "smooth_motion",
     "smoothing_gain",
     "smoothing_half",
+    "stamp_errors",
     "thin",
     "window",
 ]

@@ -58,8 +58,12 @@ def time_base(recording: Recording) -> Iterator[Finding]:
 def channels(recording: Recording) -> Iterator[Finding]:
     """Signals that the log does not have."""
     if recording.command is None:
-        message = "there is no command, so nothing can be simulated against it; log what was sent to the servos"
-        yield Finding("error", "no-command", (), message)
+        if recording.effort is None:
+            message = "there is neither a command nor an effort to simulate against; log what was sent to the servos"
+            yield Finding("error", "no-command", (), message)
+        else:
+            message = "there is no command: the effort that the motion takes is compared instead"
+            yield Finding("info", "effort-only", (), message)
     if recording.effort is None:
         yield Finding("info", "no-effort", (), "there is no effort: torque limits show only in the motion")
     if recording.velocity is None:

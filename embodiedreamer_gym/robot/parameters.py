@@ -46,8 +46,13 @@ class ParameterTable:
         raise KeyError(f"no parameter '{name}'; there are {', '.join(r.name for r in self.rows)}")
 
     def select(self, *groups: str) -> ParameterTable:
-        """Only the rows of these groups (an effect's name selects all of its groups)."""
-        return ParameterTable(tuple(r for r in self.rows if r.group in groups or r.group.split(".")[0] in groups))
+        """Only the rows of these groups; an effect's name that is no group's selects all of its groups."""
+        wholes = set(groups) - {r.group for r in self.rows}
+        return ParameterTable(tuple(r for r in self.rows if r.group in groups or r.group.split(".")[0] in wholes))
+
+    def of_effect(self, name: str) -> ParameterTable:
+        """Only the rows of an effect."""
+        return ParameterTable(tuple(r for r in self.rows if r.group.startswith(f"{name}.")))
 
     @property
     def values(self) -> np.ndarray:

@@ -47,7 +47,7 @@ class Engine:
         self._limit = np.where(limit > 0, limit, np.inf)
         self._line = torque_speed_line(hidden, self._kd)
         self._strength, self._fading = drive_strength(hidden)
-        self._rotor = servo["rotor_inertia"] / stroke**2 + hidden.get("extra_rotor_inertia", "inertia")
+        self._rotor = servo["rotor_inertia"] / stroke**2 + hidden.get("rotor_inertia", "inertia")
         self._viscous = servo["viscous_friction"] / stroke**2
         self._model.dof_damping[plant.dof] = self._viscous
         self._set_servo(self._strength)

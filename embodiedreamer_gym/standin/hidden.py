@@ -14,12 +14,13 @@ springs, bias and ripple act beside it.
 | joint_spring | joint stiffness |
 | torque_constant, torque_fade | gains and force range of the actuator; the fade begins with the motion |
 | joint_elasticity, backlash | the motor a body of its own, a tendon's spring or its limits between it and the joint |
-| extra_rotor_inertia | `dof_armature` |
+| rotor_inertia | `dof_armature` |
 | torque_saturation | force range of the actuator |
 | velocity_limit | torque-speed line from `stall_torque` at rest; without one, 100 times the servo's damping |
 | servo_deadzone, encoder_offset | the set point the actuator sees |
 | command_delay, command_lowpass, command_rate_limit | the command at every step, in this order |
 | payload, base_tilt | a ball welded to the end effector; the arm turned at its root |
+| timestamp_jitter | not at all: the log's one clock, as bad as that of its worst arm |
 """
 
 from __future__ import annotations
@@ -57,10 +58,11 @@ EFFECTS: dict[str, dict[str, tuple[str, int]]] = {
     "joint_spring": {"stiffness": ("joint", -2), "angle": ("joint", 1)},
     "joint_elasticity": {"compliance": ("joint", 2), "settling": ("joint", 0)},
     "backlash": {"gap": ("joint", 1)},
-    "extra_rotor_inertia": {"inertia": ("joint", -2)},
+    "rotor_inertia": {"inertia": ("joint", -2)},
     "payload": {"mass": ("arm", 0), "x": ("arm", 0), "y": ("arm", 0), "z": ("arm", 0)},
     "base_tilt": {"roll": ("arm", 0), "pitch": ("arm", 0)},
     "encoder_offset": {"angle": ("joint", 1)},
+    "timestamp_jitter": {"seconds": ("arm", 0)},
 }
 
 

@@ -55,10 +55,12 @@ SIZES: dict[str, dict[str, tuple[float, float, str]]] = {
     },
     "joint_elasticity": {"compliance": (0.02, 0.08, "soft"), "settling": (0.001, 0.005, "shape")},
     "backlash": {"gap": (0.02, 0.08, "")},
-    "extra_rotor_inertia": {"inertia": (4.0, 12.0, "rotor")},
+    "rotor_inertia": {"inertia": (4.0, 12.0, "rotor")},
+    "timestamp_jitter": {"seconds": (0.002, 0.004, "")},
 }
 FACTORS = ("command_rate_limit", "torque_saturation", "velocity_limit", "torque_constant")  # grow by powers
-MOST = {"torque_fade": {"loss": 0.9}}
+MOST = {"torque_fade": {"loss": 0.9}, "timestamp_jitter": {"seconds": 0.02}}
+PER_ARM = ("payload", "base_tilt", "timestamp_jitter")
 SAME_FOR_ALL = ("command_delay", "command_lowpass", "command_rate_limit")
 BY_GRAVITY = ("encoder_offset", "torque_fade", "joint_elasticity")
 EITHER_SIGN = ("torque_bias", "encoder_offset", "base_tilt")
@@ -92,7 +94,7 @@ def draw_values(
     """Values of the effect's parameters (n,) or (arms,); joints, arms: where it may act."""
     if effect not in SIZES:
         raise EffectError(f"there are no cases of '{effect}'; there are {', '.join(SIZES)}.")
-    if effect in ("payload", "base_tilt"):
+    if effect in PER_ARM:
         where, size = arms, np.ones(len(nominal.end_effectors))
     else:
         where, size = _choose(effect, nominal, span, rng, joints), np.ones(len(nominal.joints))

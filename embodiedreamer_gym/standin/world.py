@@ -126,7 +126,7 @@ class StandIn:
         """Play a motion and log it at `rate` Hz.
 
         noise, quantum: sd and step of the measured position, recorded units, one number or (n,); jitter: sd
-        of the time stamps, s; effort_noise: share of `effort_scale`; velocity_noise: sd, unit/s;
+        of the time stamps, s, cut at 0.45 of a step; effort_noise: share of `effort_scale`; velocity_noise: sd, unit/s;
         command_known: what the controller makes of the logged commands; declare: the log's `command_hold`.
         """
         instants = np.arange(int(np.floor(motion.duration * rate + 1e-9)) + 1) / rate
@@ -150,6 +150,7 @@ class StandIn:
         position = np.where(step > 0, np.round(position / np.where(step > 0, step, 1)) * step, position)
         velocity = velocity + velocity_noise * self.rng.standard_normal(size)
         effort = effort + effort_noise * self.effort_scale * self.rng.standard_normal(size)
+        jitter = max(jitter, *self._hidden.get("timestamp_jitter", "seconds"))
         stamps = instants + np.clip(jitter * self.rng.standard_normal(len(instants)), -0.45 / rate, 0.45 / rate)
         return Recording(
             name=name or f"{motion.kind}-1",

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.diagnosis import add_effect, diagnose
+from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain, score
 from embodiedreamer_gym.diagnosis.null import draw_null
-from embodiedreamer_gym.diagnosis.verdict import contenders, explained, pays, total_explained
-from embodiedreamer_gym.effects import Parameter, SignalLaw
+from embodiedreamer_gym.diagnosis.revise import without_needless
+from embodiedreamer_gym.diagnosis.verdict import contenders, convinces, explained, left_over, pays, total_explained
+from embodiedreamer_gym.effects import CATALOGUE, Parameter, SignalLaw
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.calibration import fit_least_squares
 from embodiedreamer_gym.recordings import Recording, Recordings
@@ -197,3 +199,63 @@ def test_the_special_case_goes_before_the_richer_law() -> None:
     assert [c.kind.name for c in close] == ["coulomb_friction"]
     tie = contenders(before, [Fake("torque_bias", 1.50), Fake("encoder_offset", 1.52)])  # type: ignore[list-item]
     assert len(tie) == 2
+
+
+def test_two_effects_are_named_on_their_joints(model) -> None:
+    """A delay of the command and dry friction of the elbow, one after the other, and the error ends at the noise."""
+    truth = model.with_effect("command_delay").with_effect("coulomb_friction")
+    delays = {"shoulder": 0.03, "elbow": 0.03}
+    truth = truth.with_values({"command_delay.seconds": delays, "coulomb_friction.torque": {"elbow": 0.4}})
+    train, test = logs(truth)
+    found = diagnose(model, train, test, jobs=1)
+    assert found.verdict == "missing"
+    assert set(found.effects) == {"command_delay", "coulomb_friction"}
+    assert found.joints == {"command_delay": ("shoulder", "elbow"), "coulomb_friction": ("elbow",)}
+    assert found.parameters["command_delay"]["elbow"]["value"] == pytest.approx(0.03, rel=0.1)
+    assert found.error["with_effect"] < 1.1 * found.error["noise"]
+
+
+@pytest.fixture
+def faultless_null() -> np.ndarray:
+    """chi2 (200, 3) of faultless robots, between 1 and 1.1."""
+    return 1.0 + 0.1 * np.random.default_rng(0).random((200, 3))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "sure"),
+    [
+        pytest.param([40.0, 1.0, 1.0], [1.1, 1.0, 1.0], True, id="nothing left"),
+        pytest.param([40.0, 1.0, 1.0], [2.0, 1.0, 1.0], True, id="a fortieth left"),
+        pytest.param([9.0, 1.0, 1.0], [2.5, 1.0, 1.0], False, id="a fifth left, and others reach the noise"),
+        pytest.param([9.0, 9.0, 1.0], [1.0, 8.0, 1.0], False, id="one joint mended of two"),
+        pytest.param([900.0, 400.0, 90.0], [200.0, 60.0, 20.0], True, id="no joint near the noise, most explained"),
+        pytest.param([900.0, 400.0, 90.0], [800.0, 300.0, 80.0], False, id="no joint near the noise, little explained"),
+    ],
+)
+def test_what_is_named_leaves_no_more_than_a_faultless_robot_has(before, after, sure, faultless_null) -> None:
+    """Or next to nothing of what there was; where no joint comes near its noise most is enough."""
+    pair = held(np.array(before)), held(np.array(after))
+    assert convinces(*pair, faultless_null) is sure
+
+
+def test_a_joint_out_of_its_range_asks_for_another_effect(faultless_null) -> None:
+    assert not left_over(held(np.array([1.1, 1.0, 1.05])), faultless_null)
+    assert left_over(held(np.array([1.1, 1.6, 1.05])), faultless_null)
+
+
+def test_an_effect_that_others_make_needless_is_dropped(model) -> None:
+    """Torque bias beside the payload that truly is there: without the bias the motion is as well explained."""
+    truth = model.with_effect("payload").with_values({"payload.mass": {model.arms[0]: 0.3}})
+    train, test = logs(truth)
+    fits = []
+    trial = model
+    for name in ("torque_bias", "payload"):
+        trial = trial.with_effect(name)
+        problem, fit = fit_least_squares(trial, train)
+        fitted = problem.model_at(fit.x)
+        kind = CATALOGUE[name]
+        fits.append(Candidate(kind, fitted, problem, fit, evaluate(fitted, test, problem.hold), problem.rollouts))
+    kept = without_needless(fits, train, test)
+    assert [step.kind.name for step in kept] == ["payload"]
+    assert [effect.name for effect in kept[-1].model.effects] == ["payload"]
+    assert kept[-1].held_out.score < fits[-1].held_out.score + 0.1

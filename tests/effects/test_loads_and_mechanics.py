@@ -8,10 +8,10 @@ import pytest
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.effects.base_tilt import BaseTilt
 from embodiedreamer_gym.effects.encoder_offset import EncoderOffset
-from embodiedreamer_gym.effects.extra_rotor_inertia import ExtraRotorInertia
 from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.effects.joint_spring import JointSpring
 from embodiedreamer_gym.effects.payload import Payload
+from embodiedreamer_gym.effects.rotor_inertia import RotorInertia
 from embodiedreamer_gym.effects.torque_bias import TorqueBias
 from embodiedreamer_gym.effects.torque_ripple import TorqueRipple
 from embodiedreamer_gym.simulation import Drive, simulate
@@ -54,9 +54,9 @@ def test_ripple_pushes_by_the_sine_of_the_angle() -> None:
 
 def test_a_heavier_rotor_weighs_nothing_and_is_as_slow_as_the_models_own() -> None:
     model = robot("pendulum1")
-    q, torque = hold(ExtraRotorInertia(inertia={"joint1": 0.03}))
+    q, torque = hold(RotorInertia(inertia={"joint1": 0.03}))
     assert torque == pytest.approx(WEIGHT * np.sin(q), abs=1e-5)
-    extra = model.with_effect(ExtraRotorInertia(inertia={"joint1": 0.03}))
+    extra = model.with_effect(RotorInertia(inertia={"joint1": 0.03}))
     own = model.with_(rotor_inertia=model.rotor_inertia + 0.03)
     motion = fast(model, 1.0)
     np.testing.assert_array_equal(simulate(extra, motion).position, simulate(own, motion).position)

@@ -21,6 +21,7 @@ EFFECTS = load_effects(USERS)
 PASSIVE = [name for name, kind in EFFECTS.items() if kind.passive]
 COMMAND = [n for n, kind in EFFECTS.items() if issubclass(kind, SignalLaw) and kind.stage == "command"]
 DOCS = Path(__file__).parents[2] / "docs" / "effects.md"
+FELT = [name for name, kind in EFFECTS.items() if not kind.of_the_log]
 
 every_effect = pytest.mark.parametrize("effect", EFFECTS)
 every_robot = pytest.mark.parametrize("name", BUILT_IN)
@@ -42,7 +43,7 @@ def test_off_is_the_identity(effect: str, name: str) -> None:
     np.testing.assert_allclose(b.torque, a.torque, rtol=0, atol=1e-7)
 
 
-@every_effect
+@pytest.mark.parametrize("effect", FELT)
 def test_a_plain_size_shows(effect: str) -> None:
     model = robot("so101")
     recording = fast(model)

@@ -71,8 +71,10 @@ def test_absent_signals(make):
     found = codes(make(command=None, velocity=None, effort=None))
     severities = {"no-command": "error", "no-effort": "info", "no-velocity": "info"}
     assert {code: finding.severity for code, finding in found.items()} == severities
-    result = preflight(make(command=None))
+    result = preflight(make(command=None, effort=None))
     assert not result.ok and result.findings[0].code == "no-command" and "error   no-command" in str(result)
+    result = preflight(make(command=None))
+    assert result.ok and "effort-only" in codes(make(command=None))
 
 
 @pytest.mark.parametrize("side", [1, -1])

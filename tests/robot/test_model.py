@@ -111,7 +111,7 @@ def test_the_table_of_parameters(tmp_path: Path) -> None:
     assert len(table) == 9 and [row.group for row in table][:2] == ["stiffness", "stiffness"]
     row = table["coulomb_friction.torque[elbow]"]
     assert (row.value, row.unit, row.off, row.interval, row.index) == (0.2, "N m", 0.0, (0.1, 0.3), 1)
-    assert row.low == 0.0 and row.high == pytest.approx(2.0 * model.torque_scale[1])
+    assert row.low == 0.0 and row.high == pytest.approx(6.0 * model.torque_scale[1])
     assert all(r.low <= r.value <= r.high for r in table)
     np.testing.assert_array_equal(table.select("stiffness", "damping").values, [60.0, 25.0, 5.0, 1.5])
     assert len(table.select("coulomb_friction")) == 1

@@ -16,7 +16,7 @@ from tests.two_joint_arm import load_arm, record
 
 PLANT_SIDE = (
     "coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
-    "quadratic_drag", "torque_bias", "torque_ripple", "joint_spring", "extra_rotor_inertia", "payload", "base_tilt",
+    "quadratic_drag", "torque_bias", "torque_ripple", "joint_spring", "rotor_inertia", "payload", "base_tilt",
     "encoder_offset", "torque_constant",
 )  # fmt: skip
 BEFORE_THE_DRIVE = ("command_delay", "command_lowpass", "servo_deadzone")

@@ -4,6 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
+from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.errors import EffectError, ModelError
 from embodiedreamer_gym.motions import MOTIONS, span_of
 from embodiedreamer_gym.recordings import load_recordings
@@ -29,7 +30,8 @@ def test_every_effect_shows_in_the_motions_to_learn_from(effect, plain):
     case = draw_case(effect, "pendulum1", rng(), strength="strong", seconds=SECONDS)
     assert set(case.truth["values"]) <= set(EFFECTS[effect])
     assert case.truth["effect"] == effect
-    difference = [a.position - b.position for a, b in zip(case.train, plain.train, strict=True)]
+    signal = "time" if CATALOGUE[effect].of_the_log else "position"
+    difference = [getattr(a, signal) - getattr(b, signal) for a, b in zip(case.train, plain.train, strict=True)]
     assert max(np.abs(d).max() for d in difference) > 2e-3
 
 

@@ -202,8 +202,8 @@ def test_a_drive_fades_from_the_beginning_of_each_motion(build, moves):
         assert log.effort[-1, 0] * (1 - 0.5 * (1 - np.exp(-2.0))) == pytest.approx(weight[-1], rel=5e-3)
 
 
-def test_extra_rotor_inertia_adds_to_the_rotors_own(build, moves):
-    extra = build(effects={"extra_rotor_inertia": {"inertia": 0.05}}).record(moves.step(0.0, 0.3))
+def test_rotor_inertia_adds_to_the_rotors_own(build, moves):
+    extra = build(effects={"rotor_inertia": {"inertia": 0.05}}).record(moves.step(0.0, 0.3))
     own = build(rotor_inertia=0.01 + 0.05).record(moves.step(0.0, 0.3))
     np.testing.assert_allclose(extra.position, own.position, atol=1e-9)
 
@@ -251,3 +251,10 @@ def test_unknown_names_and_shapes_are_refused(build):
         build(effects={"hysteresis": {"torque": 1.0}})
     with pytest.raises(EffectError, match="needs a time above zero"):
         build(effects={"torque_fade": {"loss": 0.5}})
+
+
+def test_timestamp_jitter_changes_the_stamps_alone(build, moves):
+    motion = moves.ramp(0.0, 0.5, 0.6)
+    plain, jittered = build().record(motion), build(effects={"timestamp_jitter": {"seconds": 0.002}}).record(motion)
+    np.testing.assert_array_equal(jittered.position, plain.position)
+    assert np.std(jittered.time - plain.time) == pytest.approx(0.002, rel=0.2)

@@ -109,7 +109,7 @@ def headline(comparison: Comparison | None, where: Where | None, calibration: Ca
         first, last, floor = (milli(v, comparison.unit) for v in (*comparison.error[[0, -1]], comparison.noise))
         return f"The error goes from {first} to {last}; sensor noise is {floor}."
     if calibration:
-        left = f"{milli(calibration.error, comparison.unit if comparison else 'rad')} are left where it was fitted"
+        left = f"{milli(calibration.error, calibration.unit)} are left where it was fitted"
         return f"Calibrated by {calibration.method}: {left}."
     if comparison is None:
         return ""

@@ -3,11 +3,11 @@
 from embodiedreamer_gym.effects.effect import MechanicsChange, Parameter
 
 
-class ExtraRotorInertia(MechanicsChange):
+class RotorInertia(MechanicsChange):
     """Inertia of motor and gear, as felt at the joint, beyond the model's own."""
 
-    name = "extra_rotor_inertia"
-    parameters = (Parameter("inertia", "kg m^2", off=0.0, low=0.0, high=0.2, typical=0.005, scale="torque"),)
+    name = "rotor_inertia"
+    parameters = (Parameter("inertia", "kg m^2", off=0.0, low=0.0, high=1.5, typical=0.005, scale="torque"),)
     symptom = "the joint answers late to every change of speed and swings past its target, at any pose and load"
     reveals = "steps and fast moves to and fro"
     confused_with = ("payload", "command_lowpass", "joint_elasticity")

@@ -1,0 +1,76 @@
+"""Second thoughts on several effects: one that was named first may not be needed any more, or be another after all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate, prune
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
+from embodiedreamer_gym.diagnosis.verdict import TIE, contenders
+from embodiedreamer_gym.effects import Effect
+from embodiedreamer_gym.phys_aligner.least_squares import minimise
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.recordings import Recording
+
+
+def without_needless(
+    steps: Sequence[Candidate], train: Sequence[Recording], test: Sequence[Recording]
+) -> list[Candidate]:  # fmt: skip
+    """The steps less any but the last that the others do without: refitted, they score as well on held-out motion."""
+    steps = list(steps)
+    for early in steps[:-1]:
+        last = steps[-1]
+        less = _exchanged(last, early, None, train, test)
+        if less.held_out.score <= last.held_out.score + TIE:
+            kept = [s for s in steps[:-1] if s is not early]
+            steps = [*kept, replace(less, kind=last.kind, rollouts=last.rollouts + less.rollouts)]
+    return steps
+
+
+def decided(
+    before: HeldOut, rivals: Sequence[Candidate], steps: Sequence[Candidate], train: Sequence[Recording],
+    test: Sequence[Recording],
+) -> tuple[list[Candidate], list[Candidate]]:  # fmt: skip
+    """What the first effect is, where rivals tied for it and others have been added since: steps, and what still ties.
+
+    before: the model without any. Each rival takes the first one's place beside the others and all is fitted again.
+    """
+    first, last = steps[0], steps[-1]
+    options = [replace(last, kind=first.kind)]
+    named = {step.kind.name for step in steps}
+    options += [_exchanged(last, first, r, train, test) for r in rivals if r.kind.name not in named]
+    close = contenders(before, options)
+    best = close[0]
+    spent = sum(o.rollouts for o in options[1:])
+    if best is options[0]:
+        return list(steps), close
+    renamed = next(r for r in rivals if r.kind is best.kind)
+    return [renamed, *steps[1:-1], replace(best, kind=last.kind, rollouts=last.rollouts + spent)], close
+
+
+def placed(
+    steps: Sequence[Candidate], train: Sequence[Recording], test: Sequence[Recording]
+) -> list[Candidate]:  # fmt: skip
+    """The steps with each effect only on the joints that need it, now that all effects are in."""
+    last = steps[-1]
+    for kind in dict.fromkeys(step.kind for step in steps):
+        last = prune(replace(last, kind=kind), train, test)
+    return [*steps[:-1], replace(last, kind=steps[-1].kind)]
+
+
+def _exchanged(
+    last: Candidate, old: Candidate, new: Candidate | None, train: Sequence[Recording], test: Sequence[Recording]
+) -> Candidate:  # fmt: skip
+    """The last step's model with another effect (or none) in place of an old one, fitted again."""
+    effects: list[Effect] = []
+    for effect in last.model.effects:
+        if effect.name != old.kind.name:
+            effects.append(effect)
+        elif new is not None:
+            effects.append(next(e for e in new.model.effects if e.name == new.kind.name))
+    problem = Problem(last.model.with_(effects=tuple(effects)), train, hold=last.problem.hold)
+    fit = minimise(problem, problem.start, ITERATIONS, TOLERANCE)
+    model = problem.model_at(fit.x)
+    kind = last.kind if new is None else new.kind
+    return Candidate(kind, model, problem, fit, evaluate(model, test, problem.hold), problem.rollouts)
