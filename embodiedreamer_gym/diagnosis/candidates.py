@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,7 @@ from embodiedreamer_gym.robot import RobotModel
 
 ITERATIONS = 12
 TOLERANCE = 1e-3
+HIGHER = 1.35  # times the best size of a limit in the screening: the next start
 POLISH, POLISHED = 25, 1e-4
 TRIFLE = 0.08  # held-out score of a joint that is not worth naming it
 RULES = ("linear", "hold")
@@ -54,16 +56,26 @@ def refit(
     if known is not None:
         options = (known.hold,)
     found: list[Candidate] = []
-    for hold in options:
+    for hold, start in itertools.product(options, _starts(screened) if known is None else [screened.start]):
         new = Problem(trial, train, hold=hold)
         if known is not None:
             fit = fit_at(new, known.x)
         else:
-            fit = minimise(new, start_of(new, screened.start), ITERATIONS, TOLERANCE, rival=rival)
+            fit = minimise(new, start_of(new, start), ITERATIONS, TOLERANCE, rival=rival)
         model = new.model_at(fit.x)
         found.append(Candidate(screened.kind, model, new, fit, evaluate(model, test, hold), new.rollouts))
     best = min(found, key=lambda c: c.fit.cost)
     return replace(best, rollouts=sum(c.rollouts for c in found))
+
+
+def _starts(screened: Screened) -> list[dict[str, np.ndarray]]:
+    """Where the screening found an effect; a limit also a little higher, since its cost has more than one valley."""
+    higher = dict(screened.start)
+    for p in screened.kind.parameters:
+        if p.off == p.high:
+            higher[f"{screened.kind.name}.{p.name}"] = HIGHER * screened.start[f"{screened.kind.name}.{p.name}"]
+    same = all(higher[group] is values for group, values in screened.start.items())
+    return [screened.start] if same else [screened.start, higher]
 
 
 def start_of(problem: Problem, start: dict[str, np.ndarray]) -> np.ndarray:

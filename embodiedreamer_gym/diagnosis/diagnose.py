@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.candidates import Candidate, polish, prune, refit
+from embodiedreamer_gym.diagnosis.candidates import Candidate, polish, refit
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, Ranked, summarise
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain
 from embodiedreamer_gym.diagnosis.journal import Journal
@@ -125,7 +125,7 @@ def diagnose(
     found = Found((calibrated.model, problem, fit), base, null)
     if p_value < ALARM:
         _add_effects(search, found, screened, max_effects)
-        _revise(search, found, base)
+        _revise(search, found)
     steps, tie, held, null = found.steps, found.tie, found.held, found.null
     verdict = _verdict(p_value, base, held, null, steps, tie)
     final = _final(calibrated, steps)
@@ -156,7 +156,7 @@ def _add_effects(
         close = contenders(held, worthy)
         if not further and len(close) > 1:
             found.tie = close
-        chosen = polish(prune(close[0], search.train, search.test), search.test)
+        chosen = polish(close[0], search.test)
         search.rollouts += chosen.rollouts - close[0].rollouts
         found.steps.append(chosen)
         found.null = draw_null(chosen.model, chosen.fit, chosen.problem, search.test, search.rng)
@@ -164,19 +164,19 @@ def _add_effects(
         search.progress(f"+ {chosen.kind.name}", len(found.steps), chosen.held_out.error)
 
 
-def _revise(search: Search, found: Found, base: HeldOut) -> None:
-    """Drop an effect that others have made needless, and decide between rivals for the first."""
-    if len(found.steps) < 2:
+def _revise(search: Search, found: Found) -> None:
+    """Drop an effect that others have made needless, decide between rivals for the first, take each off idle joints."""
+    if not found.steps:
         return
     search.progress("second thoughts", len(found.steps), found.held.error)
-    spent = sum(s.rollouts for s in found.steps)
-    first = found.steps[0]
-    found.steps = without_needless(found.steps, search.train, search.test)
-    if found.tie and found.steps[0] is first and len(found.steps) > 1:
-        found.steps, close = decided(base, found.tie, found.steps, search.train, search.test)
+    spent, first = sum(s.rollouts for s in found.steps), found.steps[0]
+    if len(found.steps) > 1:
+        found.steps = without_needless(found.steps, search.train, search.test)
+        if found.steps[0] is not first:
+            found.tie = []
+    if found.tie and len(found.steps) > 1:
+        found.steps, close = decided(found.base, found.tie, found.steps, search.train, search.test)
         found.tie = close if len(close) > 1 else []
-    elif found.steps[0] is not first:
-        found.tie = []
     found.steps = placed(found.steps, search.train, search.test)
     search.rollouts += sum(s.rollouts for s in found.steps) - spent
 
@@ -185,7 +185,7 @@ def _screen(search: Search, problem: Problem, fit: Fit, null: Null, first: bool)
     """Screen the catalogue; the first time also note what these sensors and this motion cannot show."""
     floor = np.sqrt(np.median(null.chi2, axis=0))
     before = problem.rollouts
-    short, around = grounds(problem, fit, search.nominal if first else None)
+    short, around = grounds(problem, fit, search.nominal)
     screened = screen(search.catalogue, around, short, floor, search.jobs)
     search.rollouts += short.rollouts - before + sum(s.rollouts for s in screened)
     if first:

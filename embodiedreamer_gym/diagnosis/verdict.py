@@ -68,7 +68,7 @@ def _worse(before: HeldOut, best: Candidate, other: Candidate) -> bool:
 def convinces(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
     """Whether effects leave so little that they, and not something like them, are what is missing.
 
-    What a right effect leaves is what faultless robots have, or next to nothing of what there was. Where not one joint
+    What a right effect leaves is what faultless robots have, or little more and next to nothing of what there was. Where not one joint
     comes near its noise, sensors see more than such models say anyway, and a rest does not speak against an effect that
     explains most.
     """
@@ -78,6 +78,8 @@ def convinces(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
     beyond = after.chi2 / most
     if beyond.max() <= USUAL or beyond.min() > FAR:
         return True
+    if beyond.max() > FAR:
+        return False
     was, rest = (np.maximum(h.chi2 - usual, 0.0).sum() for h in (before, after))
     was_log, rest_log = (np.log(np.maximum(h.chi2 / usual, 1.0)).sum() for h in (before, after))
     return bool(rest <= (1 - NEARLY) * was and rest_log <= (1 - MOSTLY) * was_log)
