@@ -20,7 +20,6 @@ from embodiedreamer_gym.diagnosis.screen import SEEN_SHARE, Screened, grounds, s
 from embodiedreamer_gym.diagnosis.verdict import ALARM, contenders, convinces, left_over, mends, pays
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.errors import CalibrationError
-from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
@@ -128,7 +127,7 @@ def diagnose(
         _revise(search, found)
     steps, tie, held, null = found.steps, found.tie, found.held, found.null
     verdict = _verdict(p_value, base, held, null, steps, tie)
-    final = _final(calibrated, steps)
+    final = finish(found.current[1], found.current[2], 0.0, null.sway)
     return summarise(
         verdict=verdict, model=model, calibrated=calibrated, final=final, steps=steps, tie=tie, closest=found.closest,
         base=base, held=held, null=null, p_value=p_value, ranking=search.ranking,
@@ -159,8 +158,7 @@ def _add_effects(
         chosen = polish(close[0], search.test)
         search.rollouts += chosen.rollouts - close[0].rollouts
         found.steps.append(chosen)
-        found.null = draw_null(chosen.model, chosen.fit, chosen.problem, search.test, search.rng)
-        search.rollouts += found.null.rollouts
+        found.null = _null(search, found)
         search.progress(f"+ {chosen.kind.name}", len(found.steps), chosen.held_out.error)
 
 
@@ -178,7 +176,9 @@ def _revise(search: Search, found: Found) -> None:
         found.steps, close = decided(found.base, found.tie, found.steps, search.train, search.test)
         found.tie = close if len(close) > 1 else []
     found.steps = placed(found.steps, search.train, search.test)
+    found.steps[-1] = polish(found.steps[-1], search.test)
     search.rollouts += sum(s.rollouts for s in found.steps) - spent
+    found.null = _null(search, found)
 
 
 def _screen(search: Search, problem: Problem, fit: Fit, null: Null, first: bool) -> list[Screened]:
@@ -242,6 +242,9 @@ def _verdict(p_value, base, held, null, steps, tie) -> str:
     return "ambiguous" if tie else "missing"
 
 
-def _final(calibrated: Calibration, steps: Sequence[Candidate]) -> Calibration:
-    """The last step as a calibration, with intervals."""
-    return finish(steps[-1].problem, steps[-1].fit, 0.0) if steps else calibrated
+def _null(search: Search, found: Found) -> Null:
+    """How faultless robots like the model so far do."""
+    model, problem, fit = found.current
+    null = draw_null(model, fit, problem, search.test, search.rng)
+    search.rollouts += null.rollouts
+    return null

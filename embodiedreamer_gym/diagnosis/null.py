@@ -28,10 +28,14 @@ LEAST_SPREAD = 0.3  # of a joint's log chi2: a sensor's noise is known no better
 
 @dataclass(frozen=True, eq=False)
 class Null:
-    """Held-out chi2 (draws, n) of faultless robots whose masses are off, after calibration; rollouts spent."""
+    """Faultless robots whose masses are off: their held-out chi2 (draws, n) after calibration; rollouts spent.
+
+    sway (m,): standard deviation that the masses give the calibrated parameters, in scaled units.
+    """
 
     chi2: np.ndarray
     rollouts: int
+    sway: np.ndarray
 
     def p_value(self, chi2: np.ndarray) -> float:
         """Share of faultless robots as bad as a robot's chi2 (n,): in the sum over joints, or in their worst joint.
@@ -73,4 +77,5 @@ def draw_null(
     counts = np.maximum(unseen.joint_counts, 1)
     sd = np.sqrt(2.0 / counts + SENSOR**2)
     noise = FIRST_STATE + np.exp(sd * rng.standard_normal(chi2.shape))
-    return Null(noise + chi2, known.rollouts + unseen.rollouts + calibrated.rollouts)
+    sway = np.sqrt(np.sum((answer * size) ** 2, axis=1))
+    return Null(noise + chi2, known.rollouts + unseen.rollouts + calibrated.rollouts, sway)

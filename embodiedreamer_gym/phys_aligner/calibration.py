@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.errors import CalibrationError
-from embodiedreamer_gym.phys_aligner.intervals import spread
+from embodiedreamer_gym.phys_aligner.intervals import NORMAL_95, spread
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, Progress, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.starts import scan_starts
@@ -126,13 +126,17 @@ def calibrate(
     return finish(problem, fit, time.perf_counter() - begun)
 
 
-def finish(problem: Problem, fit: Fit, seconds: float) -> Calibration:
-    """A least-squares fit as a Calibration: values, intervals, what is not determined."""
+def finish(problem: Problem, fit: Fit, seconds: float, sway: np.ndarray | None = None) -> Calibration:
+    """A least-squares fit as a Calibration: values, intervals, what is not determined.
+
+    sway (m,): a further standard deviation of the scaled parameters, which the residuals do not show.
+    """
     known = spread(problem, fit.x, fit.residuals * fit.weight, fit.jacobian * fit.weight[:, None])
-    low, high = problem.values(fit.x - known.half_width), problem.values(fit.x + known.half_width)
+    half = known.half_width if sway is None else np.hypot(known.half_width, NORMAL_95 * sway)
+    low, high = problem.values(fit.x - half), problem.values(fit.x + half)
     intervals, undetermined = dict(problem.model.intervals), []
     for i, row in enumerate(problem.rows):
-        if np.isfinite(known.half_width[i]):
+        if np.isfinite(half[i]):
             intervals[row.name] = (float(max(low[i], row.low)), float(min(high[i], row.high)))
         else:
             intervals.pop(row.name, None)
