@@ -16,11 +16,11 @@ def many(
 ) -> list[T]:  # fmt: skip
     """Results of a function for many tuples of arguments, in their order; done: told each result's place as it comes.
 
-    In threads, since the compiled dynamics leave Python's lock, unless `joblib.parallel_config` names another backend:
-    processes on a laptop, Dask or Ray on a cluster. The results are the same.
+    In processes on this machine, unless `joblib.parallel_config` names another backend: threads, or Dask or Ray on a
+    cluster. The results are the same.
     """
     results: list[T] = []
-    work: Any = Parallel(n_jobs=jobs, prefer="threads", return_as="generator")
+    work: Any = Parallel(n_jobs=jobs, prefer="processes", return_as="generator")
     for result in work(delayed(function)(*c) for c in calls):
         results.append(result)
         if done is not None:

@@ -14,12 +14,13 @@ from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.simulation import run_sets
+from embodiedreamer_gym.simulation import TIME_STEP, run_sets
 
 SIZES = (0.2, 0.8, 3.0)  # of a parameter that vanishes at zero, relative to its typical size
 LIMITS = (0.25, 0.45, 0.7, 0.95, 1.2, 1.6)  # of a limit, relative to the largest value seen
 SHAPES = (0.3, 1.0, 3.0)
 SECONDS = 40.0  # of motion to screen on
+COARSE = 2 * TIME_STEP  # s, of the plant that shows what an effect changes
 PLAIN = 0.02  # fall of a joint's log mean square from which an effect is started there
 FAINT = 0.005  # the like, below which a joint is left without the effect
 SEEN_SHARE = 0.5  # of the calibrated residual that an effect must change to be observable
@@ -89,9 +90,9 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
     for k, ground in enumerate(around):
         trial = ground.model.with_effect(kind)
         points = _points(trial, kind, problem)
-        changed = _changed(trial, points, problem)
+        change = _change(trial, kind, points, problem)
         sizes.append(points)
-        after, share, seen = _refitted(model, problem, ground, changed, floor)
+        after, share, seen = _refitted(model, problem, ground, change, floor)
         falls.append(np.log(before) - np.log(after))
         shares.append(share)
         visible = seen if k == 0 else visible
@@ -127,9 +128,12 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
     return Screened(kind, score, start, visible, len(fall), joints)
 
 
-def _changed(trial: RobotModel, points: dict[str, np.ndarray], problem: Problem) -> np.ndarray:
-    """Residuals (K, N) in sensor noises under K sizes of an effect."""
-    return problem.signals.residuals(trial, points, problem.hold)
+def _change(trial: RobotModel, kind: type[Effect], points: dict[str, np.ndarray], problem: Problem) -> np.ndarray:
+    """Change (K, N) of the residuals, in sensor noises, that K sizes of an effect make; by a coarser plant."""
+    off = {p.name: trial.parameter_off(p)[None] for p in kind.parameters}
+    sets = {group: np.concatenate([off[group.split(".")[1]], values]) for group, values in points.items()}
+    r = problem.signals.residuals(trial, sets, problem.hold, COARSE)
+    return r[1:] - r[0]
 
 
 def _mean_squares(problem: Problem, r: np.ndarray, floor: np.ndarray) -> np.ndarray:
@@ -179,9 +183,9 @@ def _together(kind, choices, sized, model) -> list[tuple[np.ndarray, ...]]:
     return rows
 
 
-def _refitted(model: RobotModel, problem: Problem, ground: Ground, changed: np.ndarray, floor: np.ndarray):
+def _refitted(model: RobotModel, problem: Problem, ground: Ground, change: np.ndarray, floor: np.ndarray):
     """Mean square (K, n) left when a joint's own gains and one step's share in [0, 1.5] are refitted; the shares."""
-    count = len(changed)
+    count = len(change)
     left, shares, seen = np.ones((count, model.n)), np.ones((count, model.n)), np.zeros((count, model.n))
     for j in range(model.n):
         rows = np.flatnonzero(problem.joint_of == j)
@@ -191,7 +195,7 @@ def _refitted(model: RobotModel, problem: Problem, ground: Ground, changed: np.n
         gains = ground.jacobian[rows][:, own]
         gains = gains[:, np.sum(gains**2, axis=0) > 0]
         basis = np.linalg.qr(gains)[0] if gains.shape[1] else np.zeros((len(rows), 0))
-        r, d = ground.residuals[rows], changed[:, rows] - ground.residuals[rows]
+        r, d = ground.residuals[rows], change[:, rows]
         r = r - basis @ (basis.T @ r)
         d = d - (d @ basis) @ basis.T
         power = np.sum(d**2, axis=1)

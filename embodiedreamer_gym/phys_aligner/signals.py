@@ -23,7 +23,7 @@ from embodiedreamer_gym.recordings import (
     stamp_errors,
 )
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.simulation import Drive, Rollout, Sets, resting, run_sets
+from embodiedreamer_gym.simulation import TIME_STEP, Drive, Rollout, Sets, resting, run_sets
 
 LARGEST = 1e6  # sensor noises; a run that diverges is no further off
 PLAUSIBLE = 1.5  # the scale of an effort whose unit is unknown, in the median over joints, up to which it is N m
@@ -65,12 +65,14 @@ class Signals:
         scale = _scales(self._measured, runs, self.usable) if self.unit == "A" else 1.0
         return [e - scale * run for e, run in zip(self._measured, runs, strict=True)]
 
-    def runs(self, model: RobotModel, sets: Sets | None = None, hold: str | None = None) -> list[Rollout]:
+    def runs(
+        self, model: RobotModel, sets: Sets | None = None, hold: str | None = None, dt: float = TIME_STEP
+    ) -> list[Rollout]:
         """What a model makes of the recordings under P parameter sets, as their clocks would have stamped it.
 
         The clock's part is linear in its jitter: of the jitter that an arm's joints show, the run on mended stamps is it.
         """
-        runs = run_sets(model, self.recordings, sets, hold)
+        runs = run_sets(model, self.recordings, sets, hold, dt)
         if self.by_effort:
             return runs
         for effect, p in Drive(model, sets).laws["sensor"]:
@@ -79,7 +81,7 @@ class Signals:
                 shown, mended = self._clocks[arm]
                 if shown > 0:
                     share = (self._arm == arm) * seconds[:, arm, None, None] / shown
-                    other = run_sets(model, mended, sets, hold)
+                    other = run_sets(model, mended, sets, hold, dt)
                     runs = [_between(a, b, share) for a, b in zip(runs, other, strict=True)]
         return runs
 
@@ -101,9 +103,11 @@ class Signals:
             clocks.append((shown, mended if shown > 0 else []))
         return clocks
 
-    def residuals(self, model: RobotModel, sets: Sets | None = None, hold: str | None = None) -> np.ndarray:
+    def residuals(
+        self, model: RobotModel, sets: Sets | None = None, hold: str | None = None, dt: float = TIME_STEP
+    ) -> np.ndarray:
         """Residuals (P, N) of the usable samples in sensor noises, under P parameter sets of a model."""
-        errors = self.errors(self.runs(model, sets, hold))
+        errors = self.errors(self.runs(model, sets, hold, dt))
         parts = [(error / self.sigma)[:, usable] for error, usable in zip(errors, self.usable, strict=True)]
         return np.clip(np.concatenate(parts, axis=1), -LARGEST, LARGEST)
 

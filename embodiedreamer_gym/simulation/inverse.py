@@ -16,7 +16,7 @@ from embodiedreamer_gym.effects import JointState
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.recordings import Motion, Recording, smooth_motion
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.simulation.drive import Drive, Sets
+from embodiedreamer_gym.simulation.drive import TIME_STEP, Drive, Sets
 from embodiedreamer_gym.simulation.rollout import Rollout, check_names, simulate_sets
 
 RESTING = 3.0  # standard deviations of its noise, of a speed that may be none
@@ -26,7 +26,8 @@ NUDGE = 1e-3  # relative torque by which the drive's law is felt out
 
 
 def run_sets(
-    model: RobotModel, recordings: Sequence[Recording], sets: Sets | None = None, hold: str | None = None
+    model: RobotModel, recordings: Sequence[Recording], sets: Sets | None = None, hold: str | None = None,
+    dt: float = TIME_STEP,
 ) -> list[Rollout]:  # fmt: skip
     """What a model makes of recordings under P parameter sets: free runs, or inverse runs where no log has a command.
 
@@ -34,7 +35,7 @@ def run_sets(
     """
     without = [r for r in recordings if r.command is None]
     if not without:
-        return simulate_sets(model, recordings, sets, hold=hold)
+        return simulate_sets(model, recordings, sets, dt, hold)
     if len(without) < len(recordings):
         raise SimulationError(
             f"recording {without[0].name} holds no command but others do; give logs of one sort at a time."
