@@ -17,11 +17,19 @@ from embodiedreamer_gym.diagnosis.progress import Progress
 from embodiedreamer_gym.diagnosis.report import write_report
 from embodiedreamer_gym.effects import CATALOGUE, load_effects
 from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
+from embodiedreamer_gym.motions import MOTIONS
 from embodiedreamer_gym.phys_aligner import METHODS, calibrate
 from embodiedreamer_gym.recordings import Finding, Recording, Recordings, load_recordings, preflight
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.files import write_json
 
+LOG = {
+    "rate": ("HZ", "samples per second (default 100)"),
+    "seconds": ("S", "of each recording (default 4)"),
+    "noise": ("RAD", "sd of the position sensor (default 4e-4)"),
+    "quantum": ("RAD", "step of the encoder (default 2 pi / 4096)"),
+    "jitter": ("S", "sd of the time stamps (default none)"),
+}
 MEANINGLESS = ("swapped", "sign-flipped")  # a fit would bend the model to a fault of the log
 T = TypeVar("T")
 
@@ -43,7 +51,7 @@ def build_parser() -> argparse.ArgumentParser:
     common.add_argument("--rate", type=_positive, metavar="HZ", help="of logs without time stamps")
     common.add_argument("--hold", choices=("linear", "hold"), help="how the controller gets to the next command")
     common.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
-    common.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="threads")
+    common.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="processes")
     common.add_argument("--quiet", action="store_true", help="no progress")
     common.add_argument("--json", type=Path, metavar="FILE", help="write the answer as JSON")
     common.add_argument("--report", type=Path, metavar="DIR", help="write the answer as a page, DIR/index.html")
@@ -107,7 +115,7 @@ def _standin_parser(verbs: Any) -> None:
     one = verbs.add_parser("standin", help=text, description=text)
     one.add_argument("action", choices=("record",))
     one.add_argument(
-        "--effect", default="none", metavar="E", help="an effect's name, none, or any (drawn; default %(default)s)"
+        "--effect", default="none", metavar="E", help="effects, with commas; none, or any (drawn; default %(default)s)"
     )
     one.add_argument("--arm", default="arm6", metavar="ARM", help="arm6, arm6b, arm7 or aloha (default %(default)s)")
     one.add_argument(
@@ -115,6 +123,11 @@ def _standin_parser(verbs: Any) -> None:
     )
     one.add_argument("--strength", choices=("faint", "plain", "strong"), default="plain", help="default: %(default)s")
     one.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
+    log = one.add_argument_group("the log of a single arm")
+    for name, (metavar, text) in LOG.items():
+        log.add_argument(f"--{name}", type=_positive, metavar=metavar, help=text)
+    log.add_argument("--motion", metavar="KIND", choices=MOTIONS, help=f"of all recordings: {', '.join(MOTIONS)}")
+    log.add_argument("--no-command", action="store_true", help="position and effort alone")
     one.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="model.json, train/, test/ and the sealed truth.json"
     )
@@ -225,11 +238,19 @@ def _standin(a: argparse.Namespace, progress: Progress) -> None:
     if a.out.exists() and any(a.out.iterdir() if a.out.is_dir() else [a.out]):
         raise EmbodieDreamerError(f"{a.out} is not empty; give a new folder.")
     rng = np.random.default_rng(a.seed)
-    effect = str(rng.choice(sorted(CATALOGUE))) if a.effect == "any" else None if a.effect == "none" else a.effect
+    effects = [str(rng.choice(sorted(CATALOGUE)))] if a.effect == "any" else a.effect.split(",")
+    effect = None if a.effect == "none" else effects[0] if len(effects) == 1 else effects
+    log: dict[str, Any] = {name: getattr(a, name) for name in LOG if getattr(a, name) is not None}
+    log |= {"learnt": (a.motion,) * 2, "held_out": (a.motion,) * 2} if a.motion else {}
+    log |= {"with_command": False} if a.no_command else {}
     if a.arm == "aloha":
-        case = aloha_case(effect, a.side, rng, a.strength)
+        if log or len(effects) > 1:
+            raise EmbodieDreamerError(
+                "the ALOHA pair logs teleoperation at 30 Hz with one effect; leave the options out."
+            )
+        case = aloha_case(effects[0] if effect else None, a.side, rng, a.strength)
     else:
-        case = draw_case(effect, a.arm, rng, a.strength)
+        case = draw_case(effect, a.arm, rng, a.strength, **log)
     part = a.out.with_name(f".{a.out.name}.part")
     model = case.write(part)
     write_json(case.truth, part / "truth.json")

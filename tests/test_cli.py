@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from embodiedreamer_gym import cli
@@ -258,3 +259,22 @@ def test_a_stand_in_is_recorded_with_its_truth_apart(tmp_path: Path, capsys) -> 
     for wrong in (["--effect", "glue"], ["--arm", "arm9"]):
         assert cli.main(["standin", "record", *wrong, "--out", str(tmp_path / "other")]) == 2
         assert not (tmp_path / "other").exists()
+
+
+def test_a_stand_ins_log_is_of_ones_choice(tmp_path: Path, capsys) -> None:
+    """Two effects, a slower log of one kind of motion without commands, coarser sensors; refused for the ALOHA pair."""
+    out = tmp_path / "arm"
+    options = ["--rate", "50", "--seconds", "3", "--noise", "0.001", "--quantum", "0.002", "--jitter", "0.002"]
+    effects = ["--effect", "payload,coulomb_friction", "--motion", "teleoperation", "--no-command"]
+    assert cli.main(["standin", "record", *effects, *options, "--out", str(out)]) == 0
+    truth = json.loads((out / "truth.json").read_text())
+    assert set(truth["effects"]) == {"payload", "coulomb_friction"}
+    logs = load_recordings(out / "train", out / "test")
+    assert {r.kind for r in logs} == {"teleoperation"} and all(r.command is None for r in logs)
+    assert all(abs(r.rate - 50) < 5 and abs(r.duration - 3) < 0.1 for r in logs)
+    assert np.allclose(logs[0].quantum, 0.002) and logs[0].noise.max() > 5e-4
+    assert np.diff(logs[0].time).std() > 0.001
+    capsys.readouterr()
+    pair = ["standin", "record", "--arm", "aloha", "--rate", "50", "--out", str(tmp_path / "pair")]
+    assert cli.main(pair) == 2 and "ALOHA pair" in capsys.readouterr().err
+    assert not (tmp_path / "pair").exists()

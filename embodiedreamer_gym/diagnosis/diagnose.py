@@ -96,7 +96,7 @@ def diagnose(
     """Find out which physical effects a model lacks, by free-run error on held-out recordings.
 
     catalogue: effects to consider (default: the model's); max_effects: the most that are added, one at a time, all
-    parameters refitted each time; jobs: threads; max_seconds: of longer recordings the liveliest windows are used,
+    parameters refitted each time; jobs: processes; max_seconds: of longer recordings the liveliest windows are used,
     but the errors reported are those of the whole held-out recordings; journal: a file that keeps finished refits, so
     that an interrupted diagnosis goes on where it was. The model is calibrated first.
     Raises: CalibrationError or SimulationError when the recordings do not fit the model.
