@@ -16,6 +16,7 @@ from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
@@ -42,7 +43,8 @@ def add_effect(
     """
     kind = find_effect(name, model.catalogue)
     richer = model.with_effect(kind)
-    train = thin(train, MAX_SECONDS)
+    both = with_effort_unit(model, [*train, *test])
+    train, test = thin(both[: len(train)], MAX_SECONDS), both[len(train) :]
     begun = time.perf_counter()
     problem, fit = fit_least_squares(model, train, progress=progress)
     before = finish(problem, fit, time.perf_counter() - begun)

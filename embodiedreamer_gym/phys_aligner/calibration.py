@@ -13,6 +13,7 @@ from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.intervals import NORMAL_95, spread
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, Progress, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
 from embodiedreamer_gym.phys_aligner.starts import scan_starts
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
@@ -115,7 +116,7 @@ def calibrate(
     if method not in METHODS:
         raise CalibrationError(f"method '{method}' is none of {', '.join(METHODS)}.")
     begun = time.perf_counter()
-    recordings = thin(recordings, max_seconds)
+    recordings = with_effort_unit(model, thin(recordings, max_seconds))
     if method != "least-squares":
         problem, x = _search(model, recordings, method, groups, rng or np.random.default_rng(0), progress, options)
         residuals = problem.residuals(x)[0]
