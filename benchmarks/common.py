@@ -1,4 +1,4 @@
-"""What the benchmarks share: where real data lie, one thread for BLAS, results written beside and renamed."""
+"""What the benchmarks share: where real data lie, one thread for BLAS, intervals of shares, results written beside and renamed."""
 
 from __future__ import annotations
 
@@ -27,3 +27,12 @@ def save(rows: Any, path: Path | None) -> None:
         part = path.with_name(path.name + ".part")
         part.write_text(json.dumps(rows, indent=1))
         part.replace(path)
+
+
+def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
+    """95 % interval of a share (Clopper and Pearson, Biometrika 26, 1934)."""
+    from scipy.stats import beta  # not before the threads are pinned
+
+    low = beta.ppf(0.025, hits, trials - hits + 1) if hits else 0.0
+    high = beta.ppf(0.975, hits + 1, trials - hits) if hits < trials else 1.0
+    return float(low), float(high)

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta, binom
+from scipy.stats import binom
+
+from benchmarks.common import clopper_pearson
 
 Row = Mapping[str, Any]
 
@@ -79,13 +81,6 @@ class Figure:
         wanted = f"<= {number(high)}" if low == 0 else f">= {number(low)}"
         wanted = f"{number(low)} to {number(high)}" if low > 0 and high < 1 else wanted
         return f"{line}target {wanted:<14}{'met' if self.met else 'missed'}"
-
-
-def clopper_pearson(hits: int, of: int) -> tuple[float, float]:
-    """95 % interval of a share (Clopper and Pearson, Biometrika 26, 1934)."""
-    low = beta.ppf(0.025, hits, of - hits + 1) if hits else 0.0
-    high = beta.ppf(0.975, hits + 1, of - hits) if hits < of else 1.0
-    return float(low), float(high)
 
 
 def share(key: str, answers: Iterable[bool], targets: Mapping[str, tuple[float, float]]) -> list[Figure]:

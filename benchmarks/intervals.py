@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
-from scipy.stats import beta
 
+from benchmarks.common import clopper_pearson
 from embodiedreamer_gym.phys_aligner import calibrate
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.arms import arm_home, arm_joints, arm_urdf
@@ -54,13 +54,6 @@ def fit(truth: RobotModel, colour: str, seed: int) -> dict[str, Any]:
     ]
     width = [None if r.interval is None else (r.interval[1] - r.interval[0]) / 2 / r.value for r in rows]
     return {"sides": sides, "width": width, "rollouts": found.rollouts}
-
-
-def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
-    """95 % interval of a share (Clopper and Pearson, Biometrika 26, 1934)."""
-    low = beta.ppf(0.025, hits, trials - hits + 1) if hits else 0.0
-    high = beta.ppf(0.975, hits + 1, trials - hits) if hits < trials else 1.0
-    return float(low), float(high)
 
 
 def table(rows: dict[str, dict[str, Any]]) -> str:

@@ -43,8 +43,8 @@ def add_effect(
     """
     kind = find_effect(name, model.catalogue)
     richer = model.with_effect(kind)
-    both = with_effort_unit(model, [*train, *test])
-    train, test = thin(both[: len(train)], MAX_SECONDS), both[len(train) :]
+    logs = with_effort_unit(model, [*train, *test])
+    train, test = thin(logs[: len(train)], MAX_SECONDS), logs[len(train) :]
     begun = time.perf_counter()
     problem, fit = fit_least_squares(model, train, progress=progress)
     before = finish(problem, fit, time.perf_counter() - begun)

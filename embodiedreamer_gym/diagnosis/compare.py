@@ -14,7 +14,7 @@ import numpy as np
 from embodiedreamer_gym.diagnosis.regimes import REGIMES, regimes
 from embodiedreamer_gym.diagnosis.tables import MILLI, finite, layout, number
 from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.phys_aligner.signals import Signals, with_effort_unit
+from embodiedreamer_gym.phys_aligner.signals import Signals, effort_scales, with_effort_unit
 from embodiedreamer_gym.poses import EndEffector, rotation_error, translation_error
 from embodiedreamer_gym.recordings import Recording, noise_floor, sensor_sd
 from embodiedreamer_gym.robot import RobotModel
@@ -234,11 +234,10 @@ def free_runs(model: RobotModel, recordings: Sequence[Recording]) -> tuple[Rollo
 
 def effort_scale(recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> np.ndarray:
     """Effort per model torque (n,), least squares through the origin over the usable samples."""
-    pairs = [(r.effort * r.usable, run.torque * r.usable) for r, run in zip(recordings, rollouts, strict=True)
-             if r.effort is not None]  # fmt: skip
-    product = np.sum([(e * t).sum(axis=0) for e, t in pairs], axis=0)
-    power = np.sum([(t * t).sum(axis=0) for _, t in pairs], axis=0)
-    return np.where(power > 0, product / np.where(power > 0, power, 1.0), 0.0)
+    logs = [(r.effort, run.torque[None], r.usable) for r, run in zip(recordings, rollouts, strict=True)
+            if r.effort is not None]  # fmt: skip
+    efforts, torques, usable = zip(*logs, strict=True)
+    return effort_scales(efforts, torques, usable)[0, 0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,8 +47,8 @@ def diagnose(
     begun = time.perf_counter()
     if not train or not test:
         raise CalibrationError("diagnose needs recordings to learn from and others, held out, to judge by.")
-    both = with_effort_unit(model, [*train, *test])
-    train, test = both[: len(train)], both[len(train) :]
+    logs = with_effort_unit(model, [*train, *test])
+    train, test = logs[: len(train)], logs[len(train) :]
     all_test, train, test = test, thin(train, max_seconds), thin(test, max_seconds)
     both = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in train)
     catalogue = catalogue or model.catalogue

@@ -53,7 +53,7 @@ class Signals:
         scale = np.ones(model.n)
         if self.unit == "A":
             runs = [run.torque for run in run_sets(model, self.recordings)]
-            scale = _scales(self._measured, runs, self.usable)[0, 0]
+            scale = effort_scales(self._measured, runs, self.usable)[0, 0]
         self.sigma = _effort_noise(model, self.recordings, scale)
 
     def errors(self, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
@@ -62,7 +62,7 @@ class Signals:
         if not self.by_effort:
             return [r.position - run.position for r, run in pairs]
         runs = [run.torque for run in rollouts]
-        scale = _scales(self._measured, runs, self.usable) if self.unit == "A" else 1.0
+        scale = effort_scales(self._measured, runs, self.usable) if self.unit == "A" else 1.0
         return [e - scale * run for e, run in zip(self._measured, runs, strict=True)]
 
     def runs(
@@ -73,7 +73,7 @@ class Signals:
         The clock's part is linear in its jitter: of the jitter that an arm's joints show, the run on mended stamps is it.
         """
         runs = run_sets(model, self.recordings, sets, hold, dt)
-        if self.by_effort:
+        if self.by_effort or not any(effect.of_the_log for effect in model.effects):
             return runs
         for effect, p in Drive(model, sets).laws["sensor"]:
             seconds = getattr(p, effect.parameters[0].name) if effect.of_the_log else np.zeros((1, 0))
@@ -121,7 +121,7 @@ def with_effort_unit(model: RobotModel, recordings: Sequence[Recording]) -> tupl
         return tuple(recordings)
     runs = [run.torque for run in run_sets(model, recordings)]
     usable = [r.usable & ~_unknown(r) for r in recordings]
-    scale = float(np.median(_scales([_smoothed_effort(r) for r in recordings], runs, usable)))
+    scale = float(np.median(effort_scales([_smoothed_effort(r) for r in recordings], runs, usable)))
     unit = "N m" if 1 / PLAUSIBLE < scale < PLAUSIBLE else "A"
     return tuple(r.with_(effort_unit=unit) for r in recordings)
 
@@ -153,7 +153,9 @@ def _unknown(recording: Recording) -> np.ndarray:
     return wide
 
 
-def _scales(measured: Sequence[np.ndarray], runs: Sequence[np.ndarray], usable: Sequence[np.ndarray]) -> np.ndarray:
+def effort_scales(
+    measured: Sequence[np.ndarray], runs: Sequence[np.ndarray], usable: Sequence[np.ndarray]
+) -> np.ndarray:
     """Effort per torque (P, 1, n), least squares through the origin over the usable samples."""
     product = sum(np.sum(e * t * u, axis=1, keepdims=True) for e, t, u in zip(measured, runs, usable, strict=True))
     power = sum(np.sum(t * t * u, axis=1, keepdims=True) for t, u in zip(runs, usable, strict=True))

@@ -9,6 +9,7 @@ import pytest
 
 from embodiedreamer_gym.cli import main
 from embodiedreamer_gym.diagnosis import compare, diagnose, where
+from embodiedreamer_gym.diagnosis.report.figures import profiles
 from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
 from embodiedreamer_gym.recordings import Recordings, load_recordings, save_recording
 from embodiedreamer_gym.robot import RobotModel
@@ -55,7 +56,10 @@ def test_a_current_is_compared_with_a_scale_of_its_own(tmp_path) -> None:
     assert found.unit == "A"
     assert found.joint_chi2.mean() < 2 * compare(model, train).joint_chi2.mean()
     assert with_effort_unit(model, train)[0].effort_unit == "N m"
-    assert len(where(model, train).findings) > 0
+    found = where(model, train)
+    assert len(found.findings) > 0
+    labels = [axes.get_xlabel() for axes in profiles(found, [1]).axes]
+    assert labels == ["speed [rad/s]", "angle [rad]", "torque [N m]", "time [s]"]
 
 
 def test_the_command_line_reads_columns_of_currents(tmp_path, capsys) -> None:

@@ -258,7 +258,8 @@ def profiles(found: Where, joints: Sequence[int]) -> Figure:
     comparison = found.comparison
     for line, j in zip(grid, joints, strict=True):
         joint, unit = comparison.joints[j], comparison.units[j]
-        units = {"speed": f"{unit}/s", "angle": unit, "torque": "N m", "time": "s"}
+        angle = comparison.models[0].units[j]
+        units = {"speed": f"{angle}/s", "angle": angle, "torque": "N m", "time": "s"}
         own = {p.against: p for p in found.profiles if p.joint == joint}
         for axes, against in zip(line, AGAINST, strict=True):
             tidy(axes)
