@@ -27,3 +27,7 @@ class CalibrationError(EmbodieDreamerError):
 
 class MissingExtraError(EmbodieDreamerError, ImportError):
     """An optional dependency is absent; the message names the `pip install` line that brings it."""
+
+
+class VisionError(EmbodieDreamerError):
+    """Pictures, masks, a camera or a video model cannot be used as they are."""

@@ -16,13 +16,13 @@ PACKAGE = Path(embodiedreamer_gym.__file__).parent
 TOP = 8
 FLOORS = {
     "errors": -1,  # below the ground floor: everybody may see it
-    **dict.fromkeys(["motions", "poses", "recordings"], 0),
+    **dict.fromkeys(["camera", "motions", "poses", "recordings"], 0),
     **dict.fromkeys(["effects", "policies", "vis_aligner"], 1),
     "robot": 2,
     "simulation": 3,
     **dict.fromkeys(["phys_aligner", "envs"], 4),
     **dict.fromkeys(["diagnosis", "wrappers", "standin"], 5),
-    "demo": 6,
+    **dict.fromkeys(["cli_film", "demo"], 6),
     "cli": 7,
     **dict.fromkeys(["__init__", "__main__"], TOP),
 }

@@ -16,12 +16,12 @@ from embodiedreamer_gym.envs.cameras import CAMERAS, Frame, Renderer, load_camer
 from embodiedreamer_gym.envs.robots import draw_parameters, home, load_robot
 from embodiedreamer_gym.envs.scene import Scene
 from embodiedreamer_gym.envs.tasks import TASKS
-from embodiedreamer_gym.envs.tasks.task import SIDES, Situation
+from embodiedreamer_gym.envs.tasks.task import SIDES, Situation, placed
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.simulation.world import World
 
 RENDER_SIZE = (640, 480)
-RESET_OPTIONS = ("joint_positions", "joint_velocities", "command")
+RESET_OPTIONS = ("joint_positions", "joint_velocities", "command", "object_poses")
 
 
 class AlohaEnv(gym.Env, EzPickle):
@@ -96,12 +96,14 @@ class AlohaEnv(gym.Env, EzPickle):
         """Start an episode: props at random, arms at home, or as the options say.
 
         options: joint_positions (14,) that the encoders read, joint_velocities (14,), command (14,) heard before the
-        first action; units of the action.
+        first action; units of the action. object_poses: prop -> position m and quaternion xyzw (7,); the arm on the
+        object's side then acts.
         Raises: ValueError for another option, or one of another shape or outside what the joints can do.
         """
         position, velocity, command = self._beginning(options or {})
         super().reset(seed=seed)
         self._side, poses = self.task.place(self.np_random)
+        self._side, poses = placed(self._side, poses, (options or {}).get("object_poses"), self.task.object.name)
         sets = draw_parameters(self.robot, self.np_random) if self.randomize else None
         if options:  # arms may begin where they touch the table, of which PyBullet still knows: away from it first
             rest = home(self.robot)

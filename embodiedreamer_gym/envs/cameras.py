@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from embodiedreamer_gym.envs.pinhole import Camera
+from embodiedreamer_gym.camera import Camera, look_at
 from embodiedreamer_gym.envs.rendering import Frame, Renderer
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.robot.files import write_json
@@ -22,22 +21,6 @@ __all__ = ["CAMERAS", "Camera", "Frame", "Renderer", "load_cameras", "look_at", 
 
 NEEDED = ("position", "rotation", "size", "fx", "fy", "cx", "cy")
 OPTIONAL = ("link", "near", "far")
-
-
-def look_at(
-    position: Sequence[float], target: Sequence[float], up: Sequence[float] = (0.0, 0.0, 1.0)
-) -> tuple[float, ...]:
-    """Quaternion xyzw of a camera's frame (x right, y down, z forward) that looks from a position at a target, m.
-
-    Raises: ModelError when `up` does not tell which way the picture stands.
-    """
-    forward = np.subtract(target, position).astype(float)
-    right = np.cross(forward, up)
-    if not np.linalg.norm(right) > 1e-9 * np.linalg.norm(forward):
-        raise ModelError("a camera cannot look along 'up'; give another direction that is up in the picture.")
-    forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
-    axes = np.stack([right, np.cross(forward, right), forward], axis=1)
-    return tuple(Rotation.from_matrix(axes).as_quat().tolist())
 
 
 def _wrist(side: str) -> Camera:

@@ -13,8 +13,8 @@ import numpy as np
 import pybullet
 from pybullet_utils.bullet_client import BulletClient
 
+from embodiedreamer_gym.camera import Camera, Pose, whole_size
 from embodiedreamer_gym.envs import egl
-from embodiedreamer_gym.envs.pinhole import Camera, Pose, whole_size
 from embodiedreamer_gym.errors import SimulationError
 
 Drawn = tuple[np.ndarray, np.ndarray, np.ndarray]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 from embodiedreamer_gym.wrappers.flatten_cameras import FlattenCameras
+from embodiedreamer_gym.wrappers.vis_aligner import VisAlignerObservationWrapper
 
-__all__ = ["FlattenCameras"]
+__all__ = ["ActionChunk", "FlattenCameras", "VisAlignerObservationWrapper"]

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
+from embodiedreamer_gym.envs.arguments import check_choice, vector
 from embodiedreamer_gym.envs.tasks.prop import Prop
 from embodiedreamer_gym.errors import SimulationError
 
@@ -142,6 +143,25 @@ class Task:
     def releases(self, situation: Situation) -> Iterator[Pose]:
         """Poses of the end effector in which the gripper may open over the goal, the best first; none without a goal."""
         yield from ()
+
+
+def placed(
+    side: str, poses: Mapping[str, Pose], wanted: Any, thing: str
+) -> tuple[str, Mapping[str, Pose]]:  # fmt: skip
+    """Acting side and poses of the props, some where a user wants them: prop -> position m and quaternion xyzw (7,).
+
+    Where the object `thing` is placed, the arm on its side acts.
+    Raises: SimulationError for an unknown prop, or what is no pose.
+    """
+    found = dict(poses)
+    for name, value in ({} if wanted is None else dict(wanted)).items():
+        pose = vector(f"pose of {check_choice('prop', name, found)}", value, 7)
+        if not 0.9 < np.linalg.norm(pose[3:]) < 1.1:
+            raise SimulationError(f"pose of {name}: the last four numbers are no unit quaternion xyzw.")
+        found[name] = Pose(pose[:3], pose[3:])
+    if wanted is not None and thing in wanted:
+        side = SIDES[int(found[thing].position[1] < 0)]
+    return side, found
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:

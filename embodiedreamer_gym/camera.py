@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from embodiedreamer_gym.errors import ModelError, SimulationError
 
@@ -131,6 +132,22 @@ class Camera:
         """Metres along the optical axis, single precision, of a depth buffer's 0 (near) .. 1 (far, nothing there)."""
         metres = self.near * self.far / (self.far - (self.far - self.near) * buffer.astype(np.float64))
         return np.where(buffer < 1.0, metres, self.far).astype(np.float32)
+
+
+def look_at(
+    position: Sequence[float], target: Sequence[float], up: Sequence[float] = (0.0, 0.0, 1.0)
+) -> tuple[float, ...]:
+    """Quaternion xyzw of a camera's frame (x right, y down, z forward) that looks from a position at a target, m.
+
+    Raises: ModelError when `up` does not tell which way the picture stands.
+    """
+    forward = np.subtract(target, position).astype(float)
+    right = np.cross(forward, up)
+    if not np.linalg.norm(right) > 1e-9 * np.linalg.norm(forward):
+        raise ModelError("a camera cannot look along 'up'; give another direction that is up in the picture.")
+    forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
+    axes = np.stack([right, np.cross(forward, right), forward], axis=1)
+    return tuple(Rotation.from_matrix(axes).as_quat().tolist())
 
 
 @functools.lru_cache(maxsize=64)

@@ -1,0 +1,151 @@
+"""The verb `vis`: train, fine-tune, evaluate and run the video model, and make its references."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from embodiedreamer_gym.errors import EmbodieDreamerError
+
+MODELS = ("lean", "svd")
+LOWER = 0.3  # of the learning rate, for a model that has learnt already
+
+
+def add_vis(verbs: Any) -> None:
+    """Add the verb and its actions."""
+    text = "the video model that gives simulated frames a real face"
+    actions = verbs.add_parser("vis", help=text, description=text).add_subparsers(required=True, metavar="ACTION")
+    for name, function, text in (
+        ("train", _train, "train a model from nothing"),
+        ("fine-tune", _fine_tune, "go on from a trained model with episodes of your own bench"),
+        ("evaluate", _evaluate, "hold a model against held-out episodes, beside copying and raw simulation"),
+        ("render", _render, "dream an episode, chunk by chunk, into a video"),
+        ("bank", _bank, "make references for any scene from the first frames of episodes"),
+    ):
+        one = actions.add_parser(name, help=text, description=text)
+        one.set_defaults(verb=function)
+        one.add_argument("episodes", nargs="+", metavar="EPISODES", help="HDF5 files, folders, quoted globs")
+        one.add_argument("--quiet", action="store_true", help="no progress")
+        if name in ("train", "fine-tune"):
+            _training_options(one, name)
+        if name in ("fine-tune", "evaluate", "render"):
+            one.add_argument(
+                "--aligner", default="lean", metavar="A", help="lean, a file or folder (default %(default)s)"
+            )
+            one.add_argument("--diffusion-steps", type=int, default=1, metavar="N", help="default %(default)s")
+        if name == "evaluate":
+            one.add_argument("--chunks", type=int, metavar="N", help="of each episode (default: all)")
+            one.add_argument("--json", type=Path, metavar="FILE", help="write the measures as JSON")
+            one.add_argument("--strips", type=Path, metavar="DIR", help="write a picture strip of each episode")
+        if name in ("render", "bank"):
+            kind = "FILE.mp4" if name == "render" else "FILE.npz"
+            one.add_argument("--out", type=Path, required=True, metavar=kind, help="what to write")
+
+
+def _training_options(one: argparse.ArgumentParser, name: str) -> None:
+    steps = 6000 if name == "train" else 1500
+    one.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="model and checkpoint; goes on where it was"
+    )
+    one.add_argument("--steps", type=int, default=steps, metavar="N", help="of the optimiser (default %(default)s)")
+    one.add_argument("--batch", type=int, default=2, metavar="B", help="clips of a step (default %(default)s)")
+    one.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
+    if name == "train":
+        one.add_argument("--model", choices=MODELS, default=MODELS[0], help="default: %(default)s")
+        one.add_argument("--from", dest="source", metavar="DIR", help="svd: a local folder with unet and vae")
+
+
+def _train(a: argparse.Namespace, progress: Any) -> None:
+    import torch
+
+    from embodiedreamer_gym.vis_aligner.lean import Lean
+    from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
+
+    torch.manual_seed(a.seed)
+    if a.model == "svd":
+        from embodiedreamer_gym.vis_aligner.svd import load_svd
+
+        if a.source is None:
+            raise EmbodieDreamerError("vis train --model svd needs --from, a local folder with unet and vae.")
+        aligner = load_svd(a.source)
+    else:
+        aligner = LeanAligner(Lean())
+    _fit(a, aligner, 1.0, progress)
+
+
+def _fine_tune(a: argparse.Namespace, progress: Any) -> None:
+    _fit(a, _aligner(a), LOWER, progress)
+
+
+def _fit(a: argparse.Namespace, aligner: Any, share: float, progress: Any) -> None:
+    """Train and write the model."""
+    from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner
+    from embodiedreamer_gym.vis_aligner.episodes import load_episodes
+    from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train
+
+    for name in ("steps", "batch"):
+        if getattr(a, name) < 1:
+            raise EmbodieDreamerError(f"--{name} is {getattr(a, name)}, but must be at least 1.")
+    config = TrainingConfig(a.steps, a.batch, share * TrainingConfig.rate, seed=a.seed)
+    train(aligner, load_episodes(a.episodes), config, a.out, None if a.quiet else progress)
+    print(f"{save_aligner(aligner, a.out)}: {aligner!r}")
+
+
+def _evaluate(a: argparse.Namespace, progress: Any) -> None:
+    import cv2
+
+    from embodiedreamer_gym.robot.files import write_json
+    from embodiedreamer_gym.vis_aligner import measures
+    from embodiedreamer_gym.vis_aligner.episodes import load_episodes
+    from embodiedreamer_gym.vis_aligner.judging import judge, tables
+
+    aligner, judged = _aligner(a), []
+    episodes = load_episodes(a.episodes)
+    for number, episode in enumerate(episodes):
+        judged.append(judge(aligner, episode, a.chunks))
+        if not a.quiet:
+            progress("evaluating", number + 1, judged[-1].measures["closed loop"]["psnr"])
+        if a.strips is not None:
+            a.strips.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(a.strips / f"{episode.name}.png"), measures.strip(judged[-1].clips, zoom=2)[..., ::-1])
+    print(tables(judged))
+    if a.json is not None:
+        rows = [
+            {"episode": j.episode.name, "measures": {k: m.as_dict() for k, m in j.measures.items()}} for j in judged
+        ]
+        write_json({"aligner": repr(aligner), "episodes": rows}, a.json)
+
+
+def _render(a: argparse.Namespace, progress: Any) -> None:
+    import numpy as np
+
+    from embodiedreamer_gym.vis_aligner import dream
+    from embodiedreamer_gym.vis_aligner.episodes import load_episodes
+    from embodiedreamer_gym.vis_aligner.video import write_video
+
+    episodes = load_episodes(a.episodes)
+    if len(episodes) != 1:
+        raise EmbodieDreamerError(f"vis render takes one episode, not {len(episodes)}.")
+    one = episodes[0]
+    frames, _ = dream(_aligner(a), [one.references(0)], [one.condition.part(1, len(one))])
+    write_video(np.concatenate([one.frames[:1], frames[0]]), a.out)
+    print(a.out)
+
+
+def _bank(a: argparse.Namespace, progress: Any) -> None:
+    from embodiedreamer_gym.vis_aligner import make_bank, save_bank
+    from embodiedreamer_gym.vis_aligner.episodes import expand, load_episode, load_scene
+
+    paths: Sequence[Path] = expand(a.episodes)
+    scenes = [load_scene(path) for path in paths]
+    bank = make_bank([load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes])
+    save_bank(bank, a.out)
+    print(f"{a.out}: {bank!r}")
+
+
+def _aligner(a: argparse.Namespace) -> Any:
+    from embodiedreamer_gym.vis_aligner import load_aligner
+
+    return load_aligner(a.aligner, steps=a.diffusion_steps)

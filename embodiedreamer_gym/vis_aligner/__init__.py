@@ -1,0 +1,24 @@
+"""Simulated frames become real-looking video: conditions, models, training and measures."""
+
+from __future__ import annotations
+
+from embodiedreamer_gym.vis_aligner.aligner import Aligner, dream
+from embodiedreamer_gym.vis_aligner.bank import Bank, make_bank, save_bank
+from embodiedreamer_gym.vis_aligner.checkpoint import load_aligner, load_bank
+from embodiedreamer_gym.vis_aligner.clip import Condition, Episode, References
+from embodiedreamer_gym.vis_aligner.episodes import load_episode, load_episodes
+
+__all__ = [
+    "Aligner",
+    "Bank",
+    "Condition",
+    "Episode",
+    "References",
+    "dream",
+    "load_aligner",
+    "load_bank",
+    "load_episode",
+    "load_episodes",
+    "make_bank",
+    "save_bank",
+]

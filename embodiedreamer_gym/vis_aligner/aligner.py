@@ -1,0 +1,61 @@
+"""The interface of both models: references and a condition clip become frames; chunk after chunk, a whole episode."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from torch import Generator, Tensor, nn
+
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.vis_aligner.clip import Condition, References
+
+
+class Aligner(Protocol):
+    """A model that gives simulated frames a real face; chunk: how many frames it makes at once."""
+
+    name: str
+    chunk: int
+
+    def render(self, references: Sequence[References], conditions: Sequence[Condition]) -> list[np.ndarray]:
+        """Frames (T, H, W, 3) uint8 for each condition of T frames, a batch at once.
+
+        Raises: VisionError when sizes or lengths differ.
+        """
+        ...
+
+
+class Trainable(Aligner, Protocol):
+    """An aligner that can learn; network: what is trained."""
+
+    network: nn.Module
+
+    def loss(self, references: Sequence[References], conditions: Sequence[Condition], truth: Sequence[np.ndarray],
+             generator: Generator) -> Tensor:  # fmt: skip
+        """How far a batch is from the true frames (T, H, W, 3) uint8, at noise levels drawn from the generator."""
+        ...
+
+
+def check_batch(references: Sequence[References], conditions: Sequence[Condition]) -> None:
+    """Raise VisionError unless all clips have one size and one length, and references the same size."""
+    sizes = {c.size for c in conditions} | {r.size for r in references}
+    lengths = {len(c) for c in conditions}
+    if len(references) != len(conditions) or not conditions or len(sizes) > 1 or len(lengths) > 1:
+        raise VisionError(
+            f"a batch needs one reference per clip, and one size and length; it has {len(references)} references, "
+            f"{len(conditions)} clips, sizes {sorted(sizes)}, lengths {sorted(lengths)}."
+        )
+
+
+def dream(
+    aligner: Aligner, references: Sequence[References], conditions: Sequence[Condition]
+) -> tuple[list[np.ndarray], list[References]]:
+    """Frames (T, H, W, 3) of whole episodes chunk by chunk, the last frame the next reference; and the references after."""
+    references, done = list(references), []
+    for start in range(0, len(conditions[0]), aligner.chunk):
+        parts = [c.part(start, start + aligner.chunk) for c in conditions]
+        frames = aligner.render(references, parts)
+        references = [r.after(f, c) for r, f, c in zip(references, frames, parts, strict=True)]
+        done.append(frames)
+    return [np.concatenate(clip) for clip in zip(*done, strict=True)], references

@@ -1,0 +1,239 @@
+"""Real photos of a bench from which a reference of any scene is made: an empty plate, and appearances of the objects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, Episode
+
+MARGIN = 0.06  # of the width: how far around an object its shadow is copied with it
+SLENDER = 1.5  # ratio of an outline's axes from which it is turned, not only stretched
+SMALLEST = 6  # pixels of an object that make an appearance
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A photo with the robot at rest and all objects in view.
+
+    frame (H, W, 3) uint8; classes (H, W) uint8; joints (n,) in the action's units and poses, prop -> position m and
+    quaternion xyzw (7,), where known: then the simulator can be set to it.
+    """
+
+    frame: Array
+    classes: Array
+    joints: Array | None = None
+    poses: Mapping[str, Array] | None = None
+
+    def options(self) -> dict[str, Any]:
+        """What an environment's reset takes to show the same scene.
+
+        Raises: VisionError where joints or poses are not known.
+        """
+        if self.joints is None or not self.poses:
+            raise VisionError("this photo's joints and object poses are not known; the simulator cannot be set to it.")
+        return {"joint_positions": self.joints, "object_poses": dict(self.poses)}
+
+
+@dataclass(frozen=True, eq=False)
+class Bank:
+    """plate (H, W, 3) uint8: the bench without objects, the robot at rest; entries: photos with objects."""
+
+    plate: Array
+    entries: tuple[Entry, ...]
+
+    def __post_init__(self) -> None:
+        if not self.entries:
+            raise VisionError("a reference bank needs at least one photo with objects.")
+        for entry in self.entries:
+            if entry.frame.shape != self.plate.shape or entry.classes.shape != self.plate.shape[:2]:
+                raise VisionError(
+                    f"all photos of a bank must have one size; the plate has {self.plate.shape}, a photo {entry.frame.shape}."
+                )
+
+    def __repr__(self) -> str:
+        return f"Bank({len(self.entries)} photos of {self.size[0]} x {self.size[1]})"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.plate.shape[1], self.plate.shape[0]
+
+    def entry(self, number: int) -> Entry:
+        """Photo number 0, 1, ...
+
+        Raises: VisionError where there is none of that number.
+        """
+        if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < len(self.entries):
+            raise VisionError(f"the bank has photos 0 .. {len(self.entries) - 1}, not {number!r}.")
+        return self.entries[number]
+
+    def paint(self, condition: Condition) -> Array:
+        """A reference (H, W, 3) uint8 of the scene that a condition's first frame shows: plate, and objects painted in.
+
+        Each object gets the appearance of the photo in which it stood nearest, moved and turned into its mask, and its
+        shadow around it.
+        Raises: VisionError when the sizes differ.
+        """
+        if condition.size != self.size:
+            raise VisionError(
+                f"the bank's photos are {self.size}, the simulated frames {condition.size}; they must agree."
+            )
+        picture, classes = self.plate.astype(np.float32), condition.classes[0]
+        for number in sorted(set(np.unique(classes[classes >= OBJECT]).tolist()), reverse=True):  # what lies flat first
+            mask = classes == number
+            entry = self._nearest(mask, number)
+            if entry is not None:
+                picture = self._stamp(picture, entry, number, mask, classes)
+        return np.clip(np.round(picture), 0, 255).astype(np.uint8)
+
+    def _nearest(self, mask: Array, number: int) -> Entry | None:
+        """The photo in which an object is nearest to where it is wanted, in place and size."""
+        wanted = _outline(mask)
+        found = [(e, _outline(e.classes == number)) for e in self.entries if (e.classes == number).sum() >= SMALLEST]
+        if not found or mask.sum() < 1:
+            return None
+        return min(found, key=lambda pair: _apart(pair[1], wanted))[0]
+
+    def _stamp(self, picture: Array, entry: Entry, number: int, mask: Array, classes: Array) -> Array:
+        """The picture with an object of a photo in its mask, and its shadow on table and background around."""
+        source = entry.classes == number
+        matrix = _fit(_outline(source), _outline(mask))
+        size = self.size
+        moved = cv2.warpAffine(entry.frame, matrix, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        covered = cv2.warpAffine(source.astype(np.uint8), matrix, size, flags=cv2.INTER_NEAREST) > 0
+        inside, lacking = mask & covered, mask & ~covered
+        if not inside.any():
+            colour = entry.frame[source].mean(axis=0)
+            return np.where(mask[..., None], colour, picture)
+        if lacking.any():
+            moved = cv2.inpaint(moved, (~covered).astype(np.uint8), 3, cv2.INPAINT_TELEA)
+        ratio = (entry.frame.astype(np.float32) + 1) / (self.plate.astype(np.float32) + 1)
+        ratio = cv2.GaussianBlur(
+            np.where((entry.classes < ROBOT)[..., None], ratio, 1.0).astype(np.float32), (0, 0), 0.8
+        )
+        ratio = cv2.warpAffine(ratio, matrix, size, flags=cv2.INTER_LINEAR, borderValue=(1.0, 1.0, 1.0))
+        reach = max(1, round(MARGIN * size[0]))
+        near = cv2.dilate(mask.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1,) * 2)) > 0
+        fade = np.clip(2.0 - 2.0 * _distance(mask) / reach, 0.0, 1.0)[..., None]
+        shadow = picture * (1 + fade * (np.clip(ratio, 0.3, 1.1) - 1))
+        out = np.where((near & ~mask & (classes < ROBOT))[..., None], shadow, picture)
+        return np.where(mask[..., None], moved.astype(np.float32), out)
+
+
+def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] | None] = (),
+              joints: Sequence[Array | None] = ()) -> Bank:  # fmt: skip
+    """A bank of the first frames of episodes that begin with the robot in one pose.
+
+    The plate is the median of what table and background look like where no object is, and the robot of the first frames;
+    poses, joints: of the props and the robot at the first frames, where known.
+    Raises: VisionError without an episode, or where sizes differ.
+    """
+    if not episodes:
+        raise VisionError("a reference bank is made of at least one episode.")
+    firsts = np.stack([e.frames[0] for e in episodes])
+    classes = np.stack([e.condition.classes[0] for e in episodes])
+    free = np.ma.masked_array(firsts, np.repeat((classes >= OBJECT)[..., None], 3, axis=3))
+    plate = np.ma.median(free, axis=0)
+    holes = np.ma.getmaskarray(plate)[..., 0]
+    filled = np.round(plate.filled(0)).astype(np.uint8)
+    if holes.any():
+        filled = _fill(filled, holes, episodes)
+    entries = [
+        Entry(frame, seen, joints[i] if joints else None, poses[i] if poses else None)
+        for i, (frame, seen) in enumerate(zip(firsts, classes, strict=True))
+    ]
+    return Bank(filled, tuple(entries))
+
+
+def _fill(plate: Array, holes: Array, episodes: Sequence[Episode]) -> Array:
+    """The plate where an object stood in every first frame: later frames in which nothing is there, else a guess."""
+    for episode in episodes:
+        free = episode.condition.classes < ROBOT
+        newly = holes & free.any(axis=0)
+        rows, columns = np.nonzero(newly)
+        plate[newly] = episode.frames[free.argmax(axis=0)[newly], rows, columns]
+        holes = holes & ~newly
+    return cv2.inpaint(plate, holes.astype(np.uint8), 3, cv2.INPAINT_TELEA) if holes.any() else plate
+
+
+# ---- outlines --------------------------------------------------------------------------------------------------
+
+Outline = tuple[Array, Array, Array]  # centre (2,) x y, axes (2, 2) as columns, half lengths (2,), longest first
+
+
+def _outline(mask: Array) -> Outline:
+    """Centre and axes of a mask's pixels."""
+    points = np.argwhere(mask)[:, ::-1].astype(float)
+    if len(points) == 0:
+        return np.zeros(2), np.eye(2), np.ones(2)
+    centre = points.mean(axis=0)
+    spread = np.cov(points.T, bias=True) + np.eye(2) / 12 if len(points) > 1 else np.eye(2) / 12
+    values, vectors = np.linalg.eigh(spread)
+    return centre, vectors[:, ::-1], np.sqrt(values[::-1])
+
+
+def _apart(a: Outline, b: Outline) -> float:
+    """How unlike two outlines are: their distance in pixels, and in sizes."""
+    return float(np.linalg.norm(a[0] - b[0]) + 20 * np.abs(np.log(a[2] / b[2])).sum())
+
+
+def _fit(source: Outline, target: Outline) -> Array:
+    """The affine map (2, 3) that brings one outline over another; slender ones are turned, others only stretched."""
+    (c0, u0, s0), (c1, u1, s1) = source, target
+    if s0[0] / s0[1] > SLENDER and s1[0] / s1[1] > SLENDER:
+        if u0[:, 0] @ u1[:, 0] < 0:  # the nearer of the two ways to turn
+            u1 = -u1
+        if np.linalg.det(u0) * np.linalg.det(u1) < 0:
+            u1 = u1 * np.array([1.0, -1.0])
+        linear = u1 @ np.diag(s1 / s0) @ u0.T
+    else:
+        linear = (u1 * s1) @ u1.T @ np.linalg.inv((u0 * s0) @ u0.T)
+    return np.column_stack([linear, c1 - linear @ c0])
+
+
+def _distance(mask: Array) -> Array:
+    """Distance (H, W) of each pixel to a mask, pixels."""
+    return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
+
+
+def save_bank(bank: Bank, path: str | Path) -> None:
+    """Write a bank as npz, beside and renamed."""
+    path = Path(path)
+    part = path.with_name(f".{path.name}.part.npz")
+    data: dict[str, Array] = {
+        "plate": bank.plate, "frames": np.stack([e.frame for e in bank.entries]),
+        "classes": np.stack([e.classes for e in bank.entries]),
+    }  # fmt: skip
+    if all(e.joints is not None for e in bank.entries):
+        data["joints"] = np.stack([np.asarray(e.joints) for e in bank.entries])
+    for name in sorted({n for e in bank.entries for n in (e.poses or {})}):
+        missing = np.full(7, np.nan)
+        data[f"pose.{name}"] = np.stack([np.asarray((e.poses or {}).get(name, missing)) for e in bank.entries])
+    np.savez_compressed(part, **data)  # pyright: ignore[reportArgumentType]
+    part.replace(path)
+
+
+def load_bank(path: str | Path) -> Bank:
+    """Read a bank.
+
+    Raises: VisionError where it is missing or no bank.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            arrays = {key: data[key] for key in data.files}
+        names = [key.removeprefix("pose.") for key in arrays if key.startswith("pose.")]
+        entries = []
+        for i, (frame, classes) in enumerate(zip(arrays["frames"], arrays["classes"], strict=True)):
+            poses = {n: arrays[f"pose.{n}"][i] for n in names if np.isfinite(arrays[f"pose.{n}"][i]).all()}
+            entries.append(Entry(frame, classes, arrays["joints"][i] if "joints" in arrays else None, poses or None))
+        return Bank(arrays["plate"], tuple(entries))
+    except (OSError, KeyError, ValueError, EOFError) as error:
+        raise VisionError(f"{path} is no reference bank; make one with `embodiedreamer vis bank`.") from error

@@ -1,0 +1,116 @@
+"""Conditions and references as tensors: what a network gets to see.
+
+The paper adds the objects' masks pixel-wise to the picture of the robot; here each class has a channel of its own beside a
+picture whose object pixels are blank, which is the same without the sums' ambiguity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, References
+
+NEAR, REACH = 1.0, 0.5  # m; a depth of NEAR +- REACH is -1 .. 1
+SLOPE = 20.0  # per metre from a pixel to the next but one: the channels of the surface's tilt
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Which inputs a model uses; those switched off are not computed, so that an ablation is one flag.
+
+    masks: channels of robot, object and goal (else objects are erased from the picture); depth: depth and its two
+    slopes; anchor: the true first frame; plate: what has been seen behind moving things; at_reference: the simulated
+    view at the reference's time.
+    """
+
+    masks: bool = True
+    depth: bool = True
+    anchor: bool = True
+    plate: bool = True
+    at_reference: bool = True
+
+    @property
+    def per_frame(self) -> int:
+        """Channels of a frame's condition."""
+        return 3 + 3 * self.masks + 3 * self.depth
+
+    @property
+    def per_clip(self) -> int:
+        """Channels of the references."""
+        frames = 1 + self.anchor
+        return 3 * frames + self.at_reference * frames * self.per_frame + 4 * self.plate
+
+
+def frame_channels(condition: Condition, inputs: Inputs) -> Tensor:
+    """Channels (T, C, H, W), float, of a condition."""
+    thing = condition.classes >= OBJECT
+    rgb = np.where(thing[..., None], 0.0, condition.rgb.astype(np.float32) / 127.5 - 1.0)
+    parts = [rgb.transpose(0, 3, 1, 2)]
+    if inputs.masks:
+        classes = condition.classes
+        parts.append(np.stack([classes == ROBOT, classes == OBJECT, classes > OBJECT], axis=1).astype(np.float32))
+    if inputs.depth:
+        parts.append(_depth_channels(condition, thing))
+    return torch.from_numpy(np.ascontiguousarray(np.concatenate(parts, axis=1), np.float32))
+
+
+def _depth_channels(condition: Condition, thing: np.ndarray) -> np.ndarray:
+    """Depth and its slopes (T, 3, H, W), zero where an object is, or where no depth is known."""
+    t, h, w = condition.classes.shape
+    if condition.depth is None:
+        return np.zeros((t, 3, h, w), np.float32)
+    metres = condition.depth.astype(np.float32)
+    across, down = np.zeros_like(metres), np.zeros_like(metres)
+    across[:, :, 1:-1] = metres[:, :, 2:] - metres[:, :, :-2]
+    down[:, 1:-1] = metres[:, 2:] - metres[:, :-2]
+    scale = SLOPE * w / 128  # the same tilt is the same number whatever the picture's size
+    found = np.stack([(metres - NEAR) / REACH, scale * across, scale * down], axis=1)
+    return np.where(thing[:, None], 0.0, np.clip(found, -1.0, 1.0))
+
+
+def reference_channels(references: References, inputs: Inputs) -> Tensor:
+    """Channels (C, H, W), float, of the references."""
+    parts = [_colours(references.last)]
+    views = [references.last_condition]
+    if inputs.anchor:
+        parts.append(_colours(references.anchor))
+        views.append(references.anchor_condition)
+    if inputs.plate:
+        seen = torch.from_numpy(references.seen.astype(np.float32))[None]
+        parts += [_colours(references.plate) * seen, seen]
+    if inputs.at_reference:
+        parts += [frame_channels(view, inputs)[0] for view in views]
+    return torch.cat(parts)
+
+
+def background(references: References, condition: Condition, inputs: Inputs) -> Tensor:
+    """What each frame (T, 3, H, W) would be if nothing new had to be drawn.
+
+    The last frame; but where a thing has left and the plate shows what is behind it, the plate.
+    """
+    last, plate = _colours(references.last), _colours(references.plate)
+    if not inputs.plate:
+        return last.expand(len(condition), -1, -1, -1)
+    left = references.seen & (references.last_condition.classes[0] >= ROBOT)
+    uncovered = torch.from_numpy(left & (condition.classes < ROBOT))[:, None]
+    return torch.where(uncovered, plate, last)
+
+
+def _colours(frame: np.ndarray) -> Tensor:
+    """A frame (H, W, 3) uint8 as (3, H, W) in -1 .. 1."""
+    return torch.from_numpy(frame.astype(np.float32).transpose(2, 0, 1) / 127.5 - 1.0)
+
+
+def to_tensor(frames: np.ndarray) -> Tensor:
+    """Frames (T, H, W, 3) uint8 as (T, 3, H, W) in -1 .. 1."""
+    return torch.from_numpy(np.ascontiguousarray(frames.astype(np.float32).transpose(0, 3, 1, 2) / 127.5 - 1.0))
+
+
+def to_frames(clip: Tensor) -> np.ndarray:
+    """(..., 3, H, W) in -1 .. 1 as frames (..., H, W, 3) uint8."""
+    levels = ((clip.clamp(-1.0, 1.0) + 1.0) * 127.5).round().to(torch.uint8)
+    return np.ascontiguousarray(levels.movedim(-3, -1).cpu().numpy())

@@ -1,0 +1,145 @@
+"""What the models see and make: conditions, references and episodes, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from embodiedreamer_gym.errors import VisionError
+
+TABLE, ROBOT, OBJECT, GOAL = 1, 2, 3, 4  # classes; 0 is the background, further props count as goals
+CLASS_NAMES = ("background", "table", "robot", "object", "goal")
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """What the simulator shows of T frames.
+
+    rgb (T, H, W, 3) uint8; classes (T, H, W) uint8: 0 background, 1 table, 2 robot, 3 object, 4 goal; depth (T, H, W)
+    float32, m, or None. Where an object is, rgb and depth are not looked at: of real clips only its mask is known.
+    Raises: VisionError where shapes or types differ.
+    """
+
+    rgb: Array
+    classes: Array
+    depth: Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.rgb.ndim != 4 or self.rgb.shape[3] != 3 or self.rgb.dtype != np.uint8:
+            raise VisionError(f"simulated frames must be (T, H, W, 3) uint8, not {self.rgb.shape} {self.rgb.dtype}.")
+        for name, array in (("classes", self.classes), ("depth", self.depth)):
+            if array is not None and array.shape != self.rgb.shape[:3]:
+                raise VisionError(f"{name} must be {self.rgb.shape[:3]} as the simulated frames, not {array.shape}.")
+
+    def __len__(self) -> int:
+        return len(self.rgb)
+
+    def __repr__(self) -> str:
+        return f"Condition({len(self)} frames of {self.size[0]} x {self.size[1]})"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.rgb.shape[2], self.rgb.shape[1]
+
+    def part(self, start: int, end: int) -> Condition:
+        """Frames start .. end - 1."""
+        depth = None if self.depth is None else self.depth[start:end]
+        return Condition(self.rgb[start:end], self.classes[start:end], depth)
+
+
+@dataclass(frozen=True, eq=False)
+class References:
+    """What a chunk starts from: the last real or generated frame, the anchor, and what has been seen behind things.
+
+    last, anchor (H, W, 3) uint8; last_condition, anchor_condition: the simulator's view at those instants (T = 1); plate
+    (H, W, 3) uint8: the newest picture of table and background, where they were ever seen; seen (H, W) bool: where.
+    The anchor is the true first frame and is never replaced.
+    """
+
+    last: Array
+    last_condition: Condition
+    anchor: Array
+    anchor_condition: Condition
+    plate: Array
+    seen: Array
+
+    @staticmethod
+    def start(frame: Array, condition: Condition) -> References:
+        """References of an episode's first frame (H, W, 3) and the simulator's view of it.
+
+        Raises: VisionError when the sizes differ.
+        """
+        if frame.shape != condition.rgb.shape[1:] or frame.dtype != np.uint8:
+            width, height = condition.size
+            raise VisionError(
+                f"the reference must be ({height}, {width}, 3) uint8 as the simulated frames, not {frame.shape} {frame.dtype}."
+            )
+        free = condition.classes[-1] < ROBOT
+        first = condition.part(len(condition) - 1, len(condition))
+        return References(frame, first, frame, first, np.where(free[..., None], frame, 0).astype(np.uint8), free)
+
+    def after(self, frames: Array, condition: Condition) -> References:
+        """References once frames (T, H, W, 3) have been shown: what they uncovered is kept, what was seen is not redrawn."""
+        plate, seen = self.plate, self.seen
+        for frame, classes in zip(frames, condition.classes, strict=True):
+            new = ~seen & (classes < ROBOT)
+            plate, seen = np.where(new[..., None], frame, plate), seen | new
+        return replace(
+            self,
+            last=frames[-1],
+            last_condition=condition.part(len(condition) - 1, len(condition)),
+            plate=plate,
+            seen=seen,
+        )
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.last.shape[1], self.last.shape[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """A clip with its truth: real frames (T, H, W, 3) uint8 and what the simulator shows of the same instants.
+
+    clean: the frames without the sensor's noise, where known; class_names: what the classes' numbers mean.
+    Raises: VisionError when the sizes differ.
+    """
+
+    name: str
+    frames: Array
+    condition: Condition
+    clean: Array | None = None
+    class_names: tuple[str, ...] = CLASS_NAMES
+
+    def __post_init__(self) -> None:
+        if self.frames.shape != self.condition.rgb.shape or self.frames.dtype != np.uint8:
+            raise VisionError(
+                f"{self.name}: real frames are {self.frames.shape} {self.frames.dtype}, simulated ones "
+                f"{self.condition.rgb.shape} uint8; they must agree."
+            )
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __repr__(self) -> str:
+        return f"Episode({self.name!r}, {len(self)} frames of {self.condition.size[0]} x {self.condition.size[1]})"
+
+    @cached_property
+    def first_seen(self) -> Array:
+        """The first frame (H, W) in which table or background shows at a pixel; T where none does."""
+        free = self.condition.classes < ROBOT
+        return np.where(free.any(axis=0), free.argmax(axis=0), len(self))
+
+    def references(self, at: int) -> References:
+        """References of a chunk that follows frame `at`, as if all frames up to there had been shown."""
+        seen = self.first_seen <= at
+        rows, columns = np.indices(seen.shape)
+        plate = self.frames[np.minimum(self.first_seen, len(self) - 1), rows, columns]
+        plate = np.where(seen[..., None], plate, 0).astype(np.uint8)
+        part = self.condition.part
+        return References(self.frames[at], part(at, at + 1), self.frames[0], part(0, 1), plate, seen)

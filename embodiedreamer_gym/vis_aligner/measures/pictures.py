@@ -1,0 +1,89 @@
+"""What the measures accept: clips of frames, classes and masks of one size."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.errors import VisionError
+
+
+def checked_frames(frames: Any, name: str = "frames") -> np.ndarray:
+    """Return frames (T, H, W, 3), uint8 RGB.
+
+    Raises: VisionError for another type or shape, or no frame.
+    """
+    return _checked(frames, name, "uint8 RGB (T, H, W, 3)", np.uint8, 4, 3)
+
+
+def checked_pair(
+    generated: Any, truth: Any, names: tuple[str, str] = ("generated", "true")
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return two clips (T, H, W, 3), uint8 RGB, of one length and size.
+
+    Raises: VisionError when they differ in either, or one of them is no clip.
+    """
+    first, second = (checked_frames(x, f"{name} frames") for x, name in zip((generated, truth), names, strict=True))
+    if first.shape != second.shape:
+        raise VisionError(
+            f"the {names[0]} frames are {said(first)}, the {names[1]} ones {said(second)}; make them alike."
+        )
+    return first, second
+
+
+def checked_picture(picture: Any, like: np.ndarray, name: str = "reference") -> np.ndarray:
+    """Return a picture (H, W, 3), uint8 RGB, of the size of the frames `like` (T, H, W, 3).
+
+    Raises: VisionError for another type, shape or size.
+    """
+    found = _checked(picture, name, "uint8 RGB (H, W, 3)", np.uint8, 3, 3)
+    if found.shape != like.shape[1:]:
+        raise VisionError(
+            f"the {name} is {found.shape[1]}x{found.shape[0]}, the frames are {said(like)}; give one of their size."
+        )
+    return found
+
+
+def checked_classes(classes: Any, like: np.ndarray, name: str = "classes") -> np.ndarray:
+    """Return class numbers (T, H, W), uint8, of the length and size of the frames `like` (T, H, W, 3).
+
+    Raises: VisionError for another type, shape, length or size.
+    """
+    found = _checked(classes, name, "uint8 (T, H, W)", np.uint8, 3)
+    if found.shape != like.shape[:3]:
+        raise VisionError(
+            f"the {name} are {said(found)}, the frames {said(like)}; give one class picture for each frame."
+        )
+    return found
+
+
+def checked_mask(mask: Any, like: np.ndarray) -> np.ndarray:
+    """Return a mask (T, H, W), bool, for the frames `like` (T, H, W, 3); one mask (H, W) holds for all of them.
+
+    Raises: VisionError for another type or size, or a mask without a pixel.
+    """
+    found = np.asarray(mask)
+    if found.dtype != bool or found.ndim not in (2, 3):
+        raise VisionError(f"the mask is {found.dtype} of shape {found.shape}; bool (T, H, W) or (H, W) is expected.")
+    shown = found[None] if found.ndim == 2 else found
+    if shown.shape[1:] != like.shape[1:3] or (found.ndim == 3 and len(found) != len(like)):
+        raise VisionError(f"the mask is {said(shown)}, the frames {said(like)}; give one of their length and size.")
+    if not found.any():
+        raise VisionError("the mask has no pixel; there is nothing to measure, so leave it out or mark at least one.")
+    return np.broadcast_to(shown, like.shape[:3])
+
+
+def said(frames: np.ndarray) -> str:
+    """Length and size of a clip, for an error: "8 x 128x96"."""
+    return f"{len(frames)} x {frames.shape[2]}x{frames.shape[1]}"
+
+
+def _checked(given: Any, name: str, wanted: str, kind: type, axes: int, channels: int | None = None) -> np.ndarray:
+    found = np.asarray(given)
+    fits = found.ndim == axes and (channels is None or found.shape[-1] == channels)
+    if found.dtype != kind or not fits:
+        raise VisionError(f"{name}: {found.dtype} of shape {found.shape} was given; {wanted} is expected.")
+    if not found.size:
+        raise VisionError(f"{name}: no frame or no pixel was given (shape {found.shape}); give at least one.")
+    return found

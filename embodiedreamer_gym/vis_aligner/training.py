@@ -1,0 +1,162 @@
+"""Training on episodes: chunks after true or own references; a running average of the weights; goes on anywhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.vis_aligner.aligner import Trainable
+from embodiedreamer_gym.vis_aligner.clip import Episode, References
+
+CHECKPOINT = "checkpoint.pt"
+SAVED_EVERY = 250  # steps
+WARM_UP = 100  # steps up to the peak learning rate
+Progress = Callable[[str, int, float], None]
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """How a model is trained.
+
+    steps: of the optimiser; batch: clips; rate: peak learning rate; own: share of clips whose reference is the model's own
+    last frame; average: of the weights, per step.
+    """
+
+    steps: int = 4000
+    batch: int = 2
+    rate: float = 1e-3
+    own: float = 0.3
+    average: float = 0.998
+    seed: int = 0
+
+
+class Training:
+    """A model under training: `run` goes on from where it is; `save` and `load` keep all that this takes."""
+
+    def __init__(self, aligner: Trainable, config: TrainingConfig) -> None:
+        self.aligner, self.config = aligner, config
+        network = aligner.network
+        self.averaged = {k: v.detach().clone() for k, v in network.state_dict().items()}
+        trained = [p for p in network.parameters() if p.requires_grad]
+        self.optimiser = torch.optim.AdamW(trained, config.rate, weight_decay=1e-3)
+        self.step = 0
+
+    def run(self, episodes: Sequence[Episode], progress: Progress | None = None, until: int | None = None) -> None:
+        """Train up to a step, by default the last one.
+
+        Raises: VisionError without an episode that is longer than a chunk.
+        """
+        long = [e for e in episodes if len(e) > self.aligner.chunk]
+        if not long:
+            raise VisionError(f"no episode is longer than {self.aligner.chunk} frames; record longer ones.")
+        self.aligner.network.train()
+        for step in range(self.step, self.config.steps if until is None else min(until, self.config.steps)):
+            loss = self._advance(long, step)
+            self.step = step + 1
+            if progress is not None:
+                progress("training", self.step, loss)
+
+    def finish(self) -> None:
+        """Give the network the averaged weights."""
+        self.aligner.network.load_state_dict(self.averaged)
+
+    def _advance(self, episodes: Sequence[Episode], step: int) -> float:
+        """One step of the optimiser; what is drawn depends on seed and step alone, so that a run can go on anywhere."""
+        rng = np.random.default_rng([self.config.seed, step])
+        generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
+        network, k = self.aligner.network, self.aligner.chunk
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.config.rate * _share(step, self.config.steps)
+        chosen, starts, references = self._draw(episodes, rng)
+        conditions = [e.condition.part(s + 1, s + 1 + k) for e, s in zip(chosen, starts, strict=True)]
+        truth = [e.frames[s + 1 : s + 1 + k] for e, s in zip(chosen, starts, strict=True)]
+        loss = self.aligner.loss(references, conditions, truth, generator)
+        self.optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+        self.optimiser.step()
+        keep = min(self.config.average, (step + 1) / (step + 10))
+        with torch.no_grad():
+            for name, value in network.state_dict().items():
+                self.averaged[name] = value.clone() if not value.is_floating_point() else self.averaged[name].lerp_(
+                    value, 1 - keep
+                )  # fmt: skip
+        return float(loss.detach())
+
+    def _draw(
+        self, episodes: Sequence[Episode], rng: np.random.Generator
+    ) -> tuple[list[Episode], list[int], list[References]]:
+        """Clips of a batch: episodes, the frames they follow, references; some the model's own."""
+        k, chosen = self.aligner.chunk, [episodes[i] for i in rng.integers(len(episodes), size=self.config.batch)]
+        starts = [int(rng.integers(len(e) - k)) for e in chosen]
+        references = [e.references(s) for e, s in zip(chosen, starts, strict=True)]
+        own = [i for i, s in enumerate(starts) if s >= k and rng.random() < self.config.own]
+        if own:
+            before = [chosen[i].references(starts[i] - k) for i in own]
+            conditions = [chosen[i].condition.part(starts[i] - k + 1, starts[i] + 1) for i in own]
+            made = self.aligner.render(before, conditions)
+            for i, old, frames, condition in zip(own, before, made, conditions, strict=True):
+                references[i] = old.after(frames, condition)
+        return chosen, starts, references
+
+    # ---- files -------------------------------------------------------------------------------------------------
+
+    def save(self, path: str | Path) -> None:
+        """Write weights, averages, optimiser and step beside, then rename."""
+        path = Path(path)
+        part = path.with_name(f".{path.name}.part")
+        state: dict[str, Any] = {
+            "config": asdict(self.config), "step": self.step, "averaged": self.averaged,
+            "network": self.aligner.network.state_dict(), "optimiser": self.optimiser.state_dict(),
+        }  # fmt: skip
+        torch.save(state, part)
+        part.replace(path)
+
+    def load(self, path: str | Path) -> None:
+        """Go on from what `save` wrote.
+
+        Raises: VisionError where it is of other settings, another model, or damaged.
+        """
+        try:
+            state = torch.load(path, weights_only=True, map_location="cpu")
+            config, step = dict(state["config"]), int(state["step"])
+            if config == asdict(self.config):
+                self.aligner.network.load_state_dict(state["network"])
+                self.optimiser.load_state_dict(state["optimiser"])
+                self.averaged, self.step = state["averaged"], step
+        except Exception as error:  # whatever a damaged or foreign file raises
+            raise VisionError(f"{path} is no checkpoint of this training: damaged, or of another model.") from error
+        if config != asdict(self.config):
+            raise VisionError(f"{path} was trained with other settings; give another folder, or the same settings.")
+
+
+def train(aligner: Trainable, episodes: Sequence[Episode], config: TrainingConfig, folder: str | Path | None = None,
+          progress: Progress | None = None) -> None:  # fmt: skip
+    """Train an aligner in place; with a folder, a checkpoint is kept there, from which an interrupted training goes on.
+
+    Raises: VisionError without long enough episodes, or where the checkpoint is of other settings.
+    """
+    training = Training(aligner, config)
+    checkpoint = None if folder is None else Path(folder) / CHECKPOINT
+    if checkpoint is not None:
+        checkpoint.parent.mkdir(parents=True, exist_ok=True)
+        if checkpoint.is_file():
+            training.load(checkpoint)
+    while training.step < config.steps:
+        training.run(episodes, progress, until=training.step + SAVED_EVERY)
+        if checkpoint is not None:
+            training.save(checkpoint)
+    training.finish()
+
+
+def _share(step: int, steps: int) -> float:
+    """Of the peak learning rate: up over the first steps, down as a cosine."""
+    return min(1.0, (step + 1) / WARM_UP) * 0.5 * (1 + math.cos(math.pi * step / max(steps, 1)))

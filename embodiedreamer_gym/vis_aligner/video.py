@@ -1,0 +1,27 @@
+"""Frames as a video file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from embodiedreamer_gym.errors import VisionError
+
+
+def write_video(frames: np.ndarray, path: str | Path, rate: float = 30.0) -> None:
+    """Write frames (T, H, W, 3) uint8 as mp4, beside and renamed; rate: frames per second.
+
+    Raises: VisionError where the file cannot be written.
+    """
+    path = Path(path)
+    part = path.with_name(f".part-{path.stem}.mp4")
+    height, width = frames.shape[1:3]
+    writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), rate, (width, height))
+    if path.suffix != ".mp4" or not writer.isOpened():
+        raise VisionError(f"{path} cannot be written; give a file name.mp4 in a folder that exists.")
+    for frame in frames:
+        writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+    writer.release()
+    part.replace(path)

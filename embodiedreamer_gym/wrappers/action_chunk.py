@@ -1,0 +1,82 @@
+"""A chunk of actions as one action."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from embodiedreamer_gym.envs.aloha import AlohaEnv
+from embodiedreamer_gym.errors import SimulationError
+
+CLIP = ("rgb", "depth", "classes")
+
+
+class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
+    """Takes k actions (k, 14) at once, as policies that predict chunks give them, and plays them one after the other.
+
+    The reward is the sum of the k rewards, observation and info are those after the last action; info["rewards"] holds
+    each reward and info["steps"] their number, which is less than k where the episode was cut. With `camera`, info["clip"]
+    holds what it saw after each action: rgb (k, H, W, 3) uint8, depth (k, H, W) m and classes (k, H, W); after a reset,
+    of that one instant.
+
+    camera: name of a camera, or None; size: its picture's width and height, the environment's own where None.
+    Raises: SimulationError for k below 1, an action space that is no box, or a camera without an ALOHA environment.
+    """
+
+    def __init__(
+        self, env: gym.Env, k: int = 8, camera: str | None = None, size: tuple[int, int] | None = None
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, k=k, camera=camera, size=size)
+        gym.Wrapper.__init__(self, env)
+        if isinstance(k, bool) or not isinstance(k, int | np.integer) or k < 1:
+            raise SimulationError(f"a chunk has k = 1 or more actions, not {k!r}.")
+        one = env.action_space
+        if not isinstance(one, spaces.Box):
+            raise SimulationError(f"ActionChunk takes actions that are arrays, not a {type(one).__name__}.")
+        if camera is not None and not isinstance(env.unwrapped, AlohaEnv):
+            raise SimulationError(f"only ALOHA environments have a camera '{camera}'; leave it out.")
+        self.k, self.camera = int(k), camera
+        self.size = None if size is None else (int(size[0]), int(size[1]))
+        low, high = (np.repeat(bound[None], self.k, axis=0) for bound in (one.low, one.high))
+        self.action_space = spaces.Box(low, high, dtype=one.dtype.type)  # pyright: ignore[reportArgumentType, reportOptionalMemberAccess]
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Start an episode; with a camera, info["clip"] is its view of this instant."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        return observation, info | self._clip([self._look()])
+
+    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Play the actions (k, n), up to where the episode ends.
+
+        Raises: ValueError for another shape.
+        """
+        action = np.asarray(action)
+        if action.shape != self.action_space.shape:
+            raise ValueError(f"a chunk has shape {self.action_space.shape}, not {action.shape}.")
+        rewards, looks = [], []
+        observation, info, terminated, truncated = None, {}, False, False
+        for one in action:
+            observation, reward, terminated, truncated, info = self.env.step(one)
+            rewards.append(float(reward))
+            looks.append(self._look())
+            if terminated or truncated:
+                break
+        info = info | {"rewards": np.array(rewards), "steps": len(rewards)} | self._clip(looks)
+        return observation, float(sum(rewards)), terminated, truncated, info
+
+    def _look(self) -> tuple[np.ndarray, ...]:
+        """Colour, depth and classes of this instant; nothing without a camera."""
+        aloha = self.env.unwrapped
+        if self.camera is None or not isinstance(aloha, AlohaEnv):
+            return ()
+        frame = aloha.capture(self.camera, self.size)
+        return frame.rgb, frame.depth, frame.segmentation
+
+    def _clip(self, looks: list[tuple[np.ndarray, ...]]) -> dict[str, Any]:
+        """What info says of some instants."""
+        if self.camera is None:
+            return {}
+        return {"clip": dict(zip(CLIP, (np.stack(part) for part in zip(*looks, strict=True)), strict=True))}

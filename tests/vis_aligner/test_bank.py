@@ -1,0 +1,61 @@
+"""References of scenes that no photo shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.vis_aligner.bank import Bank, Entry, load_bank, make_bank, save_bank
+from tests.vis_aligner.scenes import episode, texture
+
+
+@pytest.fixture(scope="module")
+def bank() -> Bank:
+    episodes = [episode(seed) for seed in range(6)]
+    poses = [{"cup": np.arange(7.0)} for _ in episodes]
+    return make_bank(episodes, poses, [np.arange(14.0)] * 6)
+
+
+def test_the_plate_shows_no_object(bank: Bank) -> None:
+    """Where no arm is, it is the bench to within the sensor's noise."""
+    robot = np.any([e.classes == 2 for e in bank.entries], axis=0)
+    error = np.abs(bank.plate.astype(float) - texture(0))[~robot]
+    assert np.median(error) < 1.5 and np.percentile(error, 99) < 6
+
+
+def test_a_new_scene_gets_its_objects_painted_in(bank: Bank) -> None:
+    """Nearer to the true photo than the empty plate and than another photo, on each object."""
+    for seed in (20, 21, 22):
+        one = episode(seed)
+        painted = bank.paint(one.condition)
+        for number in (3, 4):
+            mask = one.condition.classes[0] == number
+            error = [np.abs(p[mask].astype(float) - one.frames[0][mask]).mean() for p in (painted, bank.plate)]
+            assert error[0] < 0.25 * error[1]
+    assert np.array_equal(painted, bank.paint(one.condition))
+
+
+def test_a_bank_survives_its_file(bank: Bank, tmp_path) -> None:
+    save_bank(bank, tmp_path / "bank.npz")
+    again = load_bank(tmp_path / "bank.npz")
+    assert np.array_equal(again.plate, bank.plate) and len(again.entries) == 6
+    assert np.array_equal(again.entry(2).frame, bank.entry(2).frame)
+    assert again.entry(2).options()["object_poses"]["cup"].tolist() == list(range(7))
+    assert [p.name for p in tmp_path.iterdir()] == ["bank.npz"]
+
+
+def test_bad_banks_are_refused(bank: Bank, tmp_path) -> None:
+    (tmp_path / "notes.npz").write_text("shopping list")
+    for call, says in (
+        (lambda: load_bank(tmp_path / "notes.npz"), "no reference bank"),
+        (lambda: load_bank(tmp_path / "none.npz"), "no reference bank"),
+        (lambda: bank.entry(6), r"0 \.\. 5, not 6"),
+        (lambda: bank.entry(True), "not True"),
+        (lambda: make_bank([]), "at least one episode"),
+        (lambda: Bank(bank.plate, ()), "at least one photo"),
+        (lambda: Bank(bank.plate[::2], bank.entries), "one size"),
+        (lambda: Entry(bank.plate, bank.entries[0].classes).options(), "not known"),
+    ):
+        with pytest.raises(VisionError, match=says):
+            call()

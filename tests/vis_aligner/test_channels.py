@@ -1,0 +1,62 @@
+"""What a network gets to see."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from embodiedreamer_gym.vis_aligner.channels import (
+    Inputs,
+    background,
+    frame_channels,
+    reference_channels,
+    to_frames,
+    to_tensor,
+)
+from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition
+from tests.vis_aligner.scenes import episode
+
+OFF = [
+    Inputs(),
+    *(replace(Inputs(), **{name: False}) for name in ("masks", "depth", "anchor", "plate", "at_reference")),
+]
+
+
+@pytest.mark.parametrize("inputs", OFF, ids=str)
+def test_as_many_channels_as_it_says(inputs: Inputs) -> None:
+    one = episode()
+    frame = frame_channels(one.condition, inputs)
+    clip = reference_channels(one.references(4), inputs)
+    assert frame.shape == (17, inputs.per_frame, 48, 64) and clip.shape == (inputs.per_clip, 48, 64)
+    assert torch.isfinite(frame).all() and frame.abs().max() <= 1 and clip.abs().max() <= 1
+
+
+def test_an_object_shows_only_as_its_mask() -> None:
+    """Whatever colour or depth the simulator gives it, as of a real clip only its mask is known."""
+    one = episode().condition
+    thing = one.classes >= OBJECT
+    other = Condition(np.where(thing[..., None], 77, one.rgb), one.classes, np.where(thing, 0.1, one.depth))
+    frame = frame_channels(one, Inputs())
+    assert torch.equal(frame[:, :6], frame_channels(other, Inputs())[:, :6])
+    found = frame[:, 4:6].numpy() > 0
+    assert np.array_equal(found[:, 0], one.classes == 3) and np.array_equal(found[:, 1], one.classes == 4)
+
+
+def test_what_is_uncovered_comes_from_the_plate() -> None:
+    one = episode(3)
+    references, condition = one.references(8), one.condition.part(9, 17)
+    shown = to_frames(background(references, condition, Inputs()))
+    left = (references.last_condition.classes[0] >= ROBOT) & references.seen
+    for frame, classes in zip(shown, condition.classes, strict=True):
+        new = left & (classes < ROBOT)
+        assert np.array_equal(frame[new], references.plate[new]) and np.array_equal(frame[~new], references.last[~new])
+    without = background(references, condition, replace(Inputs(), plate=False))
+    assert np.array_equal(to_frames(without)[-1], references.last)
+
+
+def test_frames_survive_the_way_there_and_back() -> None:
+    frames = episode().frames
+    assert np.array_equal(to_frames(to_tensor(frames)), frames)

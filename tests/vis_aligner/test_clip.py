@@ -1,0 +1,57 @@
+"""Conditions, references and what has been seen behind moving things."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.vis_aligner.clip import ROBOT, Condition, Episode, References
+from tests.vis_aligner.scenes import episode
+
+
+def test_references_of_an_episode_are_those_of_playing_it() -> None:
+    """`references(at)` is what `after` arrives at frame by frame."""
+    one = episode(1)
+    played = References.start(one.frames[0], one.condition.part(0, 1))
+    for k in range(1, 9):
+        played = played.after(one.frames[k : k + 1], one.condition.part(k, k + 1))
+    there = one.references(8)
+    assert np.array_equal(there.seen, played.seen) and np.array_equal(there.plate, played.plate)
+    assert np.array_equal(there.last, one.frames[8]) and np.array_equal(there.anchor, one.frames[0])
+    assert there.seen.sum() > one.references(0).seen.sum()
+
+
+def test_what_was_seen_is_not_redrawn() -> None:
+    """The plate keeps the first sight of a pixel, whatever is shown later."""
+    one = episode(2)
+    before = one.references(0)
+    after = before.after(np.full_like(one.frames[1:5], 255), one.condition.part(1, 5))
+    assert np.array_equal(after.plate[before.seen], before.plate[before.seen])
+    new = after.seen & ~before.seen
+    assert new.any() and (after.plate[new] == 255).all()
+    assert not (after.seen & (one.condition.classes[:5] >= ROBOT).all(axis=0)).any()
+    assert (after.anchor == one.frames[0]).all() and (after.last == 255).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"rgb": np.zeros((2, 48, 64), np.uint8)}, "must be"),
+        ({"rgb": np.zeros((17, 48, 64, 3))}, "uint8"),
+        ({"classes": np.zeros((17, 48, 60), np.uint8)}, r"\(17, 48, 64\).*\(17, 48, 60\)"),
+        ({"depth": np.zeros((16, 48, 64), np.float32)}, "depth"),
+    ],
+)
+def test_pictures_that_do_not_fit_are_refused(change, says) -> None:
+    one = episode().condition
+    with pytest.raises(VisionError, match=says):
+        Condition(**({"rgb": one.rgb, "classes": one.classes, "depth": one.depth} | change))
+
+
+def test_a_reference_of_another_camera_is_refused() -> None:
+    one = episode()
+    with pytest.raises(VisionError, match=r"\(48, 64, 3\).*\(96, 128, 3\)"):
+        References.start(np.zeros((96, 128, 3), np.uint8), one.condition.part(0, 1))
+    with pytest.raises(VisionError, match="must agree"):
+        Episode("short", one.frames[:5], one.condition)

@@ -1,0 +1,32 @@
+"""What docs/vis_measures.md says is what the code has."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+from embodiedreamer_gym.vis_aligner import measures
+from embodiedreamer_gym.vis_aligner.measures.evaluate import UNITS
+
+TEXT = (Path(__file__).parents[2] / "docs" / "vis_measures.md").read_text(encoding="utf-8")
+
+
+def test_constants_are_those_of_the_code() -> None:
+    found = re.findall(r"^\| `(\w+)\.([A-Z_]+)` \| ([\d.]+) \|", TEXT, re.MULTILINE)
+    assert len(found) == 8
+    for module, name, value in found:
+        here = importlib.import_module(f"embodiedreamer_gym.vis_aligner.measures.{module}")
+        assert float(value) == getattr(here, name), f"{module}.{name}"
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_every_measure_is_listed_with_its_unit(name: str) -> None:
+    line = next(line for line in TEXT.splitlines() if line.startswith("|") and f"`{name}" in line)
+    assert UNITS[name].replace("^2", "²") in line
+
+
+def test_baselines_are_listed() -> None:
+    assert [name for name in measures.BASELINES if f"| {name} |" not in TEXT] == []

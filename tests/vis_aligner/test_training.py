@@ -1,0 +1,89 @@
+"""Training: it learns, goes on where it was to the last bit, and refuses what is not its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.vis_aligner.judging import AFTER_TRUE, CLOSED, judge, tables
+from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
+from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
+from embodiedreamer_gym.vis_aligner.training import CHECKPOINT, Training, TrainingConfig, train
+from tests.vis_aligner.scenes import episode
+
+CONFIG = TrainingConfig(steps=8, own=0.5)
+
+
+def fresh(widths: tuple[int, int, int] = (8, 8, 16), chunk: int = 4) -> LeanAligner:
+    torch.manual_seed(0)
+    return LeanAligner(Lean(LeanConfig(widths, 4)), chunk)
+
+
+def weights(aligner: LeanAligner) -> torch.Tensor:
+    return torch.cat([p.detach().flatten() for p in aligner.network.parameters()])
+
+
+@pytest.fixture(scope="module")
+def learnt() -> LeanAligner:
+    """Trained for a few seconds on five episodes of one bench."""
+    model = fresh((16, 24, 32))
+    train(model, [episode(seed) for seed in range(5)], TrainingConfig(steps=220, rate=3e-3, average=0.98))
+    return model
+
+
+def test_it_learns_a_bench(learnt: LeanAligner) -> None:
+    """On an episode it has not seen: better than the last true frame, whole and where things move."""
+    found = judge(learnt, episode(9)).measures
+    assert found[AFTER_TRUE]["psnr"] > found["copy last"]["psnr"] + 1.5
+    assert found[AFTER_TRUE]["psnr.moving"] > found["copy last"]["psnr.moving"] + 3.0
+    assert found[CLOSED]["psnr"] > found["copy first"]["psnr"] + 3.0
+
+
+def test_the_tables_name_every_row(learnt: LeanAligner) -> None:
+    text = tables([judge(learnt, episode(seed), chunks=2) for seed in (9, 10)])
+    assert all(name in text for name in (AFTER_TRUE, CLOSED, "copy last", "copy first", "raw simulation"))
+
+
+def test_an_interrupted_training_goes_on_to_the_same_weights(tmp_path) -> None:
+    episodes = [episode(seed) for seed in range(3)]
+    whole = fresh()
+    train(whole, episodes, CONFIG)
+    first = Training(fresh(), CONFIG)
+    first.run(episodes, until=3)
+    first.save(tmp_path / CHECKPOINT)
+    again = fresh()
+    train(again, episodes, CONFIG, tmp_path)
+    assert torch.equal(weights(again), weights(whole))
+    assert not torch.equal(weights(again), weights(fresh()))
+    assert sorted(p.name for p in tmp_path.iterdir()) == [CHECKPOINT]
+
+
+def test_progress_counts_the_steps() -> None:
+    seen: list[int] = []
+    train(fresh(), [episode()], replace(CONFIG, steps=3), progress=lambda stage, step, loss: seen.append(step))
+    assert seen == [1, 2, 3]
+
+
+@pytest.mark.parametrize("damage", ["settings", "widths", "torn", "foreign"])
+def test_a_checkpoint_of_something_else_is_refused(damage: str, tmp_path) -> None:
+    train(fresh(), [episode()], replace(CONFIG, steps=1), tmp_path)
+    path, config, model = tmp_path / CHECKPOINT, replace(CONFIG, steps=1), fresh()
+    if damage == "settings":
+        config = replace(config, rate=0.5)
+    elif damage == "widths":
+        model = fresh((16, 16, 16))
+    elif damage == "torn":
+        path.write_bytes(path.read_bytes()[:1000])
+    else:
+        path.write_text("shopping list")
+    with pytest.raises(VisionError, match=r"checkpoint|settings"):
+        train(model, [episode()], config, tmp_path)
+
+
+def test_episodes_must_be_longer_than_a_chunk() -> None:
+    with pytest.raises(VisionError, match="longer than 20 frames"):
+        train(fresh(chunk=20), [episode()], CONFIG)

@@ -1,0 +1,89 @@
+"""A chunk of actions as one action."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.wrappers import ActionChunk
+
+ID = "embodiedreamer_gym:EmbodieDreamer/PutCupOnMat-v0"
+
+
+def make(**options) -> gym.Env:
+    return gym.make(ID, **({"obs_type": "state", "disable_env_checker": True} | options))
+
+
+def actions(count: int, seed: int = 0) -> np.ndarray:
+    """A gentle wander around home (count, 14)."""
+    home = np.array([0.0, 1.57, -1.3485, 0.0, 0.0, 0.0, 1.0] * 2)
+    return (home + 0.05 * np.random.default_rng(seed).standard_normal((count, 14)).cumsum(axis=0)).astype(np.float32)
+
+
+def test_a_chunk_is_its_actions_one_after_the_other() -> None:
+    """Same observations, rewards and info, to the last bit."""
+    single, chunked, plan = make(), ActionChunk(make(), k=4), actions(8)
+    single.reset(seed=3)
+    chunked.reset(seed=3)
+    for part in plan.reshape(2, 4, 14):
+        rewards = []
+        for action in part:
+            observation, reward, *_, info = single.step(action)
+            rewards.append(reward)
+        seen, total, terminated, truncated, told = chunked.step(part)
+        assert np.array_equal(seen, observation) and total == pytest.approx(sum(rewards))
+        assert told["rewards"].tolist() == rewards and told["steps"] == 4
+        assert told["distance"] == info["distance"] and not terminated and not truncated
+    single.close()
+    chunked.close()
+
+
+def test_the_clip_is_what_the_camera_sees_after_each_action() -> None:
+    env = ActionChunk(make(), k=3, camera="head", size=(64, 48))
+    _, info = env.reset(seed=1)
+    assert {k: v.shape for k, v in info["clip"].items()} == {
+        "rgb": (1, 48, 64, 3), "depth": (1, 48, 64), "classes": (1, 48, 64)
+    }  # fmt: skip
+    *_, info = env.step(actions(3))
+    last = env.unwrapped.capture("head", (64, 48))
+    assert len(info["clip"]["rgb"]) == 3
+    assert np.array_equal(info["clip"]["rgb"][-1], last.rgb)
+    assert np.array_equal(info["clip"]["classes"][-1], last.segmentation)
+    assert not np.array_equal(info["clip"]["rgb"][0], info["clip"]["rgb"][-1])
+    env.close()
+
+
+def test_an_episode_that_is_cut_ends_the_chunk() -> None:
+    env = ActionChunk(make(max_episode_steps=6), k=4)
+    env.reset(seed=0)
+    assert env.step(actions(4))[3] is False
+    *_, truncated, info = env.step(actions(4))
+    assert truncated and info["steps"] == 2 and len(info["rewards"]) == 2
+    env.close()
+
+
+@pytest.mark.filterwarnings("ignore:.*is different from the unwrapped version")
+def test_gymnasium_is_content() -> None:
+    env = ActionChunk(make(), k=2)
+    check_env(env, skip_render_check=True)
+    assert env.spec is not None and env.spec.additional_wrappers[-1].kwargs == {"k": 2, "camera": None, "size": None}
+    env.close()
+
+
+@pytest.mark.parametrize(("options", "says"), [({"k": 0}, "not 0"), ({"k": True}, "not True"), ({"k": 2.5}, "not 2.5")])
+def test_bad_chunks_are_refused(options, says) -> None:
+    env = make()
+    with pytest.raises(SimulationError, match=says):
+        ActionChunk(env, **options)
+    with pytest.raises(SimulationError, match="only ALOHA"):
+        ActionChunk(gym.make("Pendulum-v1"), camera="head")
+    with pytest.raises(SimulationError, match="arrays, not a Discrete"):
+        ActionChunk(gym.make("CartPole-v1"))
+    chunked = ActionChunk(env, k=3)
+    chunked.reset(seed=0)
+    with pytest.raises(ValueError, match=r"\(3, 14\), not \(2, 14\)"):
+        chunked.step(actions(2))
+    env.close()

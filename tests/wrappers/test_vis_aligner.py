@@ -1,0 +1,123 @@
+"""Dreamed pictures around an environment: physics untouched, the references passed on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env
+
+from embodiedreamer_gym.errors import SimulationError, VisionError
+from embodiedreamer_gym.vis_aligner.bank import Bank, Entry, save_bank
+from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner
+from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
+from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
+from embodiedreamer_gym.wrappers import ActionChunk, VisAlignerObservationWrapper
+from tests.wrappers.test_action_chunk import ID, actions
+
+SIZE = (64, 48)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory) -> dict[str, str]:
+    """A small untrained aligner, and a bank of two photos: the simulator's own pictures in other colours."""
+    folder = tmp_path_factory.mktemp("vis")
+    torch.manual_seed(0)
+    network = Lean(LeanConfig((8, 8, 16), 4))
+    torch.nn.init.normal_(network.out.weight, std=0.1)
+    save_aligner(LeanAligner(network, chunk=3), folder)
+    env = gym.make(ID, obs_type="state", disable_env_checker=True).unwrapped
+    entries = []
+    for seed in range(2):
+        env.reset(seed=seed)
+        view = env.capture("head", SIZE)
+        poses = {name: np.concatenate([env.scene.pose(name).position, env.scene.pose(name).quaternion])
+                 for name in env.scene.props}  # fmt: skip
+        entries.append(Entry(255 - view.rgb, view.segmentation, env.joint_positions(), poses))
+    env.close()
+    save_bank(Bank(entries[0].frame, tuple(entries)), folder / "bank.npz")
+    return {"aligner": str(folder / "lean.pt"), "bank": str(folder / "bank.npz")}
+
+
+def make(files: dict[str, str], **options) -> gym.Env:
+    wrapped = {k: options.pop(k) for k in ("chunk",) if k in options}
+    env = gym.make(ID, **({"image_size": SIZE, "disable_env_checker": True} | options))
+    return VisAlignerObservationWrapper(env, **files, **wrapped)
+
+
+@pytest.mark.filterwarnings("ignore:.*is different from the unwrapped version")
+@pytest.mark.parametrize("obs_type", ["pixels", "pixels_agent_pos"])
+def test_gymnasium_is_content(files, obs_type: str) -> None:
+    env = make(files, obs_type=obs_type)
+    check_env(env, skip_render_check=True)
+    assert env.action_space.shape == (3, 14)
+    env.close()
+
+
+def test_physics_and_reward_are_untouched(files) -> None:
+    env, plain = make(files), ActionChunk(gym.make(ID, obs_type="state", disable_env_checker=True), k=3)
+    env.reset(seed=5)
+    plain.reset(seed=5)
+    for part in actions(6).reshape(2, 3, 14):
+        observation, reward, *_, info = env.step(part)
+        _, expected, *_, told = plain.step(part)
+        assert reward == expected and info["distance"] == told["distance"]
+        assert info["frames"].shape == (3, 48, 64, 3) and "clip" not in info
+        assert np.array_equal(observation["pixels"], info["frames"][-1])
+    env.close()
+    plain.close()
+
+
+def test_the_last_frame_is_the_next_reference_and_the_anchor_stays(files) -> None:
+    env = make(files)
+    observation, info = env.reset(seed=5)
+    first = observation["pixels"]
+    assert np.array_equal(info["frames"], first[None]) and np.array_equal(env.references.last, first)
+    seen = env.step(actions(3))[0]["pixels"]
+    assert np.array_equal(env.references.last, seen) and np.array_equal(env.references.anchor, first)
+    again = env.reset(seed=5)[0]["pixels"]
+    assert np.array_equal(again, first)
+    env.close()
+
+
+def test_a_photo_sets_the_simulator(files) -> None:
+    """Its joints and objects: the scene that the photo shows."""
+    env = make(files)
+    observation, _ = env.reset(seed=9, options={"reference": 1})
+    entry = env.bank.entry(1)
+    assert np.array_equal(observation["pixels"], entry.frame)
+    assert env.unwrapped.joint_positions() == pytest.approx(entry.joints, abs=1e-6)
+    assert (env.references.last_condition.classes[0] == entry.classes).mean() > 0.999
+    with pytest.raises(VisionError, match=r"0 \.\. 1, not 2"):
+        env.reset(options={"reference": 2})
+    env.close()
+
+
+def test_it_can_be_made_by_its_spec_and_drawn(files) -> None:
+    env = make(files, render_mode="rgb_array")
+    kwargs = env.spec.additional_wrappers[-1].kwargs
+    assert kwargs == {**files, "chunk": None}
+    env.reset(seed=0)
+    assert np.array_equal(env.render(), env.references.last)
+    again = gym.make(env.spec)
+    assert isinstance(again, VisAlignerObservationWrapper)
+    env.close()
+    again.close()
+
+
+def test_what_does_not_fit_is_refused(files, tmp_path: Path) -> None:
+    state = gym.make(ID, obs_type="state", disable_env_checker=True)
+    with pytest.raises(SimulationError, match="obs_type 'state' has none"):
+        VisAlignerObservationWrapper(state, **files)
+    pixels = gym.make(ID, obs_type="pixels", disable_env_checker=True)
+    with pytest.raises(VisionError, match="64 x 48"):
+        VisAlignerObservationWrapper(ActionChunk(pixels, 3, camera="head"), **files)
+    with pytest.raises(VisionError, match="64 x 48"):
+        VisAlignerObservationWrapper(ActionChunk(pixels, 3), **files)
+    with pytest.raises(VisionError, match="does not exist"):
+        VisAlignerObservationWrapper(pixels, aligner=str(tmp_path / "none.pt"), bank=files["bank"])
+    state.close()
+    pixels.close()
