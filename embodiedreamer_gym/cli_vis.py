@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ def add_vis(verbs: Any) -> None:
         ("evaluate", _evaluate, "hold a model against held-out episodes, beside copying and raw simulation"),
         ("render", _render, "dream an episode, chunk by chunk, into a video"),
         ("bank", _bank, "make references for any scene from the first frames of episodes"),
+        ("prepare", _prepare, "episodes to learn from, of real recordings with video: adds the simulator's view"),
     ):
         one = actions.add_parser(name, help=text, description=text)
         one.set_defaults(verb=function)
@@ -39,6 +41,8 @@ def add_vis(verbs: Any) -> None:
             one.add_argument("--chunks", type=int, metavar="N", help="of each episode (default: all)")
             one.add_argument("--json", type=Path, metavar="FILE", help="write the measures as JSON")
             one.add_argument("--strips", type=Path, metavar="DIR", help="write a picture strip of each episode")
+        if name == "prepare":
+            _prepare_options(one)
         if name in ("render", "bank"):
             kind = "FILE.mp4" if name == "render" else "FILE.npz"
             one.add_argument("--out", type=Path, required=True, metavar=kind, help="what to write")
@@ -55,6 +59,15 @@ def _training_options(one: argparse.ArgumentParser, name: str) -> None:
     if name == "train":
         one.add_argument("--model", choices=MODELS, default=MODELS[0], help="default: %(default)s")
         one.add_argument("--from", dest="source", metavar="DIR", help="svd: a local folder with unet and vae")
+
+
+def _prepare_options(one: argparse.ArgumentParser) -> None:
+    one.add_argument("--model", default="aloha", metavar="M", help="JSON file or built-in robot (default %(default)s)")
+    one.add_argument("--cameras", type=Path, metavar="FILE", help="calibrated cameras (default: the built-in ones)")
+    one.add_argument("--camera", default="head", metavar="NAME", help="whose video (default %(default)s)")
+    one.add_argument("--masks", type=Path, metavar="DIR", help="DIR/<recording>/000000.png, ...: 0, 3 object, 4 goal")
+    one.add_argument("--size", default="128x96", metavar="WxH", help="of the pictures (default %(default)s)")
+    one.add_argument("--out", type=Path, required=True, metavar="DIR", help="<recording>.hdf5, ...")
 
 
 def _train(a: argparse.Namespace, progress: Any) -> None:
@@ -143,6 +156,29 @@ def _bank(a: argparse.Namespace, progress: Any) -> None:
     bank = make_bank([load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes])
     save_bank(bank, a.out)
     print(f"{a.out}: {bank!r}")
+
+
+def _prepare(a: argparse.Namespace, progress: Any) -> None:
+    from embodiedreamer_gym.envs.cameras import CAMERAS, load_cameras
+    from embodiedreamer_gym.recordings import load_recordings
+    from embodiedreamer_gym.robot import RobotModel
+    from embodiedreamer_gym.vis_aligner.masks import masks_in, no_masks
+    from embodiedreamer_gym.wrappers.prepare import prepare, write_episode
+
+    size = re.fullmatch(r"(\d{1,5})x(\d{1,5})", a.size)
+    if size is None:
+        raise EmbodieDreamerError(f"--size {a.size} is no width and height; give two numbers such as 128x96.")
+    cameras = CAMERAS if a.cameras is None else load_cameras(a.cameras)
+    if a.camera not in cameras:
+        raise EmbodieDreamerError(f"there is no camera '{a.camera}'; there are {', '.join(cameras)}.")
+    model, recordings = RobotModel.load(a.model), load_recordings(*a.episodes)
+    a.out.mkdir(parents=True, exist_ok=True)
+    for recording in recordings:
+        masks = no_masks if a.masks is None else masks_in(a.masks / recording.name)
+        said = None if a.quiet else progress
+        episode = prepare(recording, model, cameras[a.camera], (int(size[1]), int(size[2])), masks, said)
+        write_episode(episode, a.out / f"{recording.name}.hdf5")
+    print(f"{len(recordings)} episodes in {a.out}")
 
 
 def _aligner(a: argparse.Namespace) -> Any:

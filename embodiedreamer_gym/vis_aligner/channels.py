@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import torch
 from torch import Tensor
 
-from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, References
+from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, TABLE, Condition, References
 
 NEAR, REACH = 1.0, 0.5  # m; a depth of NEAR +- REACH is -1 .. 1
 SLOPE = 20.0  # per metre from a pixel to the next but one: the channels of the surface's tilt
@@ -47,6 +48,8 @@ class Inputs:
 
 def frame_channels(condition: Condition, inputs: Inputs) -> Tensor:
     """Channels (T, C, H, W), float, of a condition."""
+    if not inputs.masks:
+        condition = without_objects(condition)
     thing = condition.classes >= OBJECT
     rgb = np.where(thing[..., None], 0.0, condition.rgb.astype(np.float32) / 127.5 - 1.0)
     parts = [rgb.transpose(0, 3, 1, 2)]
@@ -56,6 +59,17 @@ def frame_channels(condition: Condition, inputs: Inputs) -> Tensor:
     if inputs.depth:
         parts.append(_depth_channels(condition, thing))
     return torch.from_numpy(np.ascontiguousarray(np.concatenate(parts, axis=1), np.float32))
+
+
+def without_objects(condition: Condition) -> Condition:
+    """The condition as if no object were there: what stands around each is drawn over it."""
+    thing = condition.classes >= OBJECT
+    rgb, depth = condition.rgb.copy(), None if condition.depth is None else condition.depth.copy()
+    for number in np.flatnonzero(thing.any(axis=(1, 2))):
+        rgb[number] = cv2.inpaint(rgb[number], thing[number].astype(np.uint8), 3, cv2.INPAINT_TELEA)
+        if depth is not None:
+            depth[number] = cv2.inpaint(depth[number], thing[number].astype(np.uint8), 3, cv2.INPAINT_TELEA)
+    return Condition(rgb, np.where(thing, TABLE, condition.classes).astype(np.uint8), depth)
 
 
 def _depth_channels(condition: Condition, thing: np.ndarray) -> np.ndarray:

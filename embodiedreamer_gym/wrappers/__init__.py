@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 from embodiedreamer_gym.wrappers.flatten_cameras import FlattenCameras
-from embodiedreamer_gym.wrappers.vis_aligner import VisAlignerObservationWrapper
+from embodiedreamer_gym.wrappers.vis_aligner import VisAlignerObservationWrapper, VisAlignerVectorWrapper
 
-__all__ = ["ActionChunk", "FlattenCameras", "VisAlignerObservationWrapper"]
+__all__ = ["ActionChunk", "FlattenCameras", "VisAlignerObservationWrapper", "VisAlignerVectorWrapper"]

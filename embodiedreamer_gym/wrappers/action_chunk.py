@@ -17,10 +17,10 @@ CLIP = ("rgb", "depth", "classes")
 class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """Takes k actions (k, 14) at once, as policies that predict chunks give them, and plays them one after the other.
 
-    The reward is the sum of the k rewards, observation and info are those after the last action; info["rewards"] holds
-    each reward and info["steps"] their number, which is less than k where the episode was cut. With `camera`, info["clip"]
-    holds what it saw after each action: rgb (k, H, W, 3) uint8, depth (k, H, W) m and classes (k, H, W); after a reset,
-    of that one instant.
+    The reward is the sum of the k rewards, observation and info are those after the last action; info["rewards"] (k,)
+    holds each reward and info["steps"] their number, which is less than k where the episode was cut, and 0 after a reset.
+    With `camera`, info["clip"] holds what it saw after each action: rgb (k, H, W, 3) uint8, depth (k, H, W) m and classes
+    (k, H, W). What is not there repeats the last instant (of rewards: is 0), so that shapes never change.
 
     camera: name of a camera, or None; size: its picture's width and height, the environment's own where None.
     Raises: SimulationError for k below 1, an action space that is no box, or a camera without an ALOHA environment.
@@ -46,7 +46,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; with a camera, info["clip"] is its view of this instant."""
         observation, info = self.env.reset(seed=seed, options=options)
-        return observation, info | self._clip([self._look()])
+        return observation, info | self._told([], [self._look()])
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Play the actions (k, n), up to where the episode ends.
@@ -64,8 +64,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
             looks.append(self._look())
             if terminated or truncated:
                 break
-        info = info | {"rewards": np.array(rewards), "steps": len(rewards)} | self._clip(looks)
-        return observation, float(sum(rewards)), terminated, truncated, info
+        return observation, float(sum(rewards)), terminated, truncated, info | self._told(rewards, looks)
 
     def _look(self) -> tuple[np.ndarray, ...]:
         """Colour, depth and classes of this instant; nothing without a camera."""
@@ -75,8 +74,13 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         frame = aloha.capture(self.camera, self.size)
         return frame.rgb, frame.depth, frame.segmentation
 
-    def _clip(self, looks: list[tuple[np.ndarray, ...]]) -> dict[str, Any]:
-        """What info says of some instants."""
-        if self.camera is None:
-            return {}
-        return {"clip": dict(zip(CLIP, (np.stack(part) for part in zip(*looks, strict=True)), strict=True))}
+    def _told(self, rewards: list[float], looks: list[tuple[np.ndarray, ...]]) -> dict[str, Any]:
+        """What info says of a chunk."""
+        told: dict[str, Any] = {
+            "rewards": np.pad(np.array(rewards, float), (0, self.k - len(rewards))),
+            "steps": len(rewards),
+        }
+        if self.camera is not None:
+            looks = looks + looks[-1:] * (self.k - len(looks))
+            told["clip"] = dict(zip(CLIP, (np.stack(part) for part in zip(*looks, strict=True)), strict=True))
+        return told

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import VectorEnv, VectorWrapper
 
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, Condition, References, load_aligner, load_bank
+from embodiedreamer_gym.vis_aligner.bank import Entry
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
+
+SHOWING = ("pixels", "pixels_agent_pos")
 
 
 class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """Gives the head camera's pictures a real face; reward and physics stay as they are.
 
-    Put it around an `ActionChunk`; without one, it puts one of the aligner's chunk there itself, so that the action is
-    (k, 14). After each chunk info["frames"] holds the k dreamed frames (k, H, W, 3) uint8, of which the observation shows
-    the last; it is the reference of the next chunk, beside the anchor, the first frame of the episode. At a reset the
-    reference is painted from photos of a bench: an empty plate, and the objects put in where the simulator has them; or,
-    with `reset(options={"reference": i})`, photo i itself, to whose joints and objects the simulator is set.
-    Wrist cameras are not dreamed, and are left out of the observation.
+    Put it around an `ActionChunk(env, k, camera="head")`; without one, it puts one of the aligner's chunk there itself, so
+    that the action is (k, 14). After each chunk info["frames"] holds the dreamed frames (k, H, W, 3) uint8, of which the
+    observation shows the last that was played; it is the reference of the next chunk, beside the anchor, the first frame
+    of the episode. At a reset the reference is painted from photos of a bench: an empty plate, and the objects put in
+    where the simulator has them; or, with `reset(options={"reference": i})`, it is photo i itself, to whose joints and
+    objects the simulator is set. Only the head camera is dreamed: wrist cameras are left out of the observation.
 
     aligner: "lean" (the shipped weights), or a path; bank: "lab" (the shipped photos), or a path; chunk: actions of a
     chunk, the aligner's own where None.
@@ -31,86 +36,172 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
 
     def __init__(self, env: gym.Env, aligner: str = "lean", bank: str = "lab", chunk: int | None = None) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, aligner=aligner, bank=bank, chunk=chunk)
-        self.aligner: Aligner = load_aligner(aligner)
-        self.bank: Bank = load_bank(bank)
-        _check_pictures(env)
-        inner = _chunk_of(env)
-        if inner is None:
-            env = inner = ActionChunk(env, chunk or self.aligner.chunk, camera="head", size=self.bank.size)
-        elif inner.camera != "head" or (inner.size or env.unwrapped.image_size) != self.bank.size:  # pyright: ignore[reportAttributeAccessIssue]
-            raise VisionError(
-                f"the bank's photos are {self.bank.size[0]} x {self.bank.size[1]} of the head camera; "
-                f'wrap with ActionChunk(env, k, camera="head", size={self.bank.size}), or leave ActionChunk out.'
-            )
-        gym.Wrapper.__init__(self, env)
-        width, height = self.bank.size
-        self._picture = spaces.Box(0, 255, (height, width, 3), np.uint8)
-        self.observation_space = self._space(env.observation_space)
+        self.aligner, self.bank = load_aligner(aligner), load_bank(bank)
+        gym.Wrapper.__init__(self, filmed(env, self.bank, chunk or self.aligner.chunk))
+        self._picture = picture(self.bank)
+        self.observation_space = _with_picture(self.env.observation_space, self._picture)
         self.references: References | None = None
-        self._shown: np.ndarray | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; options: those of the environment, and reference: number of a photo of the bank."""
-        options = dict(options or {})
-        number = options.pop("reference", None)
-        entry = None if number is None else self.bank.entry(number)
-        if entry is not None:
-            options |= entry.options()
-        observation, info = self.env.reset(seed=seed, options=options or None)
-        condition = _condition(info["clip"])
-        frame = entry.frame if entry is not None else self.bank.paint(condition)
-        self.references = References.start(frame, condition)
-        return self._seen(observation, frame), self._told(info, frame[None])
+        options, entry = _chosen(self.bank, options)
+        observation, info = self.env.reset(seed=seed, options=options)
+        condition = conditions(info)
+        self.references = first(self.bank, condition, entry)
+        frames = np.repeat(self.references.last[None], len(condition), axis=0)
+        return self._seen(observation), _told(info, frames)
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Play a chunk of actions and dream what the camera would have shown."""
         if self.references is None:
             raise gym.error.ResetNeeded("call reset before the first step.")
         observation, reward, terminated, truncated, info = self.env.step(action)
-        condition = _condition(info["clip"])
+        condition, steps = conditions(info), info["steps"]
         frames = self.aligner.render([self.references], [condition])[0]
-        self.references = self.references.after(frames, condition)
-        return self._seen(observation, frames[-1]), float(reward), terminated, truncated, self._told(info, frames)
+        self.references = self.references.after(frames[:steps], condition.part(0, steps))
+        return self._seen(observation), float(reward), terminated, truncated, _told(info, frames)
 
     def render(self) -> Any:
         """The last dreamed frame (H, W, 3), where the environment renders at all."""
-        return None if self.render_mode is None else self._shown
+        return None if self.render_mode is None or self.references is None else self.references.last
 
-    # ---- inside ------------------------------------------------------------------------------------------------
-
-    def _space(self, space: spaces.Space) -> spaces.Space:
-        if isinstance(space, spaces.Dict) and "pixels" in space.spaces:
-            return spaces.Dict({**space.spaces, "pixels": self._picture})
-        return self._picture
-
-    def _seen(self, observation: Any, frame: np.ndarray) -> Any:
-        self._shown = frame
-        if isinstance(self.observation_space, spaces.Dict):
-            return {**observation, "pixels": frame}
-        return frame
-
-    def _told(self, info: dict[str, Any], frames: np.ndarray) -> dict[str, Any]:
-        return {key: value for key, value in info.items() if key != "clip"} | {"frames": frames}
+    def _seen(self, observation: Any) -> Any:
+        assert self.references is not None
+        return _shown(observation, self.references.last)
 
 
-def _condition(clip: dict[str, np.ndarray]) -> Condition:
+class VisAlignerVectorWrapper(VectorWrapper):
+    """The same for a vector of environments: all their chunks go through the network at once.
+
+    Each environment must be an `ActionChunk` with the head camera, see `filmed`; for instance
+    `gym.make_vec(id, 8, wrappers=[lambda env: ActionChunk(env, 8, camera="head")])`.
+    info["frames"] is (environments, k, H, W, 3) uint8.
+
+    Raises: VisionError where weights, photos and picture size do not fit; SimulationError for other environments.
+    """
+
+    def __init__(self, env: VectorEnv, aligner: str = "lean", bank: str = "lab") -> None:
+        super().__init__(env)
+        self.aligner: Aligner = load_aligner(aligner)
+        self.bank: Bank = load_bank(bank)
+        one = picture(self.bank)
+        pixels = _pixels(env.single_observation_space)
+        if pixels is None or pixels.shape != one.shape:
+            raise VisionError(f"the environments must show pictures {one.shape}, as the bank's photos; make them with "
+                              f"image_size={self.bank.size} and obs_type='pixels_agent_pos'.")  # fmt: skip
+        self.references: list[References | None] = [None] * env.num_envs
+
+    def reset(
+        self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Start an episode in each; options: those of the environment, and reference: number of a photo of the bank."""
+        options, entry = _chosen(self.bank, options)
+        observation, info = self.env.reset(seed=seed, options=options)  # pyright: ignore[reportArgumentType]
+        views = self._views(info)
+        self.references = [first(self.bank, view, entry) for view in views]
+        frames = np.stack(
+            [np.repeat(r.last[None], len(v), axis=0) for r, v in zip(self.references, views, strict=True)]
+        )  # pyright: ignore[reportOptionalMemberAccess]
+        return self._seen(observation), _told(info, frames)
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Play a chunk of actions in each environment and dream what their cameras would have shown."""
+        observation, reward, terminated, truncated, info = self.env.step(actions)
+        views, steps = self._views(info), info["steps"]
+        going = [i for i, count in enumerate(steps) if count > 0]
+        frames = np.stack([view.rgb for view in views])
+        made = self.aligner.render([self._reference(i) for i in going], [views[i] for i in going]) if going else []
+        for i, clip in zip(going, made, strict=True):
+            count = int(steps[i])
+            self.references[i] = self._reference(i).after(clip[:count], views[i].part(0, count))
+            frames[i] = clip
+        for i in set(range(len(views))) - set(going):  # begun anew by the vector
+            self.references[i] = first(self.bank, views[i], None)
+            frames[i] = self._reference(i).last
+        return self._seen(observation), reward, terminated, truncated, _told(info, frames)
+
+    def _reference(self, i: int) -> References:
+        found = self.references[i]
+        if found is None:
+            raise gym.error.ResetNeeded("call reset before the first step.")
+        return found
+
+    def _views(self, info: Mapping[str, Any]) -> list[Condition]:
+        if "clip" not in info:
+            raise SimulationError('each environment must be wrapped in ActionChunk(env, k, camera="head").')
+        clip = info["clip"]
+        return [Condition(*parts) for parts in zip(clip["rgb"], clip["classes"], clip["depth"], strict=True)]
+
+    def _seen(self, observation: Any) -> Any:
+        return _shown(observation, np.stack([self._reference(i).last for i in range(len(self.references))]))
+
+
+# ---- what both share -------------------------------------------------------------------------------------------
+
+
+def filmed(env: gym.Env, bank: Bank, chunk: int) -> gym.Env:
+    """The environment, in an `ActionChunk` that films with the head camera at the bank's size.
+
+    Raises: SimulationError for observations without pictures, VisionError for an ActionChunk that films something else.
+    """
+    kind = getattr(env.unwrapped, "obs_type", None)
+    if kind not in SHOWING:
+        raise SimulationError(
+            f"VisAlignerObservationWrapper dreams pictures, and obs_type {kind!r} has none; "
+            f"make the environment with obs_type={SHOWING[1]!r} or {SHOWING[0]!r}."
+        )
+    inner = env
+    while isinstance(inner, gym.Wrapper) and not isinstance(inner, ActionChunk):
+        inner = inner.env
+    if not isinstance(inner, ActionChunk):
+        return ActionChunk(env, chunk, camera="head", size=bank.size)
+    if inner.camera != "head" or (inner.size or getattr(env.unwrapped, "image_size", None)) != bank.size:
+        width, height = bank.size
+        raise VisionError(
+            f"the bank's photos are {width} x {height} of the head camera; "
+            f'wrap with ActionChunk(env, k, camera="head", size=({width}, {height})), or leave ActionChunk out.'
+        )
+    return env
+
+
+def picture(bank: Bank) -> spaces.Box:
+    """The space of the bank's pictures."""
+    width, height = bank.size
+    return spaces.Box(0, 255, (height, width, 3), np.uint8)
+
+
+def conditions(info: Mapping[str, Any]) -> Condition:
+    """The simulator's view of a chunk."""
+    clip = info["clip"]
     return Condition(clip["rgb"], clip["classes"], clip["depth"])
 
 
-def _chunk_of(env: gym.Env) -> ActionChunk | None:
-    """The ActionChunk in a stack of wrappers."""
-    while isinstance(env, gym.Wrapper):
-        if isinstance(env, ActionChunk):
-            return env
-        env = env.env
-    return None
+def first(bank: Bank, condition: Condition, entry: Entry | None) -> References:
+    """The references of an episode's beginning: a photo, or one painted."""
+    frame = entry.frame if entry is not None else bank.paint(condition)
+    return References.start(frame, condition.part(0, 1))
 
 
-def _check_pictures(env: gym.Env) -> None:
-    """Raise SimulationError for an environment whose observations show nothing."""
-    kind = getattr(env.unwrapped, "obs_type", None)
-    if kind not in ("pixels", "pixels_agent_pos"):
-        raise SimulationError(
-            f"VisAlignerObservationWrapper dreams pictures, and obs_type {kind!r} has none; "
-            "make the environment with obs_type='pixels_agent_pos' or 'pixels'."
-        )
+def _chosen(bank: Bank, options: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, Entry | None]:
+    """Options for the environment, and the photo that they ask for."""
+    options = dict(options or {})
+    if "reference" not in options:
+        return options or None, None
+    entry = bank.entry(options.pop("reference"))
+    return options | entry.options(), entry
+
+
+def _pixels(space: spaces.Space | None) -> spaces.Space | None:
+    return space.spaces.get("pixels") if isinstance(space, spaces.Dict) else space
+
+
+def _with_picture(space: spaces.Space, one: spaces.Box) -> spaces.Space:
+    return spaces.Dict({**space.spaces, "pixels": one}) if isinstance(space, spaces.Dict) else one
+
+
+def _shown(observation: Any, frames: np.ndarray | Sequence[np.ndarray]) -> Any:
+    return {**observation, "pixels": frames} if isinstance(observation, Mapping) else frames
+
+
+def _told(info: Mapping[str, Any], frames: np.ndarray) -> dict[str, Any]:
+    return {key: value for key, value in info.items() if key not in ("clip", "_clip")} | {"frames": frames}

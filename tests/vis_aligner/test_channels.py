@@ -60,3 +60,13 @@ def test_what_is_uncovered_comes_from_the_plate() -> None:
 def test_frames_survive_the_way_there_and_back() -> None:
     frames = episode().frames
     assert np.array_equal(to_frames(to_tensor(frames)), frames)
+
+
+def test_without_masks_an_object_leaves_no_trace() -> None:
+    """Erased, not blanked: a hole of its shape would be a mask."""
+    one = episode().condition
+    inputs = replace(Inputs(), masks=False)
+    frame = frame_channels(one, inputs).numpy()
+    table = frame_channels(one, inputs).numpy()[:, :3, 20, 0].mean(axis=0)
+    cup = (one.classes == 3) & (np.arange(64) < 50)
+    assert np.abs(frame[:, :3].transpose(1, 0, 2, 3)[:, cup] - table[:, None]).mean() < 0.15

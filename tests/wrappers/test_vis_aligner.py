@@ -15,7 +15,7 @@ from embodiedreamer_gym.vis_aligner.bank import Bank, Entry, save_bank
 from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
-from embodiedreamer_gym.wrappers import ActionChunk, VisAlignerObservationWrapper
+from embodiedreamer_gym.wrappers import ActionChunk, VisAlignerObservationWrapper, VisAlignerVectorWrapper
 from tests.wrappers.test_action_chunk import ID, actions
 
 SIZE = (64, 48)
@@ -75,7 +75,7 @@ def test_the_last_frame_is_the_next_reference_and_the_anchor_stays(files) -> Non
     env = make(files)
     observation, info = env.reset(seed=5)
     first = observation["pixels"]
-    assert np.array_equal(info["frames"], first[None]) and np.array_equal(env.references.last, first)
+    assert (info["frames"] == first).all() and np.array_equal(env.references.last, first)
     seen = env.step(actions(3))[0]["pixels"]
     assert np.array_equal(env.references.last, seen) and np.array_equal(env.references.anchor, first)
     again = env.reset(seed=5)[0]["pixels"]
@@ -121,3 +121,51 @@ def test_what_does_not_fit_is_refused(files, tmp_path: Path) -> None:
         VisAlignerObservationWrapper(pixels, aligner=str(tmp_path / "none.pt"), bank=files["bank"])
     state.close()
     pixels.close()
+
+
+def make_vector(files, count: int = 2, **options):
+    """A vector of environments, two frames at a time."""
+    options = {"image_size": SIZE, "obs_type": "pixels", "disable_env_checker": True} | options
+    envs = gym.vector.SyncVectorEnv(
+        [lambda: ActionChunk(gym.make(ID, **options), 2, camera="head") for _ in range(count)]
+    )
+    return VisAlignerVectorWrapper(envs, **files)
+
+
+def test_a_vector_dreams_what_each_alone_dreams(files) -> None:
+    envs, single = make_vector(files), make(files, chunk=2, obs_type="pixels")
+    plan = np.stack([actions(4, seed).reshape(2, 2, 14) for seed in (0, 1)], axis=1)
+    observation, info = envs.reset(seed=[4, 7])
+    assert observation.shape == (2, 48, 64, 3) and info["frames"].shape == (2, 2, 48, 64, 3)
+    frames = [envs.step(part)[4]["frames"] for part in plan]
+    for i, seed in enumerate((4, 7)):
+        single.reset(seed=seed)
+        for k in range(2):
+            made = single.step(plan[k, i])[4]["frames"]
+            assert np.abs(made.astype(int) - frames[k][i]).max() <= 1
+    envs.close()
+    single.close()
+
+
+def test_an_episode_that_ends_in_a_vector_begins_with_a_painted_reference(files) -> None:
+    envs = make_vector(files, max_episode_steps=3)
+    envs.reset(seed=0)
+    ended = [bool(envs.step(np.stack([actions(2)] * 2))[3].all()) for _ in range(2)]
+    observation, *_, info = envs.step(np.stack([actions(2)] * 2))
+    assert ended == [False, True] and info["steps"].tolist() == [0, 0]
+    for i, references in enumerate(envs.references):
+        assert np.array_equal(references.last, references.anchor) and np.array_equal(references.last, observation[i])
+    envs.close()
+
+
+def test_a_vector_of_other_environments_is_refused(files) -> None:
+    plain = gym.make_vec("CartPole-v1", 2)
+    with pytest.raises(VisionError, match=r"\(48, 64, 3\)"):
+        VisAlignerVectorWrapper(plain, **files)
+    envs = gym.vector.SyncVectorEnv(
+        [lambda: gym.make(ID, obs_type="pixels", image_size=SIZE, disable_env_checker=True)]
+    )
+    with pytest.raises(SimulationError, match="ActionChunk"):
+        VisAlignerVectorWrapper(envs, **files).reset()
+    envs.close()
+    plain.close()
