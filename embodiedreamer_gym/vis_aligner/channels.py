@@ -16,7 +16,7 @@ from torch import Tensor
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, TABLE, Condition, References
 
 NEAR, REACH = 1.0, 0.5  # m; a depth of NEAR +- REACH is -1 .. 1
-SLOPE = 20.0  # per metre from a pixel to the next but one: the channels of the surface's tilt
+SLOPE = 20.0 / 128  # per metre from a pixel to the next but one and pixel of width: the channels of the surface's tilt
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class Inputs:
         return 3 * frames + self.at_reference * frames * self.per_frame + 4 * self.plate
 
 
-def frame_channels(condition: Condition, inputs: Inputs) -> Tensor:
-    """Channels (T, C, H, W), float, of a condition."""
+def frame_channels(condition: Condition, inputs: Inputs, width: int | None = None) -> Tensor:
+    """Channels (T, C, H, W), float, of a condition; width: of the whole picture, where this is a window of it."""
     if not inputs.masks:
         condition = without_objects(condition)
     thing = condition.classes >= OBJECT
@@ -57,7 +57,7 @@ def frame_channels(condition: Condition, inputs: Inputs) -> Tensor:
         classes = condition.classes
         parts.append(np.stack([classes == ROBOT, classes == OBJECT, classes > OBJECT], axis=1).astype(np.float32))
     if inputs.depth:
-        parts.append(_depth_channels(condition, thing))
+        parts.append(_depth_channels(condition, thing, width or condition.size[0]))
     return torch.from_numpy(np.ascontiguousarray(np.concatenate(parts, axis=1), np.float32))
 
 
@@ -72,7 +72,7 @@ def without_objects(condition: Condition) -> Condition:
     return Condition(rgb, np.where(thing, TABLE, condition.classes).astype(np.uint8), depth)
 
 
-def _depth_channels(condition: Condition, thing: np.ndarray) -> np.ndarray:
+def _depth_channels(condition: Condition, thing: np.ndarray, width: int) -> np.ndarray:
     """Depth and its slopes (T, 3, H, W), zero where an object is, or where no depth is known."""
     t, h, w = condition.classes.shape
     if condition.depth is None:
@@ -81,13 +81,13 @@ def _depth_channels(condition: Condition, thing: np.ndarray) -> np.ndarray:
     across, down = np.zeros_like(metres), np.zeros_like(metres)
     across[:, :, 1:-1] = metres[:, :, 2:] - metres[:, :, :-2]
     down[:, 1:-1] = metres[:, 2:] - metres[:, :-2]
-    scale = SLOPE * w / 128  # the same tilt is the same number whatever the picture's size
+    scale = SLOPE * width  # the same tilt is the same number whatever the picture's size
     found = np.stack([(metres - NEAR) / REACH, scale * across, scale * down], axis=1)
     return np.where(thing[:, None], 0.0, np.clip(found, -1.0, 1.0))
 
 
-def reference_channels(references: References, inputs: Inputs) -> Tensor:
-    """Channels (C, H, W), float, of the references."""
+def reference_channels(references: References, inputs: Inputs, width: int | None = None) -> Tensor:
+    """Channels (C, H, W), float, of the references; width: of the whole picture, where this is a window of it."""
     parts = [_colours(references.last)]
     views = [references.last_condition]
     if inputs.anchor:
@@ -97,7 +97,7 @@ def reference_channels(references: References, inputs: Inputs) -> Tensor:
         seen = torch.from_numpy(references.seen.astype(np.float32))[None]
         parts += [_colours(references.plate) * seen, seen]
     if inputs.at_reference:
-        parts += [frame_channels(view, inputs)[0] for view in views]
+        parts += [frame_channels(view, inputs, width)[0] for view in views]
     return torch.cat(parts)
 
 

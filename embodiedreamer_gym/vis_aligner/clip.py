@@ -12,6 +12,7 @@ from embodiedreamer_gym.errors import VisionError
 TABLE, ROBOT, OBJECT, GOAL = 1, 2, 3, 4  # classes; 0 is the background, further props count as goals
 CLASS_NAMES = ("background", "table", "robot", "object", "goal")
 Array = np.ndarray
+Window = tuple[slice, slice]  # rows and columns of a picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,12 @@ class Condition:
         """Frames start .. end - 1."""
         depth = None if self.depth is None else self.depth[start:end]
         return Condition(self.rgb[start:end], self.classes[start:end], depth)
+
+    def crop(self, window: Window) -> Condition:
+        """The part of all frames in a window."""
+        rows, columns = window
+        depth = None if self.depth is None else self.depth[:, rows, columns]
+        return Condition(self.rgb[:, rows, columns], self.classes[:, rows, columns], depth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +102,11 @@ class References:
             plate=plate,
             seen=seen,
         )
+
+    def crop(self, window: Window) -> References:
+        """The part of everything in a window."""
+        pictures = (self.last[window], self.last_condition.crop(window), self.anchor[window])
+        return References(*pictures, self.anchor_condition.crop(window), self.plate[window], self.seen[window])
 
     @property
     def size(self) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""The lean model: a small U-Net over pixels in patches, one step, gated, without a VAE."""
+"""The lean model: a small U-Net over pixels in pairs, one step, gated, without a VAE."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from torch import Tensor, nn
 
 from embodiedreamer_gym.vis_aligner.channels import Inputs
 
-PATCH = 4
+PAIR = 2  # pixels to a side that are one cell of the finest level
+DEEPEST = 16  # pixels to a side that are one cell of the coarsest
+LEVEL = 64  # numbers that tell the noise level
 OPEN, SHUT = 0.9, 0.1  # of the sigmoid, where the gate is wholly open or shut: exactly, and with a slope between
 
 
@@ -18,12 +20,10 @@ OPEN, SHUT = 0.9, 0.1  # of the sigmoid, where the gate is wholly open or shut: 
 class LeanConfig:
     """Sizes of the lean model.
 
-    widths: channels at 1/4, 1/8 and 1/16 of the picture; detail: channels at the full size; inputs: what it sees; gate:
-    False redraws every pixel.
+    widths: channels at 1/2, 1/4, 1/8 and 1/16 of the picture; inputs: what it sees; gate: False redraws every pixel.
     """
 
-    widths: tuple[int, int, int] = (48, 80, 112)
-    detail: int = 12
+    widths: tuple[int, int, int, int] = (24, 48, 80, 112)
     inputs: Inputs = field(default_factory=Inputs)
     gate: bool = True
 
@@ -31,23 +31,24 @@ class LeanConfig:
 class Block(nn.Module):
     """Two convolutions with a shortcut; the noise level scales and shifts between them; over time where asked."""
 
-    def __init__(self, inside: int, outside: int, level: int, over_time: bool) -> None:
+    def __init__(self, inside: int, outside: int, over_time: bool = False) -> None:
         super().__init__()
-        self.norm = nn.GroupNorm(8 if inside % 8 == 0 else 1, inside)
+        self.norm = nn.GroupNorm(8, inside)
         self.first = nn.Conv2d(inside, outside, 3, padding=1)
-        self.level = nn.Linear(level, 2 * outside)
+        self.level = nn.Linear(LEVEL, 2 * outside)
         self.second = nn.Conv2d(outside, outside, 3, padding=1)
         self.skip = nn.Conv2d(inside, outside, 1) if inside != outside else nn.Identity()
-        self.time = nn.Conv3d(outside, outside, (3, 1, 1), padding=(1, 0, 0)) if over_time else None
+        self.time = nn.Conv2d(3 * outside, outside, 1) if over_time else None
 
     def forward(self, x: Tensor, level: Tensor, frames: int) -> Tensor:
         """Pictures (B T, C, h, w) of clips of that many frames; level (B, L)."""
         scale, shift = self.level(level).repeat_interleave(frames, 0)[..., None, None].chunk(2, 1)
-        y = self.first(F.silu(self.norm(x)))
-        y = self.second(F.silu(y * (1 + scale) + shift)) + self.skip(x)
-        if self.time is not None:
-            clips = y.unflatten(0, (-1, frames)).transpose(1, 2)
-            y = y + self.time(F.silu(clips)).transpose(1, 2).flatten(0, 1)
+        y = self.first(F.relu(self.norm(x)))
+        y = self.second(F.relu_(y * (1 + scale) + shift)) + self.skip(x)
+        if self.time is not None:  # a convolution of three over time
+            clips = F.pad(y.unflatten(0, (-1, frames)), (0, 0, 0, 0, 0, 0, 1, 1))
+            beside = torch.cat([clips[:, :-2], clips[:, 1:-1], clips[:, 2:]], 2).flatten(0, 1)
+            y = y + self.time(F.relu_(beside))
         return y
 
 
@@ -57,21 +58,21 @@ class Lean(nn.Module):
     def __init__(self, config: LeanConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or LeanConfig()
-        a, b, c = config.widths
-        area, level = PATCH * PATCH, 64
-        self.embed = nn.Sequential(nn.Linear(16, level), nn.SiLU(), nn.Linear(level, level))
-        self.frame_in = nn.Conv2d((3 + 3 + config.inputs.per_frame) * area, a, 1)
-        self.clip_in = nn.Conv2d(config.inputs.per_clip * area, a, 1)
-        self.down1 = Block(a, a, level, False)
-        self.down2 = Block(a, b, level, True)
-        self.down3 = Block(b, c, level, True)
-        self.middle = Block(c, c, level, True)
-        self.up2 = Block(c + b, b, level, True)
-        self.up1 = Block(b + a, a, level, False)
-        self.widen = nn.Conv2d(a, config.detail * area, 1)
-        seen = config.detail + config.inputs.per_frame + 3
-        self.fine = nn.Conv2d(seen, config.detail, 3, padding=1)
-        self.out = nn.Conv2d(config.detail, 4, 3, padding=1)
+        fine, a, b, c = config.widths
+        cell = PAIR * PAIR
+        self.embed = nn.Sequential(nn.Linear(16, LEVEL), nn.SiLU(), nn.Linear(LEVEL, LEVEL))
+        self.frame_in = nn.Conv2d((3 + 3 + config.inputs.per_frame) * cell, fine, 1)
+        self.clip_in = nn.Conv2d(config.inputs.per_clip * cell, fine, 1)
+        self.down0 = nn.Conv2d(fine, a, 2, stride=2)
+        self.down1 = Block(a, a)
+        self.down2 = Block(a, b, over_time=True)
+        self.down3 = Block(b, c, over_time=True)
+        self.middle = Block(c, c, over_time=True)
+        self.up2 = Block(c + b, b, over_time=True)
+        self.up1 = Block(b + a, a)
+        self.up0 = nn.ConvTranspose2d(a, fine, 2, stride=2)
+        self.detail = nn.Conv2d(2 * fine, fine, 3, padding=1)
+        self.out = nn.Conv2d(fine, 4 * cell, 3, padding=1)
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)  # pyright: ignore[reportArgumentType]
 
@@ -82,24 +83,25 @@ class Lean(nn.Module):
         references; still (B, T, 3, H, W): what the frames would be if nothing new had to be drawn.
         """
         frames, size = noisy.shape[1], noisy.shape[-2:]
-        pad = [(-n) % (4 * PATCH) for n in size]
-        noisy, frame, clip, still = (F.pad(x, (0, pad[1], 0, pad[0])) for x in (noisy, frame, clip, still))
+        seen = torch.cat([noisy, frame, still], 2).flatten(0, 1)
+        pad = (0, -size[1] % DEEPEST, 0, -size[0] % DEEPEST)
+        if any(pad):
+            seen, clip = F.pad(seen, pad), F.pad(clip, pad)
         level = self.embed(_waves(time))
-        local = torch.cat([frame, still], 2).flatten(0, 1)
-        x = self.frame_in(F.pixel_unshuffle(torch.cat([noisy.flatten(0, 1), local], 1), PATCH))
-        x = x + self.clip_in(F.pixel_unshuffle(clip, PATCH)).repeat_interleave(frames, 0)
-        x1 = self.down1(x, level, frames)
+        given = self.clip_in(F.pixel_unshuffle(clip, PAIR)).repeat_interleave(frames, 0)
+        x0 = F.relu_(self.frame_in(F.pixel_unshuffle(seen, PAIR)) + given)
+        x1 = self.down1(self.down0(x0), level, frames)
         x2 = self.down2(F.avg_pool2d(x1, 2), level, frames)
         x3 = self.middle(self.down3(F.avg_pool2d(x2, 2), level, frames), level, frames)
         y = self.up2(torch.cat([_twice(x3), x2], 1), level, frames)
         y = self.up1(torch.cat([_twice(y), x1], 1), level, frames)
-        fine = F.pixel_shuffle(self.widen(F.silu(y)), PATCH)
-        out = self.out(F.silu(self.fine(torch.cat([fine, local], 1)))).unflatten(0, (-1, frames))
+        y = F.relu_(self.detail(torch.cat([F.relu_(self.up0(y)), x0], 1)))
+        out = F.pixel_shuffle(self.out(y), PAIR)[..., : size[0], : size[1]].unflatten(0, (-1, frames))
         new = still + out[:, :, :3]
         if self.config.gate:
             gate = ((torch.sigmoid(out[:, :, 3:]) - SHUT) / (OPEN - SHUT)).clamp(0.0, 1.0)
             new = torch.lerp(still, new, gate)
-        return new[..., : size[0], : size[1]]
+        return new
 
 
 def _twice(x: Tensor) -> Tensor:
@@ -108,5 +110,5 @@ def _twice(x: Tensor) -> Tensor:
 
 def _waves(time: Tensor) -> Tensor:
     """Times (B,) as (B, 16) waves."""
-    angles = time[:, None] * 2.0 ** torch.arange(8, device=time.device)
+    angles = time[:, None] * torch.tensor([2.0**k for k in range(8)], device=time.device)
     return torch.cat([torch.sin(angles), torch.cos(angles)], 1)

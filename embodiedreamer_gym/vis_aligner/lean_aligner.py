@@ -17,12 +17,14 @@ from embodiedreamer_gym.vis_aligner.channels import (
     to_frames,
     to_tensor,
 )
-from embodiedreamer_gym.vis_aligner.clip import ROBOT, Condition, References
+from embodiedreamer_gym.vis_aligner.clip import ROBOT, Condition, References, Window
 from embodiedreamer_gym.vis_aligner.diffusion import add_noise, draw_times, sample
 from embodiedreamer_gym.vis_aligner.lean import Lean
+from embodiedreamer_gym.vis_aligner.window import windows
 
 THINGS = 4.0  # weight of a pixel of robot or object, beside 1
 EDGES = 0.5  # weight of the pictures' gradients
+WHOLE = (slice(None), slice(None))
 ROUND = 0.01  # below which an error counts squared (of 2 from black to white)
 
 
@@ -42,25 +44,35 @@ class LeanAligner:
         Raises: VisionError when sizes or lengths differ.
         """
         check_batch(references, conditions)
-        frame, clip, still = self._stack(references, conditions)
-        noise = torch.randn(still.shape[1:], generator=Generator().manual_seed(self.seed)).expand_as(still)
+        still = [background(r, c, self.inputs) for r, c in zip(references, conditions, strict=True)]
+        out = [to_frames(clip).copy() for clip in still]
+        places = windows(references, conditions) if self.network.config.gate else [WHOLE] * len(out)
+        if places is None:
+            return out
+        frame, clip, base = self._stack(references, conditions, still, places)
+        noise = torch.randn(base.shape[1:], generator=Generator().manual_seed(self.seed)).expand_as(base)
         training = self.network.training
         self.network.eval()
         with torch.inference_mode():
-            made = sample(lambda x, time: self.network(x, time, frame, clip, still), noise, self.steps)
+            made = sample(lambda x, time: self.network(x, time, frame, clip, base), noise, self.steps)
         self.network.train(training)
-        return list(to_frames(made))
+        for whole, part, (rows, columns) in zip(out, to_frames(made), places, strict=True):
+            whole[:, rows, columns] = part
+        return out
 
     def loss(self, references: Sequence[References], conditions: Sequence[Condition], truth: Sequence[np.ndarray],
              generator: Generator) -> Tensor:  # fmt: skip
         """Charbonnier loss of pixels and of their differences, things weighing more, at drawn noise levels."""
-        frame, clip, still = self._stack(references, conditions)
-        true = torch.stack([to_tensor(t) for t in truth])
+        still = [background(r, c, self.inputs) for r, c in zip(references, conditions, strict=True)]
+        places = windows(references, conditions) or [WHOLE] * len(truth)
+        frame, clip, base = self._stack(references, conditions, still, places)
+        true = torch.stack([to_tensor(t[:, rows, columns]) for t, (rows, columns) in zip(truth, places, strict=True)])
         time = draw_times(len(true), generator)
         made = self.network(
-            add_noise(true, time, torch.randn(true.shape, generator=generator)), time, frame, clip, still
+            add_noise(true, time, torch.randn(true.shape, generator=generator)), time, frame, clip, base
         )
-        thing = torch.from_numpy(np.stack([c.classes for c in conditions]) >= ROBOT).float()
+        classes = [c.crop(place).classes for c, place in zip(conditions, places, strict=True)]
+        thing = torch.from_numpy(np.stack(classes) >= ROBOT).float()
         weight = F.max_pool2d(1 + (THINGS - 1) * thing, 3, 1, 1)[:, :, None]  # and their edges
         weight, error = weight / weight.mean(), made - true
         across, down = error.diff(dim=-1), error.diff(dim=-2)
@@ -68,13 +80,15 @@ class LeanAligner:
         return _size(error, weight) + EDGES * edges
 
     def _stack(
-        self, references: Sequence[References], conditions: Sequence[Condition]
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """Frames' conditions (B, T, C, H, W), references (B, R, H, W), and still (B, T, 3, H, W), see `Lean.forward`."""
-        frame = torch.stack([frame_channels(c, self.inputs) for c in conditions])
-        clip = torch.stack([reference_channels(r, self.inputs) for r in references])
-        still = torch.stack([background(r, c, self.inputs) for r, c in zip(references, conditions, strict=True)])
-        return frame, clip, still
+        self, references: Sequence[References], conditions: Sequence[Condition], still: Sequence[Tensor],
+        places: Sequence[Window],
+    ) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
+        """Windows of the frames' conditions (B, T, C, h, w), references (B, R, h, w) and still frames (B, T, 3, h, w)."""
+        width = conditions[0].size[0]
+        frame = [frame_channels(c.crop(w), self.inputs, width) for c, w in zip(conditions, places, strict=True)]
+        clip = [reference_channels(r.crop(w), self.inputs, width) for r, w in zip(references, places, strict=True)]
+        base = [s[..., rows, columns] for s, (rows, columns) in zip(still, places, strict=True)]
+        return torch.stack(frame), torch.stack(clip), torch.stack(base)
 
 
 def _size(error: Tensor, weight: Tensor) -> Tensor:

@@ -16,7 +16,7 @@ from tests.vis_aligner.scenes import episode
 
 def test_a_lean_model_survives_its_file(tmp_path) -> None:
     torch.manual_seed(1)
-    network = Lean(LeanConfig((8, 8, 16), 4))
+    network = Lean(LeanConfig((8, 8, 8, 16)))
     torch.nn.init.normal_(network.out.weight, std=0.1)
     model, one = LeanAligner(network, chunk=5), episode()
     path = save_aligner(model, tmp_path)
@@ -28,7 +28,7 @@ def test_a_lean_model_survives_its_file(tmp_path) -> None:
 
 def test_what_is_no_model_is_refused(tmp_path) -> None:
     (tmp_path / "notes.pt").write_text("shopping list")
-    torch.save({"kind": "lean", "config": {"widths": [8, 8, 16]}}, tmp_path / "half.pt")
+    torch.save({"kind": "lean", "config": {"widths": [8, 8, 8, 16]}}, tmp_path / "half.pt")
     torch.save({"evil": torch.nn.Linear(2, 2)}, tmp_path / "code.pt")  # would run code when read as a pickle
     for name, says in (("notes.pt", "no lean model"), ("half.pt", "no lean model"), ("code.pt", "no lean model"),
                        ("none.pt", "does not exist")):  # fmt: skip

@@ -10,13 +10,14 @@ import torch
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.aligner import dream
-from embodiedreamer_gym.vis_aligner.channels import Inputs
+from embodiedreamer_gym.vis_aligner.channels import Inputs, background, to_frames
 from embodiedreamer_gym.vis_aligner.clip import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
+from embodiedreamer_gym.vis_aligner.window import moving, windows
 from tests.vis_aligner.scenes import episode
 
-SMALL = LeanConfig((8, 8, 16), 4)
+SMALL = LeanConfig((8, 8, 8, 16))
 
 
 def aligner(config: LeanConfig = SMALL, bias: float = 0.0, **options) -> LeanAligner:
@@ -25,7 +26,7 @@ def aligner(config: LeanConfig = SMALL, bias: float = 0.0, **options) -> LeanAli
     network = Lean(config)
     torch.nn.init.normal_(network.out.weight, std=0.1)
     with torch.no_grad():
-        network.out.bias[3] = bias
+        network.out.bias[12:] = bias
     return LeanAligner(network, **options)
 
 
@@ -45,12 +46,52 @@ def test_any_size_and_length(size: tuple[int, int], frames: int) -> None:
 
 def test_a_shut_gate_leaves_pixels_exactly_as_they_were() -> None:
     one = episode()
-    shut = aligner(bias=-50.0).render([one.references(0)], [one.condition.part(0, 1)])[0]
-    assert np.array_equal(shut[0], one.frames[0])
-    opened = aligner(bias=50.0).render([one.references(0)], [one.condition.part(0, 1)])[0]
-    assert (opened[0] != one.frames[0]).mean() > 0.5
-    redrawn = aligner(replace(SMALL, gate=False), bias=-50.0).render([one.references(0)], [one.condition.part(0, 1)])[0]
-    assert (redrawn[0] != one.frames[0]).mean() > 0.5
+    references, condition = one.references(0), one.condition.part(8, 9)
+    still = to_frames(background(references, condition, Inputs()))[0]
+    shut, opened, whole = (
+        aligner(replace(SMALL, gate=gate), bias=bias).render([references], [condition])[0][0]
+        for gate, bias in ((True, -50.0), (True, 50.0), (False, -50.0))
+    )
+    assert np.array_equal(shut, still)
+    assert 0.1 < (opened != still).any(axis=2).mean() < (whole != still).any(axis=2).mean()
+
+
+def test_only_what_moves_is_drawn() -> None:
+    """Beyond the window around it, whatever the network wants, and everywhere where nothing moves."""
+    one, model = episode(), aligner(bias=50.0)
+    still = Condition(
+        *(np.repeat(x[:1], 4, 0) for x in (one.condition.rgb, one.condition.classes, one.condition.depth))
+    )
+    assert (model.render([one.references(0)], [still])[0] == one.frames[0]).all()
+    references, condition = one.references(0), one.condition.part(1, 3)
+    rows, columns = windows([references], [condition])[0]
+    moved = moving(references, condition)
+    outside = np.ones(moved.shape, bool)
+    outside[rows, columns] = False
+    assert moved.any() and not (moved & outside).any() and outside.any()
+    made = model.render([references], [condition])[0]
+    assert np.array_equal(made[:, outside], np.repeat(one.frames[:1], 2, 0)[:, outside])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_windows_of_a_batch_have_one_size(seed: int) -> None:
+    """And each lies in the picture, around what moves in its own clip."""
+    rng = np.random.default_rng(seed)
+    ones = [episode(int(k)) for k in rng.integers(50, size=3)]
+    starts = rng.integers(14, size=3)
+    references = [e.references(int(s)) for e, s in zip(ones, starts, strict=True)]
+    conditions = [e.condition.part(int(s), int(s) + 3) for e, s in zip(ones, starts, strict=True)]
+    places = windows(references, conditions)
+    assert len({(r.stop - r.start, c.stop - c.start) for r, c in places}) == 1
+    for (rows, columns), reference, condition in zip(places, references, conditions, strict=True):
+        inside = np.zeros((48, 64), bool)
+        inside[rows, columns] = True
+        assert (
+            rows.start >= 0
+            and columns.start >= 0
+            and inside.sum() == (rows.stop - rows.start) * (columns.stop - columns.start)
+        )
+        assert not (moving(reference, condition) & ~inside).any()
 
 
 @pytest.mark.parametrize("inputs", [Inputs(), Inputs(False, False, False, False, False)], ids=["all", "least"])

@@ -17,9 +17,9 @@ from tests.vis_aligner.scenes import episode
 CONFIG = TrainingConfig(steps=8, own=0.5)
 
 
-def fresh(widths: tuple[int, int, int] = (8, 8, 16), chunk: int = 4) -> LeanAligner:
+def fresh(widths: tuple[int, int, int, int] = (8, 8, 8, 16), chunk: int = 4) -> LeanAligner:
     torch.manual_seed(0)
-    return LeanAligner(Lean(LeanConfig(widths, 4)), chunk)
+    return LeanAligner(Lean(LeanConfig(widths)), chunk)
 
 
 def weights(aligner: LeanAligner) -> torch.Tensor:
@@ -29,7 +29,7 @@ def weights(aligner: LeanAligner) -> torch.Tensor:
 @pytest.fixture(scope="module")
 def learnt() -> LeanAligner:
     """Trained for a few seconds on five episodes of one bench."""
-    model = fresh((16, 24, 32))
+    model = fresh((16, 16, 24, 32))
     train(model, [episode(seed) for seed in range(5)], TrainingConfig(steps=220, rate=3e-3, average=0.98))
     return model
 
@@ -74,7 +74,7 @@ def test_a_checkpoint_of_something_else_is_refused(damage: str, tmp_path) -> Non
     if damage == "settings":
         config = replace(config, rate=0.5)
     elif damage == "widths":
-        model = fresh((16, 16, 16))
+        model = fresh((8, 16, 16, 16))
     elif damage == "torn":
         path.write_bytes(path.read_bytes()[:1000])
     else:

@@ -26,7 +26,7 @@ def files(tmp_path_factory) -> dict[str, str]:
     """A small untrained aligner, and a bank of two photos: the simulator's own pictures in other colours."""
     folder = tmp_path_factory.mktemp("vis")
     torch.manual_seed(0)
-    network = Lean(LeanConfig((8, 8, 16), 4))
+    network = Lean(LeanConfig((8, 8, 8, 16)))
     torch.nn.init.normal_(network.out.weight, std=0.1)
     save_aligner(LeanAligner(network, chunk=3), folder)
     env = gym.make(ID, obs_type="state", disable_env_checker=True).unwrapped

@@ -1,0 +1,97 @@
+"""VisAligner with each of its parts switched off in turn: the same episodes, steps and seed, held-out episodes of one bench.
+
+python -m benchmarks.vis_ablation --train FILMS --test FILMS --out DIR [--steps 3000] [--only NAME ...] [--chunks N]
+
+Films: folders of `embodiedreamer standin film`. Each variant is trained in OUT/<name>, from which an interrupted study goes
+on, and its measures are kept in OUT/<name>.json; the table is that of all that are there. `no masks` is the paper's Table 2
+in kind: the objects are erased from the simulated picture, so that nothing shows where they are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from benchmarks.common import pin_threads
+from embodiedreamer_gym.robot.files import write_json
+from embodiedreamer_gym.vis_aligner import load_episodes
+from embodiedreamer_gym.vis_aligner.channels import Inputs
+from embodiedreamer_gym.vis_aligner.judging import AFTER_TRUE, CLOSED, judge
+from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
+from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
+from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train
+
+FULL = "everything"
+COLUMNS = ("psnr", "ssim", "psnr.moving", "psnr.arm and objects", "psnr.objects", "iou.objects", "colour_shift")
+
+
+def variants(steps: int) -> dict[str, tuple[LeanConfig, TrainingConfig]]:
+    """Network and training of each variant."""
+    config, training = LeanConfig(), TrainingConfig(steps=steps)
+    without = {"masks": "no masks", "depth": "no depth", "anchor": "no anchor", "plate": "no memory of the background",
+               "at_reference": "no view at the reference"}  # fmt: skip
+    found = {FULL: (config, training)}
+    for name, label in without.items():
+        found[label] = replace(config, inputs=replace(Inputs(), **{name: False})), training
+    found["no gate"] = replace(config, gate=False), training
+    found["no own outputs in training"] = config, replace(training, own=0.0)
+    return found
+
+
+def run(name: str, config: LeanConfig, training: TrainingConfig, a: argparse.Namespace) -> dict[str, Any]:
+    """Train a variant and measure it on each held-out episode."""
+    torch.manual_seed(training.seed)
+    aligner = LeanAligner(Lean(config))
+
+    def said(stage: str, step: int, loss: float) -> None:
+        if step % 500 == 0:
+            print(f"{name}: step {step} of {training.steps}, loss {loss:.4f}", flush=True)
+
+    train(aligner, load_episodes([a.train]), training, a.out / name, said)
+    rows = []
+    for episode in load_episodes([a.test]):
+        found = judge(aligner, episode, a.chunks).measures
+        rows.append({clip: {c: measured[c] for c in COLUMNS} for clip, measured in found.items()})
+    return {"name": name, "steps": training.steps, "episodes": rows}
+
+
+def table(results: Sequence[dict[str, Any]]) -> str:
+    """Mean over held-out episodes of every variant, after true frames and in the closed loop, and the baselines."""
+    lines = [f"{'':<30}{'':<20}" + "".join(f"{c.removeprefix('psnr.')[:12]:>13}" for c in COLUMNS)]
+    for result in results:
+        clips = [AFTER_TRUE, CLOSED] if result["name"] != FULL else list(result["episodes"][0])
+        for clip in clips:
+            values = [[np.nan if row[clip][c] is None else row[clip][c] for row in result["episodes"]] for c in COLUMNS]
+            lines.append(f"{result['name']:<30}{clip:<20}" + "".join(f"{np.nanmean(v):>13.3f}" for v in values))
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the variants that are missing, then print the table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.vis_ablation", description=str(__doc__).splitlines()[0])
+    parser.add_argument("--train", type=Path, required=True)
+    parser.add_argument("--test", type=Path, required=True)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--steps", type=int, default=3000)
+    parser.add_argument("--chunks", type=int, help="of each held-out episode (default: all)")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="variants")
+    a = parser.parse_args(arguments)
+    pin_threads()
+    torch.set_num_threads(1)
+    a.out.mkdir(parents=True, exist_ok=True)
+    for name, (config, training) in variants(a.steps).items():
+        path = a.out / f"{name}.json"
+        if not path.is_file() and (not a.only or name in a.only):
+            write_json(run(name, config, training, a), path)
+    print(table([json.loads(p.read_text()) for n in variants(a.steps) if (p := a.out / f"{n}.json").is_file()]))
+
+
+if __name__ == "__main__":
+    main()
