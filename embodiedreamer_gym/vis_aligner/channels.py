@@ -15,6 +15,7 @@ from torch import Tensor
 
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, TABLE, Condition, References
 
+LEVELS = 2  # of 255, up to which a simulated colour counts as the same
 NEAR, REACH = 1.0, 0.5  # m; a depth of NEAR +- REACH is -1 .. 1
 SLOPE = 20.0 / 128  # per metre from a pixel to the next but one and pixel of width: the channels of the surface's tilt
 
@@ -112,6 +113,19 @@ def background(references: References, condition: Condition, inputs: Inputs) -> 
     left = references.seen & (references.last_condition.classes[0] >= ROBOT)
     uncovered = torch.from_numpy(left & (condition.classes < ROBOT))[:, None]
     return torch.where(uncovered, plate, last)
+
+
+def stale(references: References, condition: Condition) -> Tensor:
+    """Where (T, 1, H, W) robot or object show another part of themselves than at the reference: 1, else 0."""
+    return torch.from_numpy(differs(references.last_condition, condition) & (condition.classes >= ROBOT))[
+        :, None
+    ].float()
+
+
+def differs(before: Condition, condition: Condition) -> np.ndarray:
+    """Pixels (T, H, W) at which a simulated frame shows something else than another (T = 1)."""
+    colours = np.abs(condition.rgb.astype(np.int16) - before.rgb).max(axis=3) > LEVELS
+    return colours | (condition.classes != before.classes)
 
 
 def _colours(frame: np.ndarray) -> Tensor:

@@ -61,7 +61,7 @@ class Lean(nn.Module):
         fine, a, b, c = config.widths
         cell = PAIR * PAIR
         self.embed = nn.Sequential(nn.Linear(16, LEVEL), nn.SiLU(), nn.Linear(LEVEL, LEVEL))
-        self.frame_in = nn.Conv2d((3 + 3 + config.inputs.per_frame) * cell, fine, 1)
+        self.frame_in = nn.Conv2d((3 + 3 + 1 + config.inputs.per_frame) * cell, fine, 1)
         self.clip_in = nn.Conv2d(config.inputs.per_clip * cell, fine, 1)
         self.down0 = nn.Conv2d(fine, a, 2, stride=2)
         self.down1 = Block(a, a)
@@ -76,14 +76,17 @@ class Lean(nn.Module):
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)  # pyright: ignore[reportArgumentType]
 
-    def forward(self, noisy: Tensor, time: Tensor, frame: Tensor, clip: Tensor, still: Tensor) -> Tensor:
+    def forward(
+        self, noisy: Tensor, time: Tensor, frame: Tensor, clip: Tensor, still: Tensor, stale: Tensor
+    ) -> Tensor:  # fmt: skip
         """The clean clip (B, T, 3, H, W).
 
         noisy (B, T, 3, H, W); time (B,); frame (B, T, C, H, W): each frame's condition; clip (B, R, H, W): the
-        references; still (B, T, 3, H, W): what the frames would be if nothing new had to be drawn.
+        references; still (B, T, 3, H, W): what the frames would be if nothing new had to be drawn; stale (B, T, 1, H, W):
+        1 where that cannot be, because something else is there by now, and the gate is open.
         """
         frames, size = noisy.shape[1], noisy.shape[-2:]
-        seen = torch.cat([noisy, frame, still], 2).flatten(0, 1)
+        seen = torch.cat([noisy, frame, still, stale], 2).flatten(0, 1)
         pad = (0, -size[1] % DEEPEST, 0, -size[0] % DEEPEST)
         if any(pad):
             seen, clip = F.pad(seen, pad), F.pad(clip, pad)
@@ -97,11 +100,11 @@ class Lean(nn.Module):
         y = self.up1(torch.cat([_twice(y), x1], 1), level, frames)
         y = F.relu_(self.detail(torch.cat([F.relu_(self.up0(y)), x0], 1)))
         out = F.pixel_shuffle(self.out(y), PAIR)[..., : size[0], : size[1]].unflatten(0, (-1, frames))
-        new = still + out[:, :, :3]
-        if self.config.gate:
-            gate = ((torch.sigmoid(out[:, :, 3:]) - SHUT) / (OPEN - SHUT)).clamp(0.0, 1.0)
-            new = torch.lerp(still, new, gate)
-        return new
+        new = out[:, :, :3]
+        if not self.config.gate:
+            return new
+        gate = ((torch.sigmoid(out[:, :, 3:]) - SHUT) / (OPEN - SHUT)).clamp(0.0, 1.0)
+        return torch.lerp(still, new, torch.maximum(gate, stale))
 
 
 def _twice(x: Tensor) -> Tensor:

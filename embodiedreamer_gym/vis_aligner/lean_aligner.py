@@ -14,6 +14,7 @@ from embodiedreamer_gym.vis_aligner.channels import (
     background,
     frame_channels,
     reference_channels,
+    stale,
     to_frames,
     to_tensor,
 )
@@ -49,12 +50,12 @@ class LeanAligner:
         places = windows(references, conditions) if self.network.config.gate else [WHOLE] * len(out)
         if places is None:
             return out
-        frame, clip, base = self._stack(references, conditions, still, places)
+        frame, clip, base, old = self._stack(references, conditions, still, places)
         noise = torch.randn(base.shape[1:], generator=Generator().manual_seed(self.seed)).expand_as(base)
         training = self.network.training
         self.network.eval()
         with torch.inference_mode():
-            made = sample(lambda x, time: self.network(x, time, frame, clip, base), noise, self.steps)
+            made = sample(lambda x, time: self.network(x, time, frame, clip, base, old), noise, self.steps)
         self.network.train(training)
         for whole, part, (rows, columns) in zip(out, to_frames(made), places, strict=True):
             whole[:, rows, columns] = part
@@ -65,11 +66,11 @@ class LeanAligner:
         """Charbonnier loss of pixels and of their differences, things weighing more, at drawn noise levels."""
         still = [background(r, c, self.inputs) for r, c in zip(references, conditions, strict=True)]
         places = windows(references, conditions) or [WHOLE] * len(truth)
-        frame, clip, base = self._stack(references, conditions, still, places)
+        frame, clip, base, old = self._stack(references, conditions, still, places)
         true = torch.stack([to_tensor(t[:, rows, columns]) for t, (rows, columns) in zip(truth, places, strict=True)])
         time = draw_times(len(true), generator)
         made = self.network(
-            add_noise(true, time, torch.randn(true.shape, generator=generator)), time, frame, clip, base
+            add_noise(true, time, torch.randn(true.shape, generator=generator)), time, frame, clip, base, old
         )
         classes = [c.crop(place).classes for c, place in zip(conditions, places, strict=True)]
         thing = torch.from_numpy(np.stack(classes) >= ROBOT).float()
@@ -82,13 +83,14 @@ class LeanAligner:
     def _stack(
         self, references: Sequence[References], conditions: Sequence[Condition], still: Sequence[Tensor],
         places: Sequence[Window],
-    ) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
-        """Windows of the frames' conditions (B, T, C, h, w), references (B, R, h, w) and still frames (B, T, 3, h, w)."""
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
+        """Windows of conditions (B, T, C, h, w), references (B, R, h, w), still frames (B, T, 3, h, w), and what is stale."""
         width = conditions[0].size[0]
         frame = [frame_channels(c.crop(w), self.inputs, width) for c, w in zip(conditions, places, strict=True)]
         clip = [reference_channels(r.crop(w), self.inputs, width) for r, w in zip(references, places, strict=True)]
         base = [s[..., rows, columns] for s, (rows, columns) in zip(still, places, strict=True)]
-        return torch.stack(frame), torch.stack(clip), torch.stack(base)
+        old = [stale(r.crop(w), c.crop(w)) for r, c, w in zip(references, conditions, places, strict=True)]
+        return torch.stack(frame), torch.stack(clip), torch.stack(base), torch.stack(old)
 
 
 def _size(error: Tensor, weight: Tensor) -> Tensor:

@@ -6,18 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from embodiedreamer_gym.vis_aligner.channels import differs
 from embodiedreamer_gym.vis_aligner.clip import Condition, References, Window
 
 MARGIN = 0.12  # of the picture's width around what moves, for its shadow
 GRID = 16  # pixels, of which a window's sides are multiples, where the picture has room
-LEVELS = 2  # of 255, up to which a simulated colour counts as the same
 
 
 def moving(references: References, condition: Condition) -> np.ndarray:
     """Pixels (H, W) at which some simulated frame shows something else than at the reference."""
-    before = references.last_condition
-    colours = np.abs(condition.rgb.astype(np.int16) - before.rgb).max(axis=3) > LEVELS
-    return (colours | (condition.classes != before.classes)).any(axis=0)
+    return differs(references.last_condition, condition).any(axis=0)
 
 
 def windows(references: Sequence[References], conditions: Sequence[Condition]) -> list[Window] | None:
