@@ -11,6 +11,8 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
+from embodiedreamer_gym.cli_film import add_film
+from embodiedreamer_gym.cli_vis import add_vis
 from embodiedreamer_gym.demo import run as run_demo
 from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose, where
 from embodiedreamer_gym.diagnosis.progress import Progress
@@ -82,6 +84,7 @@ def build_parser() -> argparse.ArgumentParser:
     add.add_argument("effect", metavar="EFFECT", help=f"one of {', '.join(CATALOGUE)}, or of --effects")
     _excite_parser(verbs, common)
     _standin_parser(verbs)
+    add_vis(verbs)
     demo = verbs.add_parser("demo", help="from recordings with a hidden effect to a model that has it")
     demo.set_defaults(verb=_demo)
     demo.add_argument("--out", type=Path, default=Path("demo_report"), metavar="DIR", help="default: %(default)s")
@@ -110,10 +113,14 @@ def _excite_parser(verbs: Any, common: Parser) -> None:
 
 
 def _standin_parser(verbs: Any) -> None:
-    """Add the verb that records a stand-in robot with a hidden effect."""
-    text = "recordings of a stand-in robot (MuJoCo) with a hidden effect, to see the loop work before touching your own"
-    one = verbs.add_parser("standin", help=text, description=text)
-    one.add_argument("action", choices=("record",))
+    """Add the verb that records a stand-in robot with a hidden effect, or films the tasks."""
+    text = (
+        "a stand-in for a real robot (MuJoCo) with a hidden effect, or for a real camera, to try things before your own"
+    )
+    actions = verbs.add_parser("standin", help=text, description=text).add_subparsers(required=True, metavar="ACTION")
+    add_film(actions)
+    text = "recordings of a stand-in robot with a hidden effect, the truth apart"
+    one = actions.add_parser("record", help=text, description=text)
     one.add_argument(
         "--effect", default="none", metavar="E", help="effects, with commas; none, or any (drawn; default %(default)s)"
     )
