@@ -66,8 +66,7 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
         return None if self.render_mode is None or self.references is None else self.references.last
 
     def _seen(self, observation: Any) -> Any:
-        assert self.references is not None
-        return _shown(observation, self.references.last)
+        return observation if self.references is None else _shown(observation, self.references.last)
 
 
 class VisAlignerVectorWrapper(VectorWrapper):
