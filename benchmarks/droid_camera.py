@@ -1,0 +1,167 @@
+"""Real Franka clips: are the cameras found, from marks, from nothing, and from both?
+
+python -m benchmarks.droid_camera [--data ../shared/data/droid_franka] [--camera 0 1] [--alone] [--overlay DIR] [--out FILE.json]
+
+Nine episodes before two cameras, whose lens and places nobody published; the cameras were pushed between episodes, so
+each has one lens and nine places. benchmarks/droid_points.json holds marks made by hand; "fitted": false marks are never
+used in a fit, and errors are those of these marks, in pixels of the 320 x 192 pictures. --alone finds the camera of each
+episode from that episode alone. The gripper is no Panda's: its links are loose, which is all that is said beforehand.
+Data: github.com/Robert-gyj/Ctrl-World, commit 4c713d1, dataset_example/droid_new_setup (MIT), not shipped. Robot:
+franka_panda of pybullet_data.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.common import data_folder, pin_threads, save
+
+pin_threads()
+
+import numpy as np  # noqa: E402
+import pybullet_data  # noqa: E402
+
+from embodiedreamer_gym.robot.surface import Surface  # noqa: E402
+from embodiedreamer_gym.vis_aligner.camera_calibration import (  # noqa: E402
+    CameraFit,
+    Footage,
+    Keypoints,
+    calibrate_camera,
+    fit_keypoints,
+)
+from embodiedreamer_gym.vis_aligner.camera_calibration.overlay import overlay, save_picture  # noqa: E402
+from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames  # noqa: E402
+
+POINTS = Path(__file__).with_name("droid_points.json")
+JOINTS = tuple(f"panda_joint{k}" for k in range(1, 8))
+LOOSE = ("panda_hand", "panda_leftfinger", "panda_rightfinger")  # a Robotiq gripper and a camera are there instead
+EPISODES = ("0001", "0003", "0004", "0006", "0007", "0008", "0010", "0011", "0012")
+
+
+def panda() -> Surface:
+    """The Panda that PyBullet ships."""
+    return Surface(Path(pybullet_data.getDataPath()) / "franka_panda" / "panda.urdf", JOINTS)
+
+
+def footage(data: Path, episode: str, camera: int, surface: Surface) -> Footage:
+    """One episode before one camera."""
+    angles = joint_angles(data, episode)
+    frames = VideoFrames(data / "videos" / episode / f"{camera}.mp4", len(angles))
+    return Footage(frames, surface.poses(angles), name=episode)
+
+
+def joint_angles(data: Path, episode: str) -> np.ndarray:
+    """Joint angles (T, 7), rad, of an episode."""
+    rows = json.loads((data / "annotation" / f"{episode}.json").read_text())["joints"]
+    return np.array(rows)[:, : len(JOINTS)]
+
+
+def marks(data: Path, surface: Surface, camera: int, episodes: Sequence[str], fitted: bool | None) -> Keypoints:
+    """Marks of one camera in some episodes, which are its stands; fitted: only those, only the others, or all."""
+    entries = [
+        entry
+        for entry in json.loads(POINTS.read_text())["marks"]
+        if entry["camera"] == camera and entry["recording"] in episodes and fitted in (None, entry["fitted"])
+    ]
+    angles = {episode: joint_angles(data, episode) for episode in episodes}
+    points = [
+        surface.locate(e["link"], np.array([e["point"]]), angles[e["recording"]][[e["frame"]]])[0] for e in entries
+    ]
+    return Keypoints(
+        np.array([episodes.index(e["recording"]) for e in entries]), np.array(points),
+        np.array([e["pixel"] for e in entries]), np.array([e["sd"] for e in entries]),
+    )  # fmt: skip
+
+
+def marked(data: Path, surface: Surface, camera: int) -> tuple[str, ...]:
+    """Episodes with at least four marks to fit."""
+    return tuple(
+        e for e in EPISODES
+        if (marks(data, surface, camera, (e,), True).stand == 0).sum() >= 4
+    )  # fmt: skip
+
+
+def row(way: str, camera: int, fit: CameraFit, unused: Keypoints, seconds: float) -> dict:
+    """One line of the table, printed."""
+    errors = unused.errors(fit.views())
+    lens = fit.cameras[0]
+    found = {
+        "camera": camera, "way": way, "stands": len(fit.stands), "unused": len(errors),
+        "median": float(np.median(errors)), "p90": float(np.quantile(errors, 0.9)), "fx": lens.fx, "fy": lens.fy,
+        "k1": fit.k1, "delay": fit.delay, "cpu_s": seconds, "doubtful": list(fit.doubtful), "fit": fit.as_dict(),
+    }  # fmt: skip
+    print(f"camera {camera}  {way:<22} {len(fit.stands)} places  {len(errors):3d} unused marks: median "
+          f"{found['median']:.2f} px, 90 % within {found['p90']:.1f}  fx {lens.fx:.1f} fy {lens.fy:.1f}  "
+          f"{seconds:.0f} s of CPU", flush=True)  # fmt: skip
+    return found
+
+
+def timed(calibrate, *given, **named) -> tuple[CameraFit, float]:
+    begun = time.process_time()
+    return calibrate(*given, **named), time.process_time() - begun
+
+
+def one_camera(data: Path, surface: Surface, camera: int, free: tuple[str, ...]) -> tuple[list[dict], CameraFit]:
+    """The three ways, on the episodes with marks to fit and on all."""
+    few = marked(data, surface, camera)
+    used, unused = (marks(data, surface, camera, few, fitted) for fitted in (True, False))
+    print(f"camera {camera}: {len(used)} marks to fit, {len(unused)} unused, in the episodes {', '.join(few)}")
+    fit, seconds = timed(fit_keypoints, used, (320, 192), free=("focal", "aspect"), names=few, name=f"camera{camera}")
+    rows = [row("marks", camera, fit, unused, seconds)]
+    takes = [footage(data, e, camera, surface) for e in EPISODES]
+    given = {"loose": LOOSE, "name": f"camera{camera}", "free": free}
+    fit, seconds = timed(calibrate_camera, surface.body, takes, **given)
+    everything = marks(data, surface, camera, EPISODES, None)
+    rows.append(row("nothing", camera, fit, marks(data, surface, camera, EPISODES, False), seconds))
+    rows.append(row("nothing, all marks", camera, fit, everything, seconds))
+    errors = everything.errors(fit.views())
+    for k, episode in enumerate(EPISODES):
+        own = errors[everything.stand == k]
+        print(f"    {episode}  {len(own):2d} marks  median {np.median(own):5.2f} px  largest {own.max():5.2f} px")
+    print(fit)
+    chosen = [footage(data, e, camera, surface) for e in few]
+    both, seconds = timed(calibrate_camera, surface.body, chosen, marks=used, **given)
+    rows.append(row("marks and outlines", camera, both, unused, seconds))
+    return rows, fit
+
+
+def alone(data: Path, surface: Surface, camera: int, free: tuple[str, ...]) -> list[dict]:
+    """Every episode by itself, from nothing."""
+    rows = []
+    for episode in EPISODES:
+        take = footage(data, episode, camera, surface)
+        fit, seconds = timed(calibrate_camera, surface.body, [take], loose=LOOSE, name=episode, free=free)
+        rows.append(row(f"{episode} alone", camera, fit, marks(data, surface, camera, (episode,), None), seconds))
+    return rows
+
+
+def main() -> None:
+    """Print the table, and write the pictures that show it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, default=data_folder("droid_franka"))
+    parser.add_argument("--camera", type=int, nargs="+", default=[0, 1])
+    parser.add_argument("--free", default="focal,aspect")
+    parser.add_argument("--alone", action="store_true", help="each episode by itself too")
+    parser.add_argument("--overlay", type=Path, help="folder for pictures")
+    parser.add_argument("--out", type=Path)
+    a = parser.parse_args()
+    surface, rows, free = panda(), [], tuple(a.free.split(","))
+    for camera in a.camera:
+        more, fit = one_camera(a.data, surface, camera, free)
+        rows += more
+        if a.alone:
+            rows += alone(a.data, surface, camera, free)
+        if a.overlay:
+            a.overlay.mkdir(exist_ok=True)
+            for episode, view in zip(EPISODES, fit.views(), strict=True):
+                picture = overlay(surface.body, footage(a.data, episode, camera, surface), view)
+                save_picture(picture, a.overlay / f"camera{camera}_{episode}.png")
+    save(rows, a.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,191 @@
+"""The visible surface of a robot: the shapes of its URDF, link by link, and where they are at given joint angles."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import trimesh
+import yourdfpy
+from scipy.spatial.transform import Rotation
+
+from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.robot.model import RobotModel
+from embodiedreamer_gym.robot.urdf import read_urdf, root_link
+from embodiedreamer_gym.vis_aligner.camera_calibration import Body
+
+MOVABLE = ("revolute", "continuous", "prismatic")
+ROUND = 32  # sides of a cylinder
+
+
+class Surface:
+    """Shapes of a URDF's links, and their places.
+
+    joints: names of the columns of joint angles; normalised: joint -> its values, rad or m, at 0 and at 1. Movable
+    joints not named stay at zero, or follow the joint they mimic. body: triangles of every link that has a shape.
+    Raises: ModelError for a joint the URDF does not have, a mesh that cannot be read, or a robot without shapes.
+    """
+
+    def __init__(
+        self, urdf: str | Path, joints: Sequence[str], normalised: Mapping[str, tuple[float, float]] | None = None
+    ) -> None:
+        path = Path(urdf)
+        robot = read_urdf(path).robot
+        self.joints = tuple(joints)
+        self._normalised = dict(normalised or {})
+        movable = [joint.name for joint in robot.joints if joint.type in MOVABLE]
+        for name in self.joints:
+            if name not in movable:
+                raise ModelError(f"joint '{name}' is no movable joint of {path.name}; movable: {', '.join(movable)}.")
+        if len(set(self.joints)) != len(self.joints):
+            raise ModelError(f"a joint is named twice: {', '.join(self.joints)}.")
+        self._root = root_link(robot, path)
+        self._order = _from_the_root(robot.joints, self._root)
+        self.body = _body(robot, path)
+
+    @staticmethod
+    def of_model(model: RobotModel) -> Surface:
+        """Return the surface of a robot model."""
+        return Surface(model.urdf, model.joints, model.normalised)
+
+    def __repr__(self) -> str:
+        return f"Surface({len(self.joints)} joints, {self.body!r})"
+
+    def poses(self, angles: np.ndarray) -> np.ndarray:
+        """Poses (T, P, 4, 4) of the body's parts in the root link's frame, m, at joint angles (T, n), rad or m.
+
+        Raises: ModelError when the angles are not (T, n) finite numbers.
+        """
+        angles = np.asarray(angles, float)
+        if angles.ndim != 2 or angles.shape[1] != len(self.joints):
+            raise ModelError(
+                f"joint angles have the shape {angles.shape}, but must be (T, {len(self.joints)}): one column for each "
+                f"of {', '.join(self.joints)}."
+            )
+        if not np.isfinite(angles).all():
+            row = int(np.flatnonzero(~np.isfinite(angles).all(axis=1))[0])
+            raise ModelError(f"joint angles of row {row} are not finite; leave such rows out.")
+        given = {name: self._value(name, column) for name, column in zip(self.joints, angles.T, strict=True)}
+        places = {self._root: np.broadcast_to(np.eye(4), (len(angles), 4, 4))}
+        for joint in self._order:
+            fixed = np.eye(4) if joint.origin is None else np.asarray(joint.origin, float)
+            places[joint.child] = places[joint.parent] @ fixed @ _motion(joint, given, len(angles))
+        return np.stack([places[name] for name in self.body.names], axis=1)
+
+    def points(self, angles: np.ndarray) -> np.ndarray:
+        """Vertices (T, K, 3) of the body in the root link's frame, m, at joint angles (T, n)."""
+        return self.body.at(self.poses(angles))
+
+    def locate(self, link: str, points: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """Where points (T, 3), m, of a visible link's frame are in the root link's, (T, 3), at joint angles (T, n).
+
+        Raises: ModelError for a link without shape, or when there are not as many points as rows of angles.
+        """
+        if link not in self.body.names:
+            raise ModelError(f"the robot has no visible link '{link}'; it has {', '.join(self.body.names)}.")
+        points = np.asarray(points, float)
+        if points.shape != (len(angles), 3):
+            raise ModelError(f"{len(angles)} rows of angles need points ({len(angles)}, 3), not {points.shape}.")
+        pose = self.poses(angles)[:, self.body.names.index(link)]
+        return np.einsum("tij,tj->ti", pose[:, :3, :3], points) + pose[:, :3, 3]
+
+    def _value(self, name: str, column: np.ndarray) -> np.ndarray:
+        if name not in self._normalised:
+            return column
+        zero, one = self._normalised[name]
+        return zero + (one - zero) * column
+
+
+def _from_the_root(joints: Sequence[yourdfpy.Joint], root: str) -> list[yourdfpy.Joint]:
+    """Joints in an order in which parents come first."""
+    reached, order, left = {root}, [], list(joints)
+    while left:
+        ready = [joint for joint in left if joint.parent in reached]
+        order += ready
+        reached |= {joint.child for joint in ready}
+        left = [joint for joint in left if joint not in ready]
+    return order
+
+
+def _motion(joint: yourdfpy.Joint, given: Mapping[str, np.ndarray], rows: int) -> np.ndarray:
+    """Motion (rows, 4, 4) of a joint at the values given by name."""
+    motion = np.broadcast_to(np.eye(4), (rows, 4, 4)).copy()
+    if joint.type not in MOVABLE:
+        return motion
+    value = given.get(joint.name)
+    if value is None and joint.mimic is not None and joint.mimic.joint in given:
+        gain = 1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier
+        value = gain * given[joint.mimic.joint] + (joint.mimic.offset or 0.0)
+    if value is None:
+        return motion
+    axis = np.asarray(joint.axis, float)
+    axis = axis / np.linalg.norm(axis)
+    if joint.type == "prismatic":
+        motion[:, :3, 3] = value[:, None] * axis
+    else:
+        motion[:, :3, :3] = Rotation.from_rotvec(value[:, None] * axis).as_matrix()
+    return motion
+
+
+def _body(robot: yourdfpy.Robot, path: Path) -> Body:
+    """Triangles of all links that have a shape: what is seen, or else what collides."""
+    vertices, faces, part, names = [], [], [], []
+    count = 0
+    for link in robot.links:
+        shapes = link.visuals or link.collisions
+        for shape in shapes:
+            mesh = _mesh(shape.geometry, link.name, path)
+            if shape.origin is not None:
+                mesh.apply_transform(np.asarray(shape.origin, float))
+            if link.name not in names:
+                names.append(link.name)
+            vertices.append(mesh.vertices)
+            faces.append(mesh.faces + count)
+            part.append(np.full(len(mesh.vertices), names.index(link.name)))
+            count += len(mesh.vertices)
+    if not names:
+        raise ModelError(f"{path.name} gives no link a shape, so the robot cannot be seen; take a URDF with visuals.")
+    return Body(np.concatenate(vertices), np.concatenate(faces), np.concatenate(part), tuple(names))
+
+
+def _mesh(geometry: yourdfpy.Geometry, link: str, path: Path) -> trimesh.Trimesh:
+    """One shape as triangles, m, in its own frame."""
+    if geometry.box is not None:
+        return trimesh.creation.box(np.asarray(geometry.box.size, float))
+    if geometry.cylinder is not None:
+        return trimesh.creation.cylinder(geometry.cylinder.radius, geometry.cylinder.length, sections=ROUND)
+    if geometry.sphere is not None:
+        return trimesh.creation.icosphere(subdivisions=2, radius=geometry.sphere.radius)
+    if geometry.mesh is None:
+        raise ModelError(f"{path.name}: link '{link}' has a shape that is no box, cylinder, sphere or mesh.")
+    file = _file(geometry.mesh.filename, path)
+    if file is None:
+        raise ModelError(
+            f"{path.name}: the mesh {geometry.mesh.filename} of link '{link}' is missing; put it beside the URDF."
+        )
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of materials, which are not looked at
+            mesh = trimesh.load(str(file), force="mesh", process=False, skip_materials=True)
+    except Exception as error:  # trimesh's readers raise many kinds
+        text = " ".join(str(error).split())[:200]
+        raise ModelError(f"{path.name}: mesh {file.name} of link '{link}' cannot be read: {text}.") from error
+    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+        raise ModelError(f"{path.name}: mesh {file.name} of link '{link}' holds no triangle.")
+    if geometry.mesh.scale is not None:
+        mesh.apply_scale(np.broadcast_to(np.asarray(geometry.mesh.scale, float), 3))
+    return mesh
+
+
+def _file(name: str, urdf: Path) -> Path | None:
+    """Where a mesh is: its path, or what follows the package's name, from the URDF's folder or one above it."""
+    scheme, _, rest = name.rpartition("://")
+    given = Path(rest)
+    inner = Path(*given.parts[1:]) if scheme == "package" and len(given.parts) > 1 else given
+    for folder in urdf.absolute().parents:
+        for path in (folder / given, folder / inner):
+            if path.is_file():
+                return path
+    return None

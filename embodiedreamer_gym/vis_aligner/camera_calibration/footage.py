@@ -1,0 +1,215 @@
+"""Recordings before a camera that stands still, and what of them a fit looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.recordings import FrameSource
+from embodiedreamer_gym.vis_aligner.camera_calibration.body import Body
+from embodiedreamer_gym.vis_aligner.camera_calibration.evidence import moving_evidence, smooth
+
+FEWEST = 6  # pictures of one recording
+LOOKED_AT = 24  # pictures that are fitted
+BACKGROUND = 40  # pictures of which the background is the median
+WIDTHS = (240, 384)  # pixels: smaller pictures are enlarged for a fit, larger ones reduced
+MARKS = 64  # vertices by which motion is told
+STILL = 0.005  # m: a robot whose points all stay within it does not move
+FAINT = 1e-4  # variance of the evidence over time below which nothing is seen to move
+
+
+@dataclass(frozen=True, eq=False)
+class Footage:
+    """One recording of a robot before a camera that stands still meanwhile.
+
+    frames: T pictures (H, W, 3) uint8 RGB, an array or read one by one; poses (T, P, 4, 4): of the body's parts, in the
+    frame of the robot's root link, m; masks: T pictures (H, W) of where the robot is, or None, where motion shows it.
+    Raises: VisionError where these do not fit together.
+    """
+
+    frames: FrameSource | np.ndarray
+    poses: np.ndarray
+    masks: Sequence[np.ndarray] | np.ndarray | None = None
+    name: str = "recording"
+
+    def __post_init__(self) -> None:
+        poses = np.asarray(self.poses, np.float64)
+        object.__setattr__(self, "poses", poses)
+        if poses.ndim != 4 or poses.shape[2:] != (4, 4):
+            raise VisionError(f"{self.name}: poses must be (T, P, 4, 4), one 4x4 per row and link, not {poses.shape}.")
+        if not np.isfinite(poses).all():
+            row = int(np.flatnonzero(~np.isfinite(poses).all(axis=(1, 2, 3)))[0])
+            raise VisionError(f"{self.name}: the joint angles of row {row} are not finite; leave such rows out.")
+        for what, given in (("frames", self.frames), ("masks", self.masks)):
+            if given is not None and len(given) != len(poses):
+                raise VisionError(
+                    f"{self.name}: {len(given)} {what} for {len(poses)} rows of joint angles; give one each."
+                )
+        if len(poses) < FEWEST:
+            raise VisionError(f"{self.name}: {len(poses)} frames are too few; at least {FEWEST} are needed.")
+
+    def __repr__(self) -> str:
+        return f"Footage({self.name!r}, {len(self.poses)} frames{', masks' if self.masks is not None else ''})"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures.
+
+        Raises: VisionError when a frame is no picture.
+        """
+        first = self.frame(0)
+        return first.shape[1], first.shape[0]
+
+    def frame(self, row: int) -> np.ndarray:
+        """Return one picture (H, W, 3), uint8 RGB.
+
+        Raises: VisionError when it is none.
+        """
+        picture = np.asarray(self.frames[int(row)])
+        if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
+            raise VisionError(f"{self.name}: frame {row} is {_said(picture)}, not uint8 RGB (H, W, 3).")
+        return picture
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What a fit sees of some footage.
+
+    rows (K,): which frames; evidence (K, h, w): 0 .. 1, how surely the robot covers a pixel of the working size; poses
+    (K, P, 4, 4); drift (K, P, 4, 4): change of place (homogeneous) per row of the recording; moving (P,) bool: parts
+    that do not stand still; size: width and height of the working pictures; few (k,): indices into rows of those that a
+    search looks at.
+    """
+
+    name: str
+    rows: np.ndarray
+    evidence: np.ndarray
+    poses: np.ndarray
+    drift: np.ndarray
+    moving: np.ndarray
+    size: tuple[int, int]
+    few: np.ndarray
+
+    def placed(self, body: Body, few: bool = False, delay: float = 0.0) -> np.ndarray:
+        """Vertices (K, V, 3), m, in the rows looked at, or in the few; delay: rows that the pictures are late by."""
+        poses = self.poses if delay == 0.0 else self.poses - delay * self.drift @ self.poses
+        return body.at(poses[self.few] if few else poses)
+
+
+def working_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Width and height in which pictures of a size are fitted."""
+    width = min(max(size[0], WIDTHS[0]), WIDTHS[1])
+    return width, max(round(size[1] * width / size[0]), 1)
+
+
+def look(footage: Footage, body: Body, size: tuple[int, int]) -> Scene:
+    """Choose frames that differ from each other and in which the robot is slow, and find the robot in them.
+
+    size: width and height that the pictures must have.
+    Raises: VisionError when the robot does not move, or is not seen to, or frames differ in size.
+    """
+    marker = _marks(body)
+    marks = marker.at(footage.poses)
+    ways = np.ptp(marks, axis=0).max(axis=1)
+    moving = np.array([ways[marker.part == k].max(initial=0.0) > STILL for k in range(len(body.names))])
+    if not moving.any():
+        raise VisionError(f"{footage.name}: the robot does not move; give a recording in which it does.")
+    speed = np.linalg.norm(np.gradient(marks, axis=0), axis=2).mean(axis=1)
+    calm = 1.0 / (1.0 + (speed / max(float(np.median(speed)), 1e-6)) ** 2)
+    rows = spread(marks, LOOKED_AT, calm)
+    working = working_size(size)
+    if footage.masks is None:
+        wide = np.unique(np.r_[rows, spread(marks, BACKGROUND, np.ones(len(marks)))])
+        pictures = np.stack([_scaled(_of_size(footage, row, size), working) for row in wide])
+        evidence = moving_evidence(pictures)[np.searchsorted(wide, rows)]
+    else:
+        evidence = smooth(np.stack([_mask(footage, row, size, working) for row in rows]))
+        if evidence.max() < 0.5:
+            raise VisionError(
+                f"{footage.name}: the masks are empty in the {len(rows)} frames looked at; mark the robot in them."
+            )
+    if float(evidence.var(axis=0).mean()) < FAINT:
+        raise VisionError(
+            f"{footage.name}: nothing moves in the pictures, so no robot is visible; give other frames, or masks."
+        )
+    few = np.searchsorted(rows, spread(marks[rows], LOOKED_AT // 2, np.ones(len(rows)), rows))
+    poses = footage.poses[rows]
+    return Scene(footage.name, rows, evidence, poses, _drift(footage.poses, rows), moving, working, few)
+
+
+def spread(places: np.ndarray, count: int, weight: np.ndarray, labels: np.ndarray | None = None) -> np.ndarray:
+    """Rows (at most count), in order, of places (T, M, 3) far from each other; weight (T,): which are preferred."""
+    flat = places.reshape(len(places), -1)
+    chosen = [int(np.argmax(weight))]
+    away = np.linalg.norm(flat - flat[chosen[0]], axis=1)
+    while len(chosen) < min(count, len(flat)):
+        best = int(np.argmax(away * weight))
+        if away[best] <= 0.0:
+            break
+        chosen.append(best)
+        away = np.minimum(away, np.linalg.norm(flat - flat[best], axis=1))
+    rows = np.sort(chosen)
+    return rows if labels is None else labels[rows]
+
+
+def _marks(body: Body) -> Body:
+    """A few vertices of every part, as a body without proper faces."""
+    each = max(MARKS // len(body.names), 3)
+    keep = np.zeros(len(body.vertices), bool)
+    for k in np.unique(body.part):
+        own = np.flatnonzero(body.part == k)
+        keep[own[np.linspace(0, len(own) - 1, min(each, len(own))).astype(int)]] = True
+    return Body(body.vertices[keep], np.zeros((1, 3), int), body.part[keep], body.names)
+
+
+def _drift(poses: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Change of each part's place per row: multiplied with points (homogeneous) it gives their velocity."""
+    before, after = np.maximum(rows - 1, 0), np.minimum(rows + 1, len(poses) - 1)
+    return (poses[after] - poses[before]) / (after - before)[:, None, None, None] @ np.linalg.inv(poses[rows])
+
+
+def _of_size(footage: Footage, row: int, size: tuple[int, int]) -> np.ndarray:
+    picture = footage.frame(row)
+    if picture.shape[:2] != (size[1], size[0]):
+        raise VisionError(
+            f"{footage.name}: frame {row} is {picture.shape[1]} x {picture.shape[0]}, others {size[0]} x {size[1]}; "
+            "give frames of one size."
+        )
+    return picture
+
+
+def _mask(footage: Footage, row: int, size: tuple[int, int], working: tuple[int, int]) -> np.ndarray:
+    mask = np.asarray(footage.masks[int(row)])  # pyright: ignore[reportOptionalSubscript]
+    if mask.shape != (size[1], size[0]):
+        raise VisionError(
+            f"{footage.name}: mask {row} is {_said(mask)}, but must be ({size[1]}, {size[0]}) like the frames."
+        )
+    return _scaled((mask != 0).astype(np.float32), working)
+
+
+def _scaled(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    smaller = size[0] < picture.shape[1]
+    return cv2.resize(picture, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
+
+
+def _said(array: Any) -> str:
+    return f"{array.dtype} of shape {array.shape}"
+
+
+def extent(body: Body, poses: np.ndarray) -> tuple[np.ndarray, float]:
+    """Middle (3,) and radius, m, of the sphere in which what moves is, nine tenths of the time.
+
+    Raises: VisionError when nothing moves.
+    """
+    marks = _marks(body).at(poses)
+    moving = np.ptp(marks, axis=0).max(axis=1) > STILL
+    if not moving.any():
+        raise VisionError("the robot does not move in any recording; give some in which it does.")
+    points = marks[:, moving].reshape(-1, 3)
+    middle = np.median(points, axis=0)
+    return middle, float(np.quantile(np.linalg.norm(points - middle, axis=1), 0.9))

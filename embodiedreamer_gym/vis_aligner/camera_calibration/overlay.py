@@ -1,0 +1,107 @@
+"""Pictures that show whether a camera is right: the robot's outline as the camera predicts it, over the real frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.vis_aligner.camera_calibration.body import Body
+from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Footage, spread
+from embodiedreamer_gym.vis_aligner.camera_calibration.keypoints import Keypoints
+from embodiedreamer_gym.vis_aligner.camera_calibration.raster import draw_parts
+from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
+
+WIDE = 480  # pixels, of one frame in the picture
+COLUMNS = 3
+OUTLINE, INNER, MARK, SEEN = (40, 230, 40), (255, 190, 40), (255, 60, 60), (60, 160, 255)  # RGB
+
+
+def overlay(
+    body: Body, footage: Footage, view: View, rows: list[int] | None = None, count: int = 6, delay: float = 0.0
+) -> np.ndarray:
+    """Frames side by side (h, w, 3), uint8 RGB, with the outlines that a view predicts.
+
+    Green: of the whole robot; orange: between its links. rows: which frames, else such as differ most.
+    Raises: VisionError for a row that the footage does not have.
+    """
+    total = len(footage.poses)
+    if rows is None:
+        places = footage.poses[:, :, :3, 3]
+        rows = spread(places, count, np.ones(total)).tolist()
+    for row in rows:
+        if not 0 <= row < total:
+            raise VisionError(f"{footage.name} has no frame {row}; it has 0 .. {total - 1}.")
+    tiles = []
+    for row in rows:
+        late = float(np.clip(row - delay, 0, total - 1))
+        before = min(int(late), total - 2) if total > 1 else 0
+        share = late - before
+        pose = (1.0 - share) * footage.poses[before] + share * footage.poses[min(before + 1, total - 1)]
+        tiles.append(draw_outlines(footage.frame(row), body, pose, view, f"{footage.name} {row}"))
+    return _tiled(tiles)
+
+
+def draw_outlines(frame: np.ndarray, body: Body, pose: np.ndarray, view: View, label: str = "") -> np.ndarray:
+    """Return a frame (H, W, 3), enlarged, with the outlines of a body in a pose (P, 4, 4) that a view predicts."""
+    factor = max(WIDE / frame.shape[1], 1.0)
+    size = (round(frame.shape[1] * factor), round(frame.shape[0] * factor))
+    picture = cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC)
+    seen = view.see(body.at(pose[None]))
+    for axis in (0, 1):
+        seen[..., axis] = (seen[..., axis] + 0.5) * (size[axis] / view.size[axis]) - 0.5
+    code = draw_parts(seen, body.faces, body.part, size)[0][0]
+    whole = code > 0
+    picture[_edges(code) & ~_edges(whole)] = INNER
+    picture[_edges(whole)] = OUTLINE
+    if label:
+        cv2.putText(picture, label, (6, size[1] - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 3, cv2.LINE_AA)
+        cv2.putText(picture, label, (6, size[1] - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
+    return picture
+
+
+def draw_marks(picture: np.ndarray, marks: Keypoints, view: View) -> np.ndarray:
+    """Return a picture with crosses where marks are (red) and where a view sees their points (blue)."""
+    shown = picture.copy()
+    factor = np.array(picture.shape[1::-1]) / view.size
+    for pixels, colour in ((marks.pixel, MARK), (view.see(marks.point)[:, :2], SEEN)):
+        for x, y in np.rint((pixels + 0.5) * factor - 0.5).astype(int):
+            cv2.drawMarker(shown, (int(x), int(y)), colour, cv2.MARKER_CROSS, 9, 1)
+    return shown
+
+
+def save_picture(picture: np.ndarray, path: str | Path) -> None:
+    """Write a picture (h, w, 3), uint8 RGB, as a file of its suffix, beside it first, then renamed.
+
+    Raises: VisionError when it cannot be written.
+    """
+    path = Path(path)
+    part = path.with_name(f".{path.stem}.part{path.suffix or '.png'}")
+    try:
+        good, data = cv2.imencode(path.suffix or ".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+        if not good:
+            raise VisionError(f"{path} cannot be written: the picture cannot be encoded.")
+        part.write_bytes(data.tobytes())
+        part.replace(path)
+    except cv2.error as error:
+        raise VisionError(f"{path} cannot be written: '{path.suffix}' is no format of pictures; take .png.") from error
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise VisionError(f"{path} cannot be written: {error.strerror}.") from error
+
+
+def _edges(code: np.ndarray) -> np.ndarray:
+    """Pixels (h, w), bool, beside which another value stands, below or to the right."""
+    found = np.zeros(code.shape, bool)
+    found[:, :-1] |= code[:, :-1] != code[:, 1:]
+    found[:-1] |= code[:-1] != code[1:]
+    return found
+
+
+def _tiled(tiles: list[np.ndarray]) -> np.ndarray:
+    columns = min(COLUMNS, len(tiles))
+    empty = np.full_like(tiles[0], 255)
+    tiles = tiles + [empty] * (-len(tiles) % columns)
+    return np.concatenate([np.concatenate(tiles[k : k + columns], axis=1) for k in range(0, len(tiles), columns)])

@@ -1,0 +1,119 @@
+"""First views, from nothing: cameras all around the robot, each compared with what moves in the pictures.
+
+Silhouettes and evidence are compared as patterns in space and time: both less their mean over time, so that neither the
+robot's base nor anything else that stands still counts, correlated over every shift of the picture at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from scipy import fft
+from scipy.stats import qmc
+
+from embodiedreamer_gym.vis_aligner.camera_calibration.body import Body
+from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Scene
+from embodiedreamer_gym.vis_aligner.camera_calibration.raster import draw_parts
+from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
+
+Report = Callable[[str, int, float], None]
+
+CELLS = 40  # across the picture
+TRIED = 2048  # views, a power of two
+FAR = (0.35, 3.0)  # distances of the camera, in radii of the sphere in which the robot moves
+FOCAL = (0.3, 1.3)  # focal lengths, in widths of the picture: 118 to 42 degrees across
+LOW, STEEP = -0.3, 0.9  # sine of the elevation: the lowest, and that from which any side may be up in the picture
+ASIDE = 0.35  # radii by which the camera looks past the middle of where the robot moves
+THIN = 0.02  # least share of the largest energy of a silhouette's pattern with which a shift is judged
+
+
+class Matcher:
+    """Compares silhouettes with the evidence of a scene on a coarse grid, over all shifts.
+
+    placed (k, V, 3): vertices of the body in the scene's few rows.
+    """
+
+    def __init__(self, scene: Scene, body: Body, placed: np.ndarray) -> None:
+        self._body, self._placed, self._size = body, placed, scene.size
+        self._scale = CELLS / scene.size[0]
+        self._window = (CELLS, max(round(scene.size[1] * self._scale), 2))
+        self._canvas = (2 * self._window[0], 2 * self._window[1])
+        small = [cv2.resize(scene.evidence[k], self._window, interpolation=cv2.INTER_AREA) for k in scene.few]
+        pattern = np.stack(small)
+        pattern -= pattern.mean(axis=0)
+        self._energy = float((pattern**2).sum())
+        self._shape = tuple(
+            fft.next_fast_len(c + w, real=True) for c, w in zip(self._canvas[::-1], self._window[::-1], strict=True)
+        )
+        self._pattern = np.conj(fft.rfft2(pattern, self._shape))
+        self._box = np.conj(fft.rfft2(np.ones(self._window[::-1], np.float32), self._shape))
+
+    def match(self, view: View) -> tuple[float, View]:
+        """Return the correlation at the best shift of the picture, and the view turned by that shift."""
+        wide, high = self._canvas
+        scale = self._scale
+        grid = View(
+            view.turn, view.shift, view.fx * scale, view.fy * scale, 0.5 * (wide - 1), 0.5 * (high - 1), self._canvas
+        )
+        code, _ = draw_parts(grid.see(self._placed), self._body.faces, self._body.part, self._canvas)
+        drawn = (code > 0).astype(np.float32)
+        drawn -= drawn.mean(axis=0)
+        fits = self._correlate(fft.rfft2(drawn, self._shape) * self._pattern)
+        energy = self._correlate((fft.rfft2((drawn**2).sum(axis=0), self._shape) * self._box)[None])
+        score = fits / np.sqrt(np.maximum(energy, THIN * energy.max() + 1e-3) * self._energy)
+        row, column = divmod(int(score.argmax()), score.shape[1])
+        shift = np.array([column, row]) - 0.5 * (np.array(self._canvas) - self._window)
+        return float(score[row, column]), _turned(view, shift / scale)
+
+    def _correlate(self, product: np.ndarray) -> np.ndarray:
+        rows, columns = (c - w + 1 for c, w in zip(self._canvas[::-1], self._window[::-1], strict=True))
+        return fft.irfft2(product.sum(axis=0), self._shape)[:rows, :columns]
+
+
+def search(
+    matcher: Matcher, size: tuple[int, int], middle: np.ndarray, radius: float, rng: np.random.Generator,
+    focal: float | None = None, aspect: float = 1.0, report: Report | None = None,
+) -> list[View]:  # fmt: skip
+    """Views from all around that match best, best first.
+
+    size: width and height of the pictures; middle (3,) and radius, m: where the robot moves; focal: pixels, where known.
+    """
+    draws = qmc.Sobol(8, rng=rng).random(TRIED)
+    found: list[tuple[float, View]] = []
+    for count, draw in enumerate(draws):
+        length = size[0] * FOCAL[0] * (FOCAL[1] / FOCAL[0]) ** draw[0] if focal is None else focal
+        found.append(matcher.match(_drawn(draw[1:], middle, radius, length, aspect, size)))
+        if report is not None and count % 64 == 0:
+            report("search", count, max(score for score, _ in found))
+    return [view for _, view in sorted(found, key=lambda one: -one[0])]
+
+
+def _drawn(draw, middle, radius, focal, aspect, size) -> View:
+    """One view of a draw (7,), each 0 .. 1."""
+    sine = LOW + (1.0 - LOW) * draw[0]
+    azimuth = 2.0 * np.pi * draw[1]
+    level = np.sqrt(max(1.0 - sine * sine, 0.0))
+    way = np.array([level * np.cos(azimuth), level * np.sin(azimuth), sine])
+    target = middle + ASIDE * radius * (2.0 * draw[3:6] - 1.0)
+    position = target + radius * FAR[0] * (FAR[1] / FAR[0]) ** draw[2] * way
+    up = np.array([0.0, 0.0, 1.0])
+    if sine > STEEP:
+        up = np.array([np.cos(2.0 * np.pi * draw[6]), np.sin(2.0 * np.pi * draw[6]), 0.0])
+    right = np.cross(-way, up)
+    right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-9 else np.array([1.0, 0.0, 0.0])
+    return View.looking(position, np.stack([right, np.cross(-way, right), -way]), focal, size, aspect)
+
+
+def _turned(view: View, shift: np.ndarray) -> View:
+    """The view turned so that what was beside its axis by a shift (2,), pixels, comes to lie on it."""
+    ahead = np.array([shift[0] / view.fx, shift[1] / view.fy, 1.0])
+    ahead /= np.linalg.norm(ahead)
+    axis = np.cross([0.0, 0.0, 1.0], ahead)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-9:
+        return view
+    change = np.zeros(11)
+    change[:3] = -axis / sine * np.arcsin(min(sine, 1.0))
+    return view.moved(change)
