@@ -61,7 +61,9 @@ def main() -> None:
                     right.append(np.abs(seen - frames[step]).mean())
                     wrong.append(np.abs(seen - frames[(step + APART) % len(frames)]).mean())
             index += 1
-    print(f"state: largest error {max(state):g}; chunks of {CHUNK} actions: {max(action):g}; {len(state)} steps looked at")
+    print(
+        f"state: largest error {max(state):g}; chunks of {CHUNK} actions: {max(action):g}; {len(state)} steps looked at"
+    )
     print(f"frames: mean absolute error {np.mean(right):.2f} of 255, the worst {max(right):.2f}; "
           f"of a frame {APART} steps later {np.mean(wrong):.2f}")  # fmt: skip
     if index != read.num_frames or max(state) > 0 or max(action) > 0:

@@ -2,7 +2,7 @@
 
 python -m benchmarks.preferences [--seeds 0 1 2] [--methods NAME ...] [--cycles 5] [--evaluations 500] [--out DIR] [--plot FILE.png]
 
-Each seed has demonstrations, starts and evaluation scenes of its own. A cycle plays 100 starts, four tries each with
+Each seed has demonstrations, starts and evaluation scenes of its own. A cycle plays 100 starts, eight tries each with
 exploration noise, learns from them, and is judged on 500 unseen scenes without noise; all methods start from the same
 policy and play equally often. `paper` is the loss as it is written: no noise, the best 25 of all against the worst 25, no
 guard. A finished (method, seed) is kept in --out and not run again. Settings were chosen on the seeds 100 and 101.
@@ -41,11 +41,13 @@ from embodiedreamer_gym.policies.preferences import (  # noqa: E402
 )
 from embodiedreamer_gym.wrappers.preference_rollout import PreferenceRolloutVectorWrapper  # noqa: E402
 
-DEMOS, STARTS, TRIES, NOISE = 12, 100, 4, 0.1
+DEMOS, STARTS, TRIES, NOISE = 12, 100, 8, 0.1
 METRIC = "object_distance"
 SFT = CloningConfig(epochs=300, batch=128, rate=1e-3)
-CLONING = CloningConfig(epochs=80, batch=256, rate=1e-4)
-RATE = 1e-5  # of the preference losses
+EPOCHS = 80  # of a cycle, as the paper's
+CLONING_BATCH, CLONING_RATE = 256, 1e-4  # chunks of a step, Adam
+RATE = 1e-4  # of the preference losses
+PPO_RATE = 3e-4  # Stable-Baselines3's own
 
 Learn = Callable[[ChunkMlp, list[Trajectory], list[Trajectory], int], str]  # network, demos, rollouts, seed -> remark
 
@@ -57,7 +59,7 @@ def prefer(
 
     def learn(network: ChunkMlp, demos: list[Trajectory], rollouts: list[Trajectory], seed: int) -> str:
         pairs = PreferenceSet.choose(rollouts, metric, pairing)
-        config = TuningConfig(LossConfig(variant), rate=rate, fall=fall, seed=seed)
+        config = TuningConfig(LossConfig(variant), epochs=EPOCHS, rate=rate, fall=fall, seed=seed)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the paper's form warns of its missing gradient; it is in the remark
             tuned = fine_tune(network, pairs, config)
@@ -68,12 +70,14 @@ def prefer(
     return learn
 
 
-def imitate(choose: Callable[[list[Trajectory], list[Trajectory]], tuple[list[Trajectory], Any]]) -> Learn:
+def imitate(
+    choose: Callable[[list[Trajectory], list[Trajectory]], tuple[list[Trajectory], Any]], rate: float = CLONING_RATE
+) -> Learn:
     """Clone some of the demonstrations and rollouts, with weights."""
 
     def learn(network: ChunkMlp, demos: list[Trajectory], rollouts: list[Trajectory], seed: int) -> str:
         chosen, weights = choose(demos, rollouts)
-        config = CloningConfig(CLONING.epochs, CLONING.batch, CLONING.rate, seed)
+        config = CloningConfig(EPOCHS, CLONING_BATCH, rate, seed)
         error = clone(network, chosen, config, weights)[-1]
         return f"{len(chosen)} trajectories, squared error {error:.4f}"
 
@@ -89,6 +93,7 @@ METHODS: dict[str, Learn] = {
 }
 MORE: dict[str, Learn] = {
     "filtered bc, top 25": imitate(lambda _, rollouts: (filtered(rollouts, METRIC, "top"), None)),
+    "filtered bc, rate 3e-4": imitate(lambda _, rollouts: (filtered(rollouts, METRIC), None), 3e-4),
     "rwr": imitate(lambda _, rollouts: (rollouts, reward_weights(rollouts, METRIC))),
     "paper, noise and pairs": prefer("paper", fall=None),
     "paper, with guard": prefer("paper"),
@@ -161,7 +166,8 @@ def finished(name: str, seed: int, a: argparse.Namespace) -> dict[str, Any]:
     if name == PPO:
         from benchmarks.preference_ppo import learn  # loads Stable-Baselines3
 
-        found = learn(seed, a.cycles, a.evaluations, first_policy(seed)[0])
+        found = learn(seed, first_policy(seed)[0], a.cycles, lambda cycle: starts(seed, cycle, STARTS), TRIES, NOISE,
+                      METRIC, lambda network: judge(network, seed, a.evaluations), PPO_RATE)  # fmt: skip
     else:
         found = study(name, seed, a.cycles, a.evaluations, first_policy(seed))
     save(found | {"evaluations": a.evaluations}, path)

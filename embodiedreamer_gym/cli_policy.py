@@ -116,15 +116,18 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
             raise EmbodieDreamerError(f"folder {folder} does not exist; make it first.")
     said, rows = Progress(a.quiet), []
     seeds = range(a.seed, a.seed + a.episodes)
-    step = max(1, min(8, a.episodes // a.jobs))  # episodes of a call: each call builds its world anew
-    calls = [(a, policy if a.jobs == 1 else None, tuple(seeds[k : k + step])) for k in range(0, a.episodes, step)]
 
-    def done(number: int, found: Any) -> None:
-        rows.extend(found)
+    def told(row: Any) -> None:
+        rows.append(row)
         said("evaluating", len(rows), a.episodes, f"success {sum(row.success for row in rows)}/{len(rows)}")
 
     try:
-        many(_play, calls, a.jobs, done)
+        if a.jobs == 1:
+            _play(a, policy, tuple(seeds), told)
+        else:  # some episodes for each call, which builds its world anew
+            step = max(1, min(8, a.episodes // a.jobs))
+            calls = [(a, None, tuple(seeds[k : k + step])) for k in range(0, a.episodes, step)]
+            many(_play, calls, a.jobs, lambda number, found: [told(row) for row in found])
     finally:
         said.close()
     found = Evaluation(task, count, tuple(rows))
@@ -133,7 +136,7 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
         write_json({"policy": str(a.policy), "robot": str(a.robot), **found.as_dict()}, a.json)
 
 
-def _play(a: argparse.Namespace, policy: Any, seeds: tuple[int, ...]) -> list[Any]:
+def _play(a: argparse.Namespace, policy: Any, seeds: tuple[int, ...], told: Any = None) -> list[Any]:
     """Results of some seeds; runs in a process of its own where there are several, and then loads the policy there."""
     import torch
 
@@ -151,6 +154,8 @@ def _play(a: argparse.Namespace, policy: Any, seeds: tuple[int, ...]) -> list[An
     def done(row: Any) -> None:
         if a.video is not None:
             _write(films.pop(row.seed), a.video, row, env.unwrapped.metadata["render_fps"])
+        if told is not None:
+            told(row)
 
     try:
         return list(evaluate(policy, env, seeds, a.execute, watch if a.video else None, done).episodes)

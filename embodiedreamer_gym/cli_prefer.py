@@ -11,7 +11,10 @@ from typing import Any
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
 
 METHODS = ("preferences", "best_of", "top", "rwr")
-FIRST_START, FIRST_EVALUATION = 300_000_000, 200_000  # seeds; demonstrations count from 0, `policy evaluate` from 100 000
+FIRST_START, FIRST_EVALUATION = (
+    300_000_000,
+    200_000,
+)  # seeds; demonstrations count from 0, `policy evaluate` from 100 000
 SETTINGS, ROW, WEIGHTS, PAIRS = "settings.json", "row.json", "weights.pt", "pairs.hdf5"
 NOT_SETTINGS = ("verb", "out", "cycles", "quiet", "json", "envs")  # a study may go on with others
 ROW_KEYS = ("success", "distance", "object_distance", "pairs", "contrast", "gradient", "winners", "losers")
@@ -26,9 +29,13 @@ def add_prefer(actions: Any) -> None:
     one.add_argument("--task", required=True, metavar="ID", help="such as PutCupOnMat-v0")
     one.add_argument("--out", type=Path, required=True, metavar="DIR", help="the policy, and what each cycle left")
     one.add_argument("--cycles", type=_count, default=5, metavar="N", help="default: %(default)s")
-    one.add_argument("--evaluations", type=_count, default=100, metavar="N", help="episodes after each cycle (default %(default)s)")
+    one.add_argument(
+        "--evaluations", type=_count, default=100, metavar="N", help="episodes after each cycle (default %(default)s)"
+    )
     one.add_argument("--robot", default="aloha", metavar="M", help="JSON file or built-in robot (default %(default)s)")
-    one.add_argument("--dream", nargs="?", const="lean", metavar="ALIGNER", help="see through VisAligner (default: lean)")
+    one.add_argument(
+        "--dream", nargs="?", const="lean", metavar="ALIGNER", help="see through VisAligner (default: lean)"
+    )
     one.add_argument("--bank", default="lab", metavar="B", help="references to dream from (default %(default)s)")
     one.add_argument("--execute", type=_count, metavar="K", help="actions executed of each chunk (default: 25, or all)")
     one.add_argument("--envs", type=_count, default=1, metavar="E", help="episodes at once (default %(default)s)")
@@ -42,18 +49,28 @@ def add_prefer(actions: Any) -> None:
 def _rollout_options(group: Any) -> None:
     group.add_argument("--starts", type=_count, default=100, metavar="N", help="of a cycle (default %(default)s)")
     group.add_argument("--tries", type=_count, default=4, metavar="K", help="from each start (default %(default)s)")
-    group.add_argument("--noise", type=float, default=0.1, metavar="S", help="of exploration, normalised (default %(default)s)")
+    group.add_argument(
+        "--noise", type=float, default=0.1, metavar="S", help="of exploration, normalised (default %(default)s)"
+    )
     group.add_argument("--per", choices=("chunk", "step"), default="chunk", help="noise per (default %(default)s)")
-    group.add_argument("--metric", default="distance", metavar="M", help="distance (end effector to target) or object_distance")
-    group.add_argument("--pairing", choices=("same_start", "global_rank"), default="same_start", help="default: %(default)s")
+    group.add_argument(
+        "--metric", default="distance", metavar="M", help="distance (end effector to target) or object_distance"
+    )
+    group.add_argument(
+        "--pairing", choices=("same_start", "global_rank"), default="same_start", help="default: %(default)s"
+    )
     group.add_argument("--top", type=_count, metavar="M", help="pairs, or trajectories, at most (the paper's 25)")
-    group.add_argument("--margin", type=float, default=0.01, metavar="X", help="near ties are left out, m (default %(default)s)")
+    group.add_argument(
+        "--margin", type=float, default=0.01, metavar="X", help="near ties are left out, m (default %(default)s)"
+    )
 
 
 def _learning_options(group: Any) -> None:
     group.add_argument("--method", choices=METHODS, default=METHODS[0],
                        help="preferences; or clone the best_of each start, the top of all, or all by reward (rwr)")  # fmt: skip
-    group.add_argument("--variant", default="clipped+dpop", metavar="V", help="paper, ipo, nll, dpop, clipped, clipped+dpop")
+    group.add_argument(
+        "--variant", default="clipped+dpop", metavar="V", help="paper, ipo, nll, dpop, clipped, clipped+dpop"
+    )
     group.add_argument("--beta", type=float, default=0.1, metavar="B", help="default: %(default)s")
     group.add_argument("--sigma", type=float, default=1.0, metavar="S", help="of the likelihood (default %(default)s)")
     group.add_argument("--epochs", type=_count, default=80, metavar="N", help="of a cycle (default %(default)s)")
@@ -75,11 +92,19 @@ def _prefer(a: argparse.Namespace, progress: Any) -> None:
         raise EmbodieDreamerError(f"folder {a.json.absolute().parent} does not exist; make it first.")
     study = Study(a, Progress(a.quiet))  # complains before anything is written
     try:
-        rows = [study.row(cycle) for cycle in range(a.cycles + 1)]
+        rows = []
+        for cycle in range(a.cycles + 1):
+            rows.append(study.row(cycle))
+            if hasattr(study.policy, "save"):
+                study.policy.save(a.out / "policy")
     finally:
         study.close()
     print(table(rows))
-    print(f"policy: {a.out / 'policy'}" if hasattr(study.policy, "save") else f"weights: {study.folder(a.cycles) / WEIGHTS}")
+    print(
+        f"policy: {a.out / 'policy'}"
+        if hasattr(study.policy, "save")
+        else f"weights: {study.folder(a.cycles) / WEIGHTS}"
+    )
     if a.json is not None:
         write_json({"settings": study.settings, "rows": rows}, a.json)
 
@@ -90,7 +115,8 @@ class Study:
     def __init__(self, a: argparse.Namespace, said: Any) -> None:
         from embodiedreamer_gym.policies import load_policy
 
-        self.a, self.said, self.policy = a, said, load_policy(a.policy)
+        self.a, self.said = a, said
+        self.policy: Any = load_policy(a.policy)  # one with a network
         if not hasattr(getattr(self.policy, "network", None), "mean"):
             raise PolicyError(f"policy {a.policy} has no network to fine-tune; give one that `policy train` wrote.")
         self.config = _config(a)
@@ -103,7 +129,9 @@ class Study:
             a.out.mkdir(parents=True, exist_ok=True)
             write_json(self.settings, path)
         elif json.loads(path.read_text()) != self.settings:
-            raise EmbodieDreamerError(f"{a.out} holds a study with other settings; give another folder, or the same settings.")
+            raise EmbodieDreamerError(
+                f"{a.out} holds a study with other settings; give another folder, or the same settings."
+            )
 
     def close(self) -> None:
         """End the progress and the environment."""
@@ -129,8 +157,6 @@ class Study:
         part = folder / f".{WEIGHTS}.part"
         torch.save(self.policy.network.state_dict(), part)
         part.replace(folder / WEIGHTS)
-        if hasattr(self.policy, "save"):
-            self.policy.save(self.a.out / "policy")
         row = {"cycle": cycle, **self._judge(), **told}
         write_json(row, folder / ROW)
         return row

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 import cv2
+import joblib
 import numpy as np
 import pytest
 
@@ -15,6 +16,8 @@ from embodiedreamer_gym.cli_policy import add_policy
 from embodiedreamer_gym.diagnosis.progress import Progress
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
 from embodiedreamer_gym.policies.act import Act, ActConfig, ActPolicy
+from embodiedreamer_gym.policies.evaluation import EpisodeResult
+from embodiedreamer_gym.recordings import Recording, save_recording
 from tests.policies.act.tiny import SIZE, Tiny
 
 TRAIN = ("--steps", 3, "--batch", 2, "--chunk", 4, "--quiet")
@@ -56,12 +59,7 @@ def test_training_writes_a_policy(tmp_path: Path, episodes: Tiny, capsys: pytest
 
 def test_real_episodes_on_disk(tmp_path: Path) -> None:
     """Through the writer and the reader of recordings."""
-    from embodiedreamer_gym.recordings.episodes import write_aloha_episode
-
-    assert callable(write_aloha_episode)
-    tiny = Tiny()
-    from embodiedreamer_gym.recordings import Recording, save_recording
-
+    tiny = Tiny(lengths=(12, 11))
     for i in range(2):
         states, time = tiny.states(i)[:, :2].astype(float), np.arange(tiny.lengths[i]) / 30
         frames = {"head": tiny.frames(i, "head", 0, tiny.lengths[i])}
@@ -94,25 +92,34 @@ def test_an_evaluation(still: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     assert shape == [300, 128, 48]  # two cameras side by side, as large as what was learnt from
 
 
-def test_processes_give_the_same_rows(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """The episodes are dealt out in order; the playing itself is left out here."""
-    played = []
+def test_episodes_are_dealt_out_to_processes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In order, each once, and the table is that of one process; the playing itself is left out here."""
+    dealt: list[tuple[bool, tuple[int, ...]]] = []
 
-    def play(a, policy, seeds):
-        from embodiedreamer_gym.policies.evaluation import EpisodeResult
-
-        played.append((policy is None, seeds))
-        return [EpisodeResult(seed, seed % 2 == 0, 5, True, 9, 0.1, "left") for seed in seeds]
+    def play(a, policy, seeds, told=None) -> list[EpisodeResult]:
+        dealt.append((policy is None, seeds))
+        rows = [EpisodeResult(seed, seed % 2 == 0, 5, True, 9, 0.1, "left") for seed in seeds]
+        for row in rows if told else ():
+            told(row)
+        return rows
 
     class Still:
         action_size, chunk = 14, 50
 
     monkeypatch.setattr(cli_policy, "_play", play)
     monkeypatch.setattr(cli_policy, "_policy", lambda a: Still())
-    run("evaluate", "--policy", "m:f", "--task", "PutCupOnMat", "--episodes", 20, "--seed", 0, "--quiet")
+    arguments = ("evaluate", "--policy", "m:f", "--task", "PutCupOnMat", "--episodes", 20, "--seed", 0, "--quiet")
+    run(*arguments)
     one = capsys.readouterr().out
-    assert [seed for _, seeds in played for seed in seeds] == list(range(20)) and not any(none for none, _ in played)
+    assert dealt == [(False, tuple(range(20)))]
     assert "success in 10 of 20 episodes" in one and "25 actions executed per query" in one
+    dealt.clear()
+    with joblib.parallel_config("threading"):
+        run(*arguments, "--jobs", 3)
+    assert capsys.readouterr().out == one
+    assert sorted(dealt) == [(True, tuple(range(k, min(k + 6, 20)))) for k in range(0, 20, 6)]
 
 
 def test_temporal_ensembling_asks_at_each_step(still: Path) -> None:

@@ -201,6 +201,8 @@ def _attempt(wanted: Demonstrations, number: int, folder: Path) -> Path | None:
                 objects={prop.name: played[prop.name] for prop in env.task.props},
             )  # fmt: skip
             return path
+    except OSError as error:
+        raise RecordingError(f"{folder} cannot be written: {error.strerror or error}.") from error
     finally:
         env.close()
 

@@ -94,8 +94,9 @@ class _Rollouts:
             batch = policy_batch(observation, self.camera)
             said = _chunks(policy(batch), envs)
             actions = said + self.noise * spread * np.stack([self._draw(rng, said.shape[1:]) for rng in rngs])
-            actions = np.clip(actions, envs.single_action_space.low, envs.single_action_space.high).astype(np.float32)
-            observation, _, terminated, truncated, info = envs.step(actions)
+            actions = actions.astype(np.float32)  # kept as drawn, so that without noise they are what was said
+            played = np.clip(actions, envs.single_action_space.low, envs.single_action_space.high)
+            observation, _, terminated, truncated, info = envs.step(played)
             over = (np.asarray(terminated) | np.asarray(truncated))[: len(jobs)]
             log.add(batch, actions, said, info, [end is None for end in ends])
             for i in range(len(jobs)):
@@ -104,7 +105,9 @@ class _Rollouts:
             if None not in ends:
                 return log.trajectories(jobs, ends)
             if over.any() and getattr(envs, "metadata", {}).get("autoreset_mode") == AutoresetMode.DISABLED:
-                raise SimulationError("episodes differ in length, and the vector has autoreset_mode DISABLED; take another.")
+                raise SimulationError(
+                    "episodes differ in length, and the vector has autoreset_mode DISABLED; take another."
+                )
         raise SimulationError(
             f"an episode is not over after {limit} chunks; give the environment a time limit, or chunks."
         )

@@ -21,7 +21,8 @@ class ActConfig:
     ResNet's stages, two blocks each, the last of 1 / 2^(stages + 1) of the picture's size; norm: group, or frozen (batch
     normalisation with fixed statistics, as pretrained weights have it); width, heads, feedforward: of the transformer;
     encoders, decoders: its layers; latent: numbers in the CVAE's z, 0 without a CVAE; latent_encoders: layers of the
-    CVAE's encoder; dropout: share; pre_norm: normalise before attention, not after; source_size: width and height of the
+    CVAE's encoder; dropout: share; pre_norm: normalise before attention, not after; placed: tokens of
+    pictures carry where they are, which otherwise only queries and keys do; source_size: width and height of the
     pictures it learnt from, where they were scaled.
     Raises: PolicyError for what cannot be built.
     Source: Zhao et al., Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware, 2023, table III.
@@ -43,6 +44,7 @@ class ActConfig:
     latent_encoders: int = 2
     dropout: float = 0.0
     pre_norm: bool = False
+    placed: bool = True
     source_size: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
@@ -77,7 +79,7 @@ class ActConfig:
         """
         return self.with_(
             chunk=100, widths=(64, 128, 256, 512), norm="frozen", width=512, heads=8, feedforward=3200, encoders=4,
-            decoders=1, latent=32, latent_encoders=4, dropout=0.1,
+            decoders=1, latent=32, latent_encoders=4, dropout=0.1, placed=False,
         )  # fmt: skip
 
     def as_dict(self) -> dict[str, Any]:

@@ -144,6 +144,8 @@ class Act(nn.Module):
             z = torch.zeros(len(state), self.config.latent, device=state.device) if z is None else z
             tokens.insert(0, self.latent(z)[:, None])
         features = self.picture(self.backbone(torch.cat(pictures))).flatten(2).transpose(1, 2)
+        if self.config.placed:
+            features = features + self.positions
         tokens += features.chunk(len(pictures))
         positions = torch.cat([self.own_positions.weight, *[self.positions] * len(pictures)])
         memory = self.encoder(torch.cat(tokens, 1), positions)

@@ -22,9 +22,10 @@ class Trajectory:
     """One episode, of C chunks with k actions each.
 
     observations: name -> array (C, ...), what the policy saw before each chunk; nested names are joined with a slash,
-    such as pixels/head (C, H, W, 3) uint8; actions (C, k, m): executed, the environment's units; means (C, k, m): what the
-    policy said before exploration noise; counts (C,): how many actions of each chunk were played; seed: of the start;
-    attempt: number of the try from this start; outcome: numbers at the end, such as distance (m) and is_success.
+    such as pixels/head (C, H, W, 3) uint8; actions (C, k, m): executed, the environment's units, as they
+    were before being clipped to its space; means (C, k, m): what the policy said before exploration noise; counts (C,):
+    how many actions of each chunk were played; seed: of the start; attempt: number of the try from this start; outcome:
+    numbers at the end, such as distance (m) and is_success.
     Raises: PolicyError where shapes do not fit each other.
     """
 

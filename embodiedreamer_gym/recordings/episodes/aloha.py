@@ -128,7 +128,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
 def _dataset(file: h5py.File, path: Path, key: str) -> h5py.Dataset:
     """A dataset that lies in this very file."""
     data = file.get(key)
-    if not isinstance(data, h5py.Dataset):
+    if not isinstance(data, h5py.Dataset) or data.shape is None:
         raise RecordingError(f"{path}: the dataset /{key} is missing; the ALOHA layout needs it")
     if data.file.filename != file.filename or data.external or data.is_virtual:
         raise RecordingError(f"{path}: /{key} points to another file; copy its numbers into this one")
@@ -141,7 +141,7 @@ def _inspect(path: Path) -> _File:
         sizes = {}
         for key in (STATE, ACTION):
             data = _dataset(file, path, key)
-            if data.size > MOST_NUMBERS:
+            if (data.size or 0) > MOST_NUMBERS:
                 raise RecordingError(f"{path}: /{key} claims the shape {data.shape}; that is no episode")
             sizes[key] = check_numbers(data[()], f"{path}: /{key}").shape
         length = sizes[STATE][0]
@@ -167,7 +167,9 @@ def _frame_size(file: h5py.File, path: Path, camera: str, length: int) -> tuple[
     key = f"{IMAGES}/{camera}"
     data = _dataset(file, path, key)
     raw = data.ndim == 4 and data.shape[3] == 3 and data.dtype == np.uint8
-    coded = (data.ndim == 2 and data.dtype == np.uint8) or (data.ndim == 1 and h5py.check_vlen_dtype(data.dtype) is not None)
+    coded = (data.ndim == 2 and data.dtype == np.uint8) or (
+        data.ndim == 1 and h5py.check_vlen_dtype(data.dtype) is not None
+    )
     if not raw and not coded:
         raise RecordingError(
             f"{path}: /{key} is {data.dtype} of shape {data.shape}; uint8 (T, H, W, 3) or one JPEG per row is expected"

@@ -18,20 +18,13 @@ from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.recordings.episodes.episode_set import check_numbers
 from embodiedreamer_gym.recordings.episodes.lerobot_info import ACTION, IMAGES, STATE, VERSION
 from embodiedreamer_gym.recordings.episodes.lerobot_tables import Tables, write_tasks
-from embodiedreamer_gym.recordings.episodes.statistics import (
-    FrameStatistics,
-    Statistics,
-    looked_at,
-    of_numbers,
-    together,
-)
-from embodiedreamer_gym.recordings.episodes.video import CODECS, GROUP, PIXELS, VideoWriter, check_video
+from embodiedreamer_gym.recordings.episodes.lerobot_videos import CHUNK, FILES, VIDEO_MB, VIDEO_PATH, CameraVideos
+from embodiedreamer_gym.recordings.episodes.statistics import Statistics, of_numbers, together
+from embodiedreamer_gym.recordings.episodes.video import check_video
 
 ABOUT = "meta/embodiedreamer.json"  # more about the set, which LeRobot does not read
-FILES = "chunk-{chunk_index:03d}/file-{file_index:03d}"
-DATA_PATH, VIDEO_PATH = f"data/{FILES}.parquet", "videos/{video_key}/" + FILES + ".mp4"
-CHUNK = 1000  # files of a folder
-DATA_MB, VIDEO_MB = 100, 200  # of a file, before the next one is begun
+DATA_PATH = f"data/{FILES}.parquet"
+DATA_MB = 100  # of a file, before the next one is begun
 INDEX: dict[str, Any] = {
     key: {"dtype": kind, "shape": [1], "names": None}
     for key, kind in (("timestamp", "float32"), *((k, "int64") for k in ("frame_index", "episode_index", "index", "task_index")))
@@ -62,7 +55,7 @@ class LeRobotWriter:
         self._part = self.folder.with_name(f".{self.folder.name}.part")
         shutil.rmtree(self._part, ignore_errors=True)  # of a run that was interrupted
         self._tables = Tables(self._part, DATA_PATH, DATA_MB, CHUNK)
-        self._videos: dict[str, _Videos] = {}
+        self._videos: dict[str, CameraVideos] = {}
         self._tasks: dict[str, int] = {}
         self._statistics: dict[str, list[Statistics]] = {}
         self._sizes: tuple[int, int] | None = None
@@ -136,7 +129,7 @@ class LeRobotWriter:
             raise RecordingError(f"{self.folder}: {length} states and {len(actions)} actions; they must agree")
         if self._tables.episodes == 0:
             self._sizes = (states.shape[1], actions.shape[1])
-            self._videos = {name: _Videos(self._part, IMAGES + name, self.rate, self._codec) for name in frames}
+            self._videos = {name: CameraVideos(self._part, IMAGES + name, self.rate, self._codec) for name in frames}
         if (states.shape[1], actions.shape[1]) != self._sizes or list(frames) != list(self._videos):
             raise RecordingError(
                 f"{self.folder}: this episode has {states.shape[1]} states, {actions.shape[1]} actions and the cameras "
@@ -191,82 +184,6 @@ class LeRobotWriter:
             "data_path": DATA_PATH, "video_path": VIDEO_PATH if self._videos else None, "robot_type": self._robot,
             "splits": {"train": f"0:{self._tables.episodes}"},
         }  # fmt: skip
-
-
-class _Videos:
-    """The videos of one camera, the next begun when one is large enough."""
-
-    def __init__(self, folder: Path, key: str, rate: int, codec: str) -> None:
-        self.key, self._folder, self._rate, self._codec = key, folder, rate, codec
-        self._file = -1
-        self._writer: VideoWriter | None = None
-        self._first = 0
-        self._size: tuple[int, int] | None = None
-        self._length = 0
-        self.statistics = FrameStatistics()
-
-    def begin(self, length: int) -> None:
-        """Begin an episode of a length."""
-        self.statistics, self._looked_at = FrameStatistics(), looked_at(length)
-        writer = self._writer
-        if writer is not None:
-            megabytes = writer.path.stat().st_size / 2**20
-            if megabytes * (1.0 + length / max(writer.count, 1)) >= VIDEO_MB:
-                writer.close()
-                self._writer = writer = None
-        self._first = writer.count if writer is not None else 0
-
-    def add(self, frame: np.ndarray, step: int) -> None:
-        """Write a frame (H, W, 3) uint8.
-
-        Raises: RecordingError for one of another kind or size.
-        """
-        if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
-            raise RecordingError(
-                f"a frame of {self.key} is {frame.dtype} of shape {frame.shape}; (H, W, 3) uint8 is expected"
-            )
-        size = (frame.shape[1], frame.shape[0])
-        self._size = self._size or size
-        if size != self._size:
-            raise RecordingError(f"frames of {self.key} have several sizes; all must have one")
-        if self._writer is None:
-            self._file += 1
-            place = VIDEO_PATH.format(
-                video_key=self.key, chunk_index=self._file // CHUNK, file_index=self._file % CHUNK
-            )
-            self._writer = VideoWriter(self._folder / place, self._rate, size, self._codec)
-        self._writer.add(frame)
-        if step in self._looked_at:
-            self.statistics.add(frame)
-
-    def place(self, length: int) -> dict[str, Any]:
-        """Where the frames of the episode lie."""
-        at = f"videos/{self.key}"
-        return {
-            f"{at}/chunk_index": self._file // CHUNK, f"{at}/file_index": self._file % CHUNK,
-            f"{at}/from_timestamp": self._first / self._rate, f"{at}/to_timestamp": (self._first + length) / self._rate,
-        }  # fmt: skip
-
-    def feature(self) -> dict[str, Any]:
-        """What meta/info.json says of the camera."""
-        width, height = self._size or (0, 0)
-        options = CODECS[self._codec]
-        preset = int(options["preset"]) if "preset" in options else None
-        return {
-            "dtype": "video", "shape": [height, width, 3], "names": ["height", "width", "channels"],
-            "info": {
-                "video.height": height, "video.width": width, "video.channels": 3, "video.fps": self._rate,
-                "video.codec": {"libx264": "h264", "libsvtav1": "av1"}[self._codec], "video.pix_fmt": PIXELS,
-                "video.g": GROUP, "video.crf": int(options["crf"]), "video.preset": preset, "video.fast_decode": 0,
-                "video.video_backend": "pyav", "video.extra_options": {}, "has_audio": False, "is_depth_map": False,
-            },
-        }  # fmt: skip
-
-    def close(self) -> None:
-        """Close the video, if one is open."""
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
 
 
 def _plain(statistics: Statistics) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from embodiedreamer_gym.recordings.episodes.extra import needed
 PIXELS = "yuv420p"
 GROUP = 2  # frames from one key frame to the next, as LeRobot has it: any frame is near one
 CODECS: dict[str, dict[str, str]] = {  # one thread: the same bytes on every machine
-    "libx264": {"g": str(GROUP), "crf": "20", "threads": "1"},
+    "libx264": {"g": str(GROUP), "crf": "20", "threads": "1", "bf": "0", "rc-lookahead": "0"},
     "libsvtav1": {"g": str(GROUP), "crf": "30", "preset": "12", "svtav1-params": "fast-decode=0:lp=1"},
 }
 AHEAD = 8  # frames that are decoded and left out rather than sought anew
@@ -41,6 +41,7 @@ def check_video(size: tuple[int, int], codec: str = "libx264") -> None:
 class VideoWriter:
     """Writes frames (H, W, 3) uint8 into an mp4 file; frame k stands at k / rate seconds.
 
+    count: frames so far; bytes: of them that are encoded.
     Raises: as `check_video`.
     """
 
@@ -49,7 +50,7 @@ class VideoWriter:
         if codec == "libsvtav1":
             os.environ.setdefault("SVT_LOG", "1")  # errors alone; it would print a page for each video
         self._av = needed("av")
-        self.path, self.count, self.size = path, 0, size
+        self.count, self.bytes = 0, 0
         path.parent.mkdir(parents=True, exist_ok=True)
         self._container = self._av.open(str(path), "w")
         self._stream = self._container.add_stream(codec, rate=rate, options=dict(CODECS[codec]))
@@ -63,8 +64,9 @@ class VideoWriter:
         frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
         frame = self._converter.reformat(frame, format=PIXELS, threads=1)  # a converter of each frame's own is slow
         frame.pts, frame.time_base = self.count, self._tick
-        self._container.mux(self._stream.encode(frame))
-        self.count += 1
+        packets = self._stream.encode(frame)
+        self._container.mux(packets)
+        self.count, self.bytes = self.count + 1, self.bytes + sum(packet.size for packet in packets)
 
     def close(self) -> None:
         """Write what the encoder still holds."""

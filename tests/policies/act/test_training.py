@@ -28,19 +28,19 @@ def same(one: ActPolicy, two: ActPolicy) -> bool:
 
 def test_it_learns_where_the_square_is() -> None:
     episodes = Tiny(lengths=(6,) * 16)
-    training = Training(Samples(episodes, CONFIG), TrainingConfig(steps=200, batch=16, rate=3e-3))
+    training = Training(Samples(episodes, CONFIG), TrainingConfig(steps=80, batch=16, rate=3e-3))
     before = training.run(until=1)["l1"]
     after = training.run()["l1"]
-    assert after < 0.35 * before
+    assert after < 0.6 * before  # half of it is the time, which cannot be seen
     told = training.policy()(training.samples.at(np.arange(0, 96, 6)).batch)
-    assert np.abs(told[:, 0, 0] - episodes.columns).mean() < 0.08  # 0.25 where it does not look
+    assert np.abs(told[:, 0, 0] - episodes.columns).mean() < 0.06  # 0.24 where it does not look
 
 
 def test_the_latent_is_learnt_and_dropped() -> None:
-    training = Training(Samples(Tiny(), DROPS), TrainingConfig(steps=60, batch=8, rate=3e-3))
+    training = Training(Samples(Tiny(), DROPS), TrainingConfig(steps=40, batch=8, rate=3e-3))
     first = training.run(until=1)
     assert first["loss"] == pytest.approx(first["l1"] + 10.0 * first["kl"], rel=1e-5)
-    assert training.run()["kl"] < 0.2 * first["kl"]
+    assert training.run()["kl"] < 0.6 * first["kl"]
     batch = training.samples.at(np.array([0])).batch
     np.testing.assert_array_equal(training.policy()(batch), training.policy()(batch))  # z = 0, no dropout
 

@@ -12,7 +12,7 @@ import torch
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.preferences import CloningConfig, clone, filtered, reward_weights
 
-QUICK = CloningConfig(epochs=40, batch=8, rate=1e-2)
+QUICK = CloningConfig(epochs=60, batch=8, rate=3e-2)
 
 
 def error(network, one) -> float:
@@ -26,7 +26,7 @@ def test_it_imitates(network, roll) -> None:
     one = roll(0, noise=1.0)
     before = error(network, one)
     errors = clone(network, [one], QUICK)
-    assert len(errors) == 40 and errors[0] == pytest.approx(before, rel=0.2)
+    assert len(errors) == 60 and errors[0] == pytest.approx(before, rel=0.3)
     assert error(network, one) < 0.3 * before and errors[-1] < 0.3 * errors[0]
 
 

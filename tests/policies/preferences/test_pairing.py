@@ -39,7 +39,7 @@ def test_a_global_rank_takes_25_unless_told() -> None:
 
 @pytest.mark.parametrize("pairing", ["same_start", "global_rank"])
 def test_ties_everywhere_are_no_pairs(pairing: str) -> None:
-    with pytest.raises(PolicyError, match="no pair is left: scores differ by at most 0.005, and the margin is 0.01"):
+    with pytest.raises(PolicyError, match=r"no pair is left: scores differ by at most 0\.005, and the margin is 0\.01"):
         pair([1, 1, 2, 2], [0.1, 0.105, 0.102, 0.1], pairing)
     with pytest.raises(PolicyError, match="no pair is left"):
         pair([1, 1], [0.1, 0.1], pairing, margin=0.0)

@@ -23,7 +23,9 @@ def test_score_and_success(roll) -> None:
     assert one.score() == one.score("distance") == 0.02 and one.success
     assert one.score(lambda t: float(t.seed) + 7) == 7.0
     assert not replace(one, outcome={}).success
-    with pytest.raises(PolicyError, match=r"'object_distance' is not in this trajectory's outcome \(distance, is_success\)"):
+    with pytest.raises(
+        PolicyError, match=r"'object_distance' is not in this trajectory's outcome \(distance, is_success\)"
+    ):
         one.score("object_distance")
     with pytest.raises(PolicyError, match="must be a finite number"):
         one.score(lambda _: float("nan"))

@@ -110,6 +110,7 @@ BAD = {
     "is float32 of shape": put(HEAD, np.zeros((12, 12, 16, 3), np.float32)),
     "the cameras left_wrist, episode_0": change(lambda file: file.__delitem__(HEAD)),
     "/action is missing": change(lambda file: file.__delitem__("action")),
+    "/observations/qpos is missing": put("observations/qpos", h5py.Empty("f4")),
     "numbers of shape": put("action", np.zeros(12)),
     "points to another file": change(link),
     "/action points to": change(outside),

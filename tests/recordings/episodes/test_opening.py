@@ -16,7 +16,9 @@ def test_a_folder_in_natural_order_and_one_file(aloha) -> None:
     (folder / ".hidden.hdf5").touch()
     assert open_episodes(folder).names == tuple(f"episode_{k}" for k in range(11))
     assert open_episodes(str(folder / "episode_7.hdf5")).names == ("episode_7",)
-    assert repr(open_episodes(folder)).startswith("AlohaEpisodes(11 episodes, 11 steps, state 14, action 14, cameras head")
+    assert repr(open_episodes(folder)).startswith(
+        "AlohaEpisodes(11 episodes, 11 steps, state 14, action 14, cameras head"
+    )
 
 
 @pytest.mark.parametrize(
