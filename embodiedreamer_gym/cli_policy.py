@@ -42,7 +42,7 @@ def _train_parser(actions: Any) -> None:
 
 
 def _evaluate_parser(actions: Any) -> None:
-    text = "play a policy on seeds it has not seen: success with a 95 % interval, one row for each episode"
+    text = "play a policy on seeds it has not seen: success with its 95-percent interval, one row for each episode"
     one = actions.add_parser("evaluate", help=text, description=text)
     one.set_defaults(verb=_evaluate)
     one.add_argument("--policy", required=True, metavar="P",
