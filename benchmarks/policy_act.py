@@ -1,6 +1,6 @@
 """ACT on a task's demonstrations: success on seeds not looked at, with and without chunks, and the time training takes.
 
-python -m benchmarks policy_act --out DIR [--task PutCupOnMat] [--demos 50] [--episodes 200] [--steps 2000] [--batch 32]
+python -m benchmarks policy_act --out DIR [--task PutCupOnMat] [--demos 50] [--episodes 200] [--steps 4000] [--batch 32]
                                 [--size 96x72] [--variant act cloning ...] [--execute 25 50 ...] [--seed 0]
 
 Everything is kept in DIR, and an interrupted run goes on where it was. Variants: act, chunks of 100; chunk20; cloning,
@@ -88,7 +88,7 @@ def main() -> None:
     parser.add_argument("--variant", nargs="+", choices=CHUNKS, default=["act", "cloning"])
     parser.add_argument("--execute", nargs="+", type=int, default=[25])
     parser.add_argument("--size", default="96x72")
-    for name, value in (("demos", 50), ("episodes", 200), ("steps", 2000), ("batch", 32), ("seed", 0)):
+    for name, value in (("demos", 50), ("episodes", 200), ("steps", 4000), ("batch", 32), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
     pin_threads()

@@ -10,7 +10,7 @@ from typing import Any
 
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
 
-PRESETS = ("small", "paper")
+PRESETS = {"small": 1e-3, "paper": 1e-5}  # peak learning rates
 FIRST_SEED = 100_000  # of an evaluation, as in the benchmark of the experts
 
 
@@ -29,13 +29,13 @@ def _train_parser(actions: Any) -> None:
     one.set_defaults(verb=_train)
     one.add_argument("--data", type=Path, required=True, metavar="DIR", help="ALOHA/AgileX HDF5 files or a LeRobot set")
     one.add_argument("--out", type=Path, required=True, metavar="DIR", help="policy, checkpoint and curves")
-    one.add_argument("--steps", type=_count, default=2000, metavar="N", help="of the optimiser (default %(default)s)")
+    one.add_argument("--steps", type=_count, default=4000, metavar="N", help="of the optimiser (default %(default)s)")
     one.add_argument("--batch", type=_count, default=32, metavar="B", help="starts of a step (default %(default)s)")
-    one.add_argument("--rate", type=float, default=5e-4, metavar="R", help="peak learning rate (default %(default)s)")
+    one.add_argument("--rate", type=float, metavar="R", help="peak learning rate (default: small 1e-3, paper 1e-5)")
     one.add_argument("--chunk", type=_count, default=100, metavar="K", help="actions predicted (default %(default)s)")
     one.add_argument("--cameras", nargs="+", metavar="NAME", help="one to three (default: all of the data)")
     one.add_argument("--size", metavar="WxH", help="to which pictures are scaled (default: as they are)")
-    one.add_argument("--preset", choices=PRESETS, default=PRESETS[0], help="sizes of the network (default %(default)s)")
+    one.add_argument("--preset", choices=PRESETS, default="small", help="sizes of the network (default %(default)s)")
     one.add_argument("--device", default="cpu", metavar="D", help="cpu or cuda (default %(default)s)")
     one.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
     one.add_argument("--quiet", action="store_true", help="no progress")
@@ -77,7 +77,8 @@ def _train(a: argparse.Namespace, progress: Any) -> None:
     episodes = open_episodes(a.data)
     config = _config(a, episodes)
     said = Progress(a.quiet)
-    settings = TrainingConfig(a.steps, a.batch, a.rate, seed=a.seed)
+    rate = PRESETS[a.preset] if a.rate is None else a.rate
+    settings = TrainingConfig(a.steps, a.batch, rate, seed=a.seed)
     try:
         policy = train(episodes, config, settings, a.out, said, lambda text: print(text, file=sys.stderr), a.device)
     finally:
@@ -121,13 +122,17 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
         rows.append(row)
         said("evaluating", len(rows), a.episodes, f"success {sum(row.success for row in rows)}/{len(rows)}")
 
+    def told_all(number: int, found: list[Any]) -> None:
+        for row in found:
+            told(row)
+
     try:
         if a.jobs == 1:
             _play(a, policy, tuple(seeds), told)
         else:  # some episodes for each call, which builds its world anew
             step = max(1, min(8, a.episodes // a.jobs))
             calls = [(a, None, tuple(seeds[k : k + step])) for k in range(0, a.episodes, step)]
-            many(_play, calls, a.jobs, lambda number, found: [told(row) for row in found])
+            many(_play, calls, a.jobs, told_all)
     finally:
         said.close()
     found = Evaluation(task, count, tuple(rows))

@@ -25,7 +25,7 @@ class ActConfig:
     pictures carry where they are, which otherwise only queries and keys do; source_size: width and height of the
     pictures it learnt from, where they were scaled.
     Raises: PolicyError for what cannot be built.
-    Source: Zhao et al., Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware, 2023, table III.
+    Source: Zhao et al., Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware, 2023, hyperparameters of its appendix.
     """
 
     state_size: int

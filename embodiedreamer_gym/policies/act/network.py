@@ -22,7 +22,7 @@ Batch = Mapping[str, Any]  # agent_pos (B, n) and pixels {camera: (B, H, W, 3) u
 class Act(nn.Module):
     """An ACT network; it takes batches in the environment's units and gives normalised actions.
 
-    Source: Zhao et al., Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware, 2023, section IV and figure 11.
+    Source: Zhao et al., Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware, 2023, section IV.
     """
 
     positions: torch.Tensor

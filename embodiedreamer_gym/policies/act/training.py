@@ -35,9 +35,9 @@ class TrainingConfig:
     CVAE's divergence; clip: largest norm of a gradient; average: of the weights, per step; seed: of all that is drawn.
     """
 
-    steps: int = 2000
+    steps: int = 4000
     batch: int = 32
-    rate: float = 5e-4
+    rate: float = 1e-3
     weight_decay: float = 1e-4
     kl: float = 10.0
     clip: float = 1.0

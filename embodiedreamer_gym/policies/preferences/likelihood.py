@@ -106,7 +106,7 @@ def log_likelihood(network: ChunkNetwork, chunks: Chunks, sigma: float = 1.0) ->
     """Log-likelihood (N,) of trajectories up to a constant: -1 / (2 sigma^2) sum_t |a^_t - a_t|^2.
 
     sigma: standard deviation of the Gaussian, in normalised units.
-    Source: EmbodieDreamer, appendix `app:rl`, equations `eqn:log_ratio_rewrite` and `eqn:log_prob_act`, where sigma is 1.
+    Source: EmbodieDreamer, appendix `app:rl`, equations `eqn:log_ratio_rewrite` and `eqn:log_prob_act` (sigma 1).
     """
     errors = squared_errors(network, chunks)
     return torch.zeros(chunks.count).index_add(0, chunks.owner, errors) / (-2.0 * sigma**2)

@@ -15,8 +15,8 @@ from embodiedreamer_gym.errors import PolicyError
 class LossConfig:
     """Which loss, and its constants.
 
-    variant: a name in VARIANTS; beta: how strongly a pair counts (tau of IPO); penalty: lambda of DPOP; imitation: weight
-    of the winner's own likelihood in `nll`; clip: nats below the reference from which the loser is left alone.
+    variant: a name in VARIANTS; beta: how strongly a pair counts (tau of IPO); penalty: lambda of DPOP; imitation:
+    weight of the winner's own likelihood in `nll`; clip: nats below the reference from which the loser is left alone.
     Raises: PolicyError for an unknown variant, or constants that are not above zero.
     """
 
@@ -40,9 +40,9 @@ def tpo_loss(
 ) -> torch.Tensor:  # fmt: skip
     """Mean loss over pairs, from log-likelihoods (n,) of the winners and the losers under the policy and its reference.
 
-    paper: -log sigma(beta (w - l)) with w, l the policy's log-likelihood minus the reference's (`eqn:tpo_custom`, which is
-    DPO, Rafailov et al. 2023, equation 7, summed over a trajectory as in GRAPE). ipo, nll, dpop and clipped are below, and
-    clipped+dpop, the default, is clipped and dpop at once.
+    paper: -log sigma(beta (w - l)) with w, l the policy's log-likelihood minus the reference's (`eqn:tpo_custom`, which
+    is DPO, Rafailov et al. 2023, equation 7, summed over a trajectory as in GRAPE). ipo, nll, dpop and clipped are below,
+    and clipped+dpop, the default, is clipped and dpop at once.
     Raises: PolicyError where the four do not have one shape (n,).
     """
     config = config or LossConfig()
@@ -71,7 +71,7 @@ def _nll(likelihood: torch.Tensor, won: torch.Tensor, lost: torch.Tensor, config
 
 
 def _dpop(likelihood: torch.Tensor, won: torch.Tensor, lost: torch.Tensor, config: LossConfig) -> torch.Tensor:
-    """-log sigma(beta (w - l - lambda max(0, -w))): a winner may not fall (Pal et al. 2024, arXiv 2402.13228, equation 3)."""
+    """-log sigma(beta (w - l - lambda max(0, -w))): a winner may not fall (Pal et al. 2024, Smaug, equation 3)."""
     return -logsigmoid(config.beta * (won - lost - config.penalty * (-won).clamp(min=0)))
 
 

@@ -22,8 +22,8 @@ def pair(
     """Winner and loser of each pair, as indices.
 
     starts (N,): seed of each trajectory's start; scores (N,): less is better; pairing: `same_start`, the best and the
-    worst try from each start, so that neither had the easier scene (GRAPE, Zhang et al. 2024), or `global_rank`, the best
-    M of all against the worst M in turn (the paper, section 4.3); top: M, at most so many pairs (25 with `global_rank`;
+    worst try from each start, so that neither had the easier scene (GRAPE, Zhang et al. 2024), or `global_rank`, the
+    best M of all against the worst M in turn (the paper, section 4.3); top: M, at most so many pairs (25 with `global_rank`;
     with `same_start` those that differ most, default all); margin: pairs whose scores differ by less are left out.
     Raises: PolicyError where no pair is left, or what was given does not fit.
     """

@@ -27,8 +27,8 @@ Progress = Callable[[str, int, int, str], None]  # stage, count, of how many, an
 class TuningConfig:
     """How a policy is fine-tuned on pairs.
 
-    loss: variant and constants; sigma: of the Gaussian likelihood, normalised units (the paper's is 1); epochs: over all
-    pairs (the paper's 80); batch: pairs of a step; rate: of Adam; fall: nats by which the winners may fall below the
+    loss: variant and constants; sigma: of the Gaussian likelihood, normalised units (the paper's is 1); epochs: over
+    all pairs (the paper's 80); batch: pairs of a step; rate: of Adam; fall: nats by which the winners may fall below the
     reference before the guard stops, None for no guard; rows: chunks that go through the network at once (memory);
     seed: of the order of the pairs.
     Raises: PolicyError for numbers out of range.
@@ -103,7 +103,7 @@ class Pairs:
             (log_likelihood(self.network, part.rows(rows), config.sigma) * counts).sum().backward()
 
     def start(self) -> tuple[float, float]:
-        """Norm of the loss's gradient over the pairs of a step, and the largest norm of a^ - a over a chunk, normalised."""
+        """Norm of the loss's gradient over the pairs of a step, and the largest norm of a^ - a over a chunk."""
         chosen = torch.arange(min(self.count, self.config.batch))
         self.network.zero_grad()
         self.backward(chosen)

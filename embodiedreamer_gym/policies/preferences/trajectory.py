@@ -75,7 +75,7 @@ class Trajectory:
         if isinstance(metric, str) and metric not in self.outcome:
             known = ", ".join(self.outcome) or "nothing"
             raise PolicyError(
-                f"metric '{metric}' is not in this trajectory's outcome ({known}); name one of these, or give a function."
+                f"metric '{metric}' is not in this trajectory's outcome ({known}); name one, or give a function."
             )
         value = float(self.outcome[metric] if isinstance(metric, str) else metric(self))
         if not np.isfinite(value):

@@ -128,6 +128,15 @@ def test_the_resnets_features_are_as_large_as_positions_say() -> None:
         assert features.shape == (1, 8, -(-height // 16), -(-width // 16))
 
 
+def test_placed_tokens_know_where_they_are() -> None:
+    placed, plain = a_network(placed=True), a_network(placed=False)
+    plain.load_state_dict(placed.state_dict())  # no weights of its own
+    assert not torch.allclose(placed.mean(a_batch()), plain.mean(a_batch()), atol=1e-4)
+    placed.positions.zero_()
+    plain.positions.zero_()
+    torch.testing.assert_close(placed.mean(a_batch()), plain.mean(a_batch()))
+
+
 def test_positions_are_sines() -> None:
     one = sine_1d(5, 8)
     assert one.shape == (5, 8) and one[0].tolist() == [0, 1] * 4
