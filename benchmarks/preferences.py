@@ -28,6 +28,7 @@ import numpy as np  # noqa: E402
 import torch  # noqa: E402
 
 from benchmarks.preference_twin import ChunkMlp, Twin, demonstrate  # noqa: E402
+from embodiedreamer_gym.errors import PolicyError  # noqa: E402
 from embodiedreamer_gym.policies.preferences import (  # noqa: E402
     CloningConfig,
     LossConfig,
@@ -150,7 +151,10 @@ def study(
             rollouts = play(network, starts(seed, cycle, STARTS * TRIES), 1, 0.0)
         else:
             rollouts = [] if name == "sft continued" else play(network, starts(seed, cycle, STARTS), TRIES, NOISE)
-        remark = (METHODS | MORE)[name](network, demos, rollouts, seed)
+        try:
+            remark = (METHODS | MORE)[name](network, demos, rollouts, seed)
+        except PolicyError as error:  # a policy that has collapsed moves no cup: nothing to prefer, nothing learnt
+            remark = str(error)
         rows.append(judge(network, seed, evaluations) | {"remark": remark})
         print(f"{name}, seed {seed}, cycle {cycle + 1}: {rows[-1]['is_success']:.1%}; {remark}", flush=True)
     return {"method": name, "seed": seed, "rows": rows, "cpu_s": time.process_time() - began}

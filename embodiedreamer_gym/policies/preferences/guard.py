@@ -8,7 +8,7 @@ import warnings
 from embodiedreamer_gym.policies.preferences.likelihood import ChunkNetwork
 
 STILL = (
-    1e-4  # norm of the gradient: up to 1.2e-5 on noiseless rollouts, 1.3 to 5 on noisy ones (benchmarks/preferences)
+    1e-4  # norm of the gradient: up to 1.2e-5 on noiseless rollouts, 0.4 to 5 on noisy ones (benchmarks/preferences)
 )
 FALL = 5.0  # nats below the reference; the default loss keeps its winners above it
 
