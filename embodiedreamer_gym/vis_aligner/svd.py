@@ -6,6 +6,7 @@ Source: Blattmann et al., Stable Video Diffusion, 2023; the paper's section on V
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import json
 from collections.abc import Sequence
@@ -38,8 +39,7 @@ def import_diffusers() -> Any:
     Raises: MissingExtraError when the extra is not installed, or a torchvision of another torch hides it.
     """
     try:
-        import diffusers
-
+        diffusers: Any = importlib.import_module("diffusers")
         return diffusers, diffusers.UNetSpatioTemporalConditionModel, diffusers.AutoencoderKLTemporalDecoder
     except (ImportError, RuntimeError) as error:
         if importlib.util.find_spec("diffusers") and importlib.util.find_spec("torchvision"):
