@@ -13,6 +13,7 @@ import numpy as np
 
 from embodiedreamer_gym.cli_film import add_film
 from embodiedreamer_gym.cli_vis import add_vis
+from embodiedreamer_gym.cli_vis_camera import add_camera
 from embodiedreamer_gym.demo import run as run_demo
 from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose, where
 from embodiedreamer_gym.diagnosis.progress import Progress
@@ -37,7 +38,14 @@ T = TypeVar("T")
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose complaints are errors like any other."""
+    """A parser whose complaints are errors like any other; actions: what was added to a verb, for more of them."""
+
+    actions: Any = None
+
+    def add_subparsers(self, **given: Any) -> Any:
+        """Add actions, and keep them."""
+        self.actions = super().add_subparsers(**given)
+        return self.actions
 
     def error(self, message: str) -> NoReturn:
         """Raise the complaint as one sentence."""
@@ -85,6 +93,7 @@ def build_parser() -> argparse.ArgumentParser:
     _excite_parser(verbs, common)
     _standin_parser(verbs)
     add_vis(verbs)
+    add_camera(verbs.choices["vis"].actions)
     demo = verbs.add_parser("demo", help="from recordings with a hidden effect to a model that has it")
     demo.set_defaults(verb=_demo)
     demo.add_argument("--out", type=Path, default=Path("demo_report"), metavar="DIR", help="default: %(default)s")

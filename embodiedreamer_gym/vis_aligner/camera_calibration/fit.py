@@ -14,6 +14,7 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
 
 WEAK = 0.5  # of the largest score: a stand that scores less is doubtful
+SELDOM = 0.6  # share of the outline found, below which it is too: 0.85 .. 1 of real robots, 0.3 .. 0.5 of none
 
 
 @dataclass(frozen=True)
@@ -64,16 +65,19 @@ class CameraFit:
 
         Raises: VisionError when it stood in several.
         """
-        if len(self.stands) > 1:
+        if len(self.stands) != 1:
             names = ", ".join(one.camera.name for one in self.stands)
             raise VisionError(f"the camera stood in {len(self.stands)} places ({names}); take one of fit.cameras.")
         return self.stands[0].camera
 
     @property
     def doubtful(self) -> tuple[str, ...]:
-        """Names of the stands whose silhouettes fit far worse than the best one's."""
-        scores = [one.score for one in self.stands if one.score is not None]
-        return tuple(one.camera.name for one in self.stands if one.score is not None and one.score < WEAK * max(scores))
+        """Names of the stands whose outline is seldom found, or whose silhouettes fit far worse than the best one's."""
+        best = max((one.score for one in self.stands if one.score is not None), default=0.0)
+        return tuple(
+            one.camera.name for one in self.stands
+            if (one.found is not None and one.found < SELDOM) or (one.score is not None and one.score < WEAK * best)
+        )  # fmt: skip
 
     def views(self) -> tuple[View, ...]:
         """Every camera with its distortion, for pictures of the camera's size."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,6 +25,11 @@ def test_a_stand_that_fits_far_worse_than_the_best_is_doubtful() -> None:
     assert fit(0.3, 0.29).doubtful == ()
     assert fit(None).doubtful == ()
     assert "doubtful, look at the overlay: c/2" in str(fit(0.8, 0.7, 0.3))
+
+
+def test_a_stand_whose_outline_is_seldom_found_is_doubtful() -> None:
+    lost = replace(fit(0.8).stands[0], found=0.5)
+    assert CameraFit((lost, *fit(0.8).stands), ()).doubtful == ("c/0",)
 
 
 def test_the_table_has_a_line_for_each_stand() -> None:
