@@ -18,6 +18,7 @@ import argparse
 import json
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.common import data_folder, pin_threads, save
@@ -109,7 +110,7 @@ def timed(calibrate, *given, **named) -> tuple[CameraFit, float]:
 
 
 def one_camera(data: Path, surface: Surface, camera: int, free: tuple[str, ...]) -> tuple[list[dict], CameraFit]:
-    """The three ways, on the episodes with marks to fit and on all."""
+    """Four ways: on the episodes with marks to fit, on all from a first guess, and on all from nothing."""
     few = marked(data, surface, camera)
     used, unused = (marks(data, surface, camera, few, fitted) for fitted in (True, False))
     print(f"camera {camera}: {len(used)} marks to fit, {len(unused)} unused, in the episodes {', '.join(few)}")
@@ -117,6 +118,13 @@ def one_camera(data: Path, surface: Surface, camera: int, free: tuple[str, ...])
     rows = [row("marks", camera, fit, unused, seconds)]
     takes = [footage(data, e, camera, surface) for e in EPISODES]
     given = {"loose": LOOSE, "name": f"camera{camera}", "free": free}
+    chosen = [take for take in takes if take.name in few]
+    fit, seconds = timed(calibrate_camera, surface.body, chosen, marks=used, **given)
+    rows.append(row("marks and outlines", camera, fit, unused, seconds))
+    start = fit.cameras[0]
+    fit, seconds = timed(calibrate_camera, surface.body, takes, start=start, **given)
+    rows.append(row("all from the first", camera, fit, marks(data, surface, camera, EPISODES, False), seconds))
+    print(fit)
     fit, seconds = timed(calibrate_camera, surface.body, takes, **given)
     everything = marks(data, surface, camera, EPISODES, None)
     rows.append(row("nothing", camera, fit, marks(data, surface, camera, EPISODES, False), seconds))
@@ -126,9 +134,6 @@ def one_camera(data: Path, surface: Surface, camera: int, free: tuple[str, ...])
         own = errors[everything.stand == k]
         print(f"    {episode}  {len(own):2d} marks  median {np.median(own):5.2f} px  largest {own.max():5.2f} px")
     print(fit)
-    chosen = [footage(data, e, camera, surface) for e in few]
-    both, seconds = timed(calibrate_camera, surface.body, chosen, marks=used, **given)
-    rows.append(row("marks and outlines", camera, both, unused, seconds))
     return rows, fit
 
 
@@ -143,7 +148,7 @@ def alone(data: Path, surface: Surface, camera: int, free: tuple[str, ...]) -> l
 
 
 def standin(paths: Sequence[Path], free: tuple[str, ...]) -> list[dict]:
-    """Filmed episodes: the camera found from nothing, and from a guess beside the truth, against the true one."""
+    """Filmed episodes: the camera found from a guess beside the truth or nothing, by motion or masks, against the true one."""
     import h5py
 
     surface, takes, angles = Surface.of_model(RobotModel.load("aloha")), [], []
@@ -152,8 +157,9 @@ def standin(paths: Sequence[Path], free: tuple[str, ...]) -> list[dict]:
             angles.append(np.asarray(file["observations/qpos"]))
             truth = Camera("true", **json.loads(str(file.attrs["camera"])))
             barrel = json.loads(str(file.attrs["look"]))["lens"]["barrel"]
+            robot = np.asarray(file["observations/masks/head"]) == 2
             takes.append(
-                Footage(np.asarray(file["observations/images/head"]), surface.poses(angles[-1]), name=path.stem)
+                Footage(np.asarray(file["observations/images/head"]), surface.poses(angles[-1]), robot, path.stem)
             )
     points = np.concatenate([surface.points(a[::5])[:, ::7] for a in angles]).reshape(-1, 3)
     wide, high = takes[0].size
@@ -164,10 +170,17 @@ def standin(paths: Sequence[Path], free: tuple[str, ...]) -> list[dict]:
         rotation=tuple((Rotation.from_quat(truth.rotation) * Rotation.from_rotvec([0.05, -0.05, 0.05])).as_quat()),
     )  # fmt: skip
     rows = []
-    for way, start in (("the guess", None), ("from the guess", guess), ("from nothing", None)):
+    bare = [replace(take, masks=None) for take in takes]
+    for way, shown in (
+        ("the guess", None),
+        ("guess, motion", bare),
+        ("guess, masks", takes),
+        ("nothing, masks", takes),
+    ):
         begun, camera, view = time.process_time(), guess, View.of_camera(guess, takes[0].size)
-        if way != "the guess":
-            fit = calibrate_camera(surface.body, takes, start=start, fixed=True, free=free)
+        if shown is not None:
+            start = guess if "guess" in way else None
+            fit = calibrate_camera(surface.body, shown, start=start, fixed=True, free=free)
             camera, (view,) = fit.camera, fit.views()
             print(fit)
         found = view.see(points)

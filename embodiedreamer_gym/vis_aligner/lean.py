@@ -23,7 +23,7 @@ class LeanConfig:
     widths: channels at 1/2, 1/4, 1/8 and 1/16 of the picture; inputs: what it sees; gate: False redraws every pixel.
     """
 
-    widths: tuple[int, int, int, int] = (24, 48, 80, 112)
+    widths: tuple[int, int, int, int] = (16, 32, 64, 96)
     inputs: Inputs = field(default_factory=Inputs)
     gate: bool = True
 

@@ -19,7 +19,7 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.adjust import (
     support,
 )
 from embodiedreamer_gym.vis_aligner.camera_calibration.body import Body, Figure
-from embodiedreamer_gym.vis_aligner.camera_calibration.fit import CameraFit, names_of
+from embodiedreamer_gym.vis_aligner.camera_calibration.fit import LEAST, CameraFit, names_of
 from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Footage, Scene, extent, look
 from embodiedreamer_gym.vis_aligner.camera_calibration.judge import judge
 from embodiedreamer_gym.vis_aligner.camera_calibration.keypoints import Keypoints, first_views
@@ -70,10 +70,10 @@ def calibrate_camera(
     names = names_of(["all"] if fixed else [one.name for one in footage], name)
     fit = judge(figure, stands, state, task.anchor, chosen, marks, names, size)
     if start is None and marks is None and len(fit.doubtful) == len(fit.stands):
-        share = max(one.found or 0.0 for one in fit.stands)
+        score = max(one.score or 0.0 for one in fit.stands)
         raise VisionError(
-            f"the robot is not recognised in the pictures (an edge at {share:.0%} of its outline); check that the joint "
-            "angles belong to these frames, or give a first guess, marks or masks."
+            f"the robot is not recognised in the pictures (score {score:.2f}, at least {LEAST} is needed); check that the "
+            "joint angles belong to these frames, or give a first guess, marks or masks."
         )
     return fit
 
