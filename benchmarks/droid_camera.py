@@ -1,13 +1,15 @@
 """Real Franka clips: are the cameras found, from marks, from nothing, and from both?
 
 python -m benchmarks.droid_camera [--data ../shared/data/droid_franka] [--camera 0 1] [--alone] [--overlay DIR] [--out FILE.json]
+python -m benchmarks.droid_camera --standin FILE.hdf5 ...
 
 Nine episodes before two cameras, whose lens and places nobody published; the cameras were pushed between episodes, so
 each has one lens and nine places. benchmarks/droid_points.json holds marks made by hand; "fitted": false marks are never
 used in a fit, and errors are those of these marks, in pixels of the 320 x 192 pictures. --alone finds the camera of each
 episode from that episode alone. The gripper is no Panda's: its links are loose, which is all that is said beforehand.
 Data: github.com/Robert-gyj/Ctrl-World, commit 4c713d1, dataset_example/droid_new_setup (MIT), not shipped. Robot:
-franka_panda of pybullet_data.
+franka_panda of pybullet_data. --standin takes episodes of `embodiedreamer standin film` in place of the clips: there the
+true camera is known, and the error is told in pixels, mm and degrees.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import argparse
 import json
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.common import data_folder, pin_threads, save
@@ -24,12 +27,16 @@ pin_threads()
 
 import numpy as np  # noqa: E402
 import pybullet_data  # noqa: E402
+from scipy.spatial.transform import Rotation  # noqa: E402
 
+from embodiedreamer_gym.camera import Camera  # noqa: E402
+from embodiedreamer_gym.robot import RobotModel  # noqa: E402
 from embodiedreamer_gym.robot.surface import Surface  # noqa: E402
 from embodiedreamer_gym.vis_aligner.camera_calibration import (  # noqa: E402
     CameraFit,
     Footage,
     Keypoints,
+    View,
     calibrate_camera,
     fit_keypoints,
 )
@@ -72,17 +79,14 @@ def marks(data: Path, surface: Surface, camera: int, episodes: Sequence[str], fi
         surface.locate(e["link"], np.array([e["point"]]), angles[e["recording"]][[e["frame"]]])[0] for e in entries
     ]
     return Keypoints(
-        np.array([episodes.index(e["recording"]) for e in entries]), np.array(points),
-        np.array([e["pixel"] for e in entries]), np.array([e["sd"] for e in entries]),
+        np.array([episodes.index(e["recording"]) for e in entries]), np.reshape(points, (-1, 3)),
+        np.reshape([e["pixel"] for e in entries], (-1, 2)), np.array([e["sd"] for e in entries]),
     )  # fmt: skip
 
 
 def marked(data: Path, surface: Surface, camera: int) -> tuple[str, ...]:
     """Episodes with at least four marks to fit."""
-    return tuple(
-        e for e in EPISODES
-        if (marks(data, surface, camera, (e,), True).stand == 0).sum() >= 4
-    )  # fmt: skip
+    return tuple(e for e in EPISODES if len(marks(data, surface, camera, (e,), True)) >= 4)
 
 
 def row(way: str, camera: int, fit: CameraFit, unused: Keypoints, seconds: float) -> dict:
@@ -106,7 +110,7 @@ def timed(calibrate, *given, **named) -> tuple[CameraFit, float]:
 
 
 def one_camera(data: Path, surface: Surface, camera: int, free: tuple[str, ...]) -> tuple[list[dict], CameraFit]:
-    """The three ways, on the episodes with marks to fit and on all."""
+    """Four ways: on the episodes with marks to fit, on all from a first guess, and on all from nothing."""
     few = marked(data, surface, camera)
     used, unused = (marks(data, surface, camera, few, fitted) for fitted in (True, False))
     print(f"camera {camera}: {len(used)} marks to fit, {len(unused)} unused, in the episodes {', '.join(few)}")
@@ -114,6 +118,13 @@ def one_camera(data: Path, surface: Surface, camera: int, free: tuple[str, ...])
     rows = [row("marks", camera, fit, unused, seconds)]
     takes = [footage(data, e, camera, surface) for e in EPISODES]
     given = {"loose": LOOSE, "name": f"camera{camera}", "free": free}
+    chosen = [take for take in takes if take.name in few]
+    fit, seconds = timed(calibrate_camera, surface.body, chosen, marks=used, **given)
+    rows.append(row("marks and outlines", camera, fit, unused, seconds))
+    start = fit.cameras[0]
+    fit, seconds = timed(calibrate_camera, surface.body, takes, start=start, **given)
+    rows.append(row("all from the first", camera, fit, marks(data, surface, camera, EPISODES, False), seconds))
+    print(fit)
     fit, seconds = timed(calibrate_camera, surface.body, takes, **given)
     everything = marks(data, surface, camera, EPISODES, None)
     rows.append(row("nothing", camera, fit, marks(data, surface, camera, EPISODES, False), seconds))
@@ -123,9 +134,6 @@ def one_camera(data: Path, surface: Surface, camera: int, free: tuple[str, ...])
         own = errors[everything.stand == k]
         print(f"    {episode}  {len(own):2d} marks  median {np.median(own):5.2f} px  largest {own.max():5.2f} px")
     print(fit)
-    chosen = [footage(data, e, camera, surface) for e in few]
-    both, seconds = timed(calibrate_camera, surface.body, chosen, marks=used, **given)
-    rows.append(row("marks and outlines", camera, both, unused, seconds))
     return rows, fit
 
 
@@ -139,6 +147,56 @@ def alone(data: Path, surface: Surface, camera: int, free: tuple[str, ...]) -> l
     return rows
 
 
+def standin(paths: Sequence[Path], free: tuple[str, ...]) -> list[dict]:
+    """Filmed episodes: the camera found from a guess beside the truth or nothing, by motion or masks, against the true one."""
+    import h5py
+
+    surface, takes, angles = Surface.of_model(RobotModel.load("aloha")), [], []
+    for path in paths:
+        with h5py.File(path) as file:
+            angles.append(np.asarray(file["observations/qpos"]))
+            truth = Camera("true", **json.loads(str(file.attrs["camera"])))
+            barrel = json.loads(str(file.attrs["look"]))["lens"]["barrel"]
+            robot = np.asarray(file["observations/masks/head"]) == 2
+            takes.append(
+                Footage(np.asarray(file["observations/images/head"]), surface.poses(angles[-1]), robot, path.stem)
+            )
+    points = np.concatenate([surface.points(a[::5])[:, ::7] for a in angles]).reshape(-1, 3)
+    wide, high = takes[0].size
+    seen = View.of_camera(truth, takes[0].size, barrel).see(points)
+    inside = (seen[:, 2] > 0) & (seen[:, 0] > 0) & (seen[:, 0] < wide) & (seen[:, 1] > 0) & (seen[:, 1] < high)
+    guess = truth.with_(
+        position=tuple(np.add(truth.position, (0.06, -0.06, 0.06)).tolist()), fx=truth.fx * 1.1, fy=truth.fy * 1.1,
+        rotation=tuple((Rotation.from_quat(truth.rotation) * Rotation.from_rotvec([0.05, -0.05, 0.05])).as_quat()),
+    )  # fmt: skip
+    rows = []
+    bare = [replace(take, masks=None) for take in takes]
+    for way, shown in (
+        ("the guess", None),
+        ("guess, motion", bare),
+        ("guess, masks", takes),
+        ("nothing, masks", takes),
+    ):
+        begun, camera, view = time.process_time(), guess, View.of_camera(guess, takes[0].size)
+        if shown is not None:
+            start = guess if "guess" in way else None
+            fit = calibrate_camera(surface.body, shown, start=start, fixed=True, free=free)
+            camera, (view,) = fit.camera, fit.views()
+            print(fit)
+        found = view.see(points)
+        away = np.linalg.norm((found - seen)[inside, :2], axis=1)
+        turn = (Rotation.from_quat(camera.rotation).inv() * Rotation.from_quat(truth.rotation)).magnitude()
+        rows.append({
+            "way": way, "median": float(np.median(away)), "p90": float(np.quantile(away, 0.9)),
+            "mm": 1e3 * float(np.linalg.norm(np.subtract(camera.position, truth.position))),
+            "degrees": float(np.degrees(turn)), "focal": camera.matrix(truth.size)[0, 0] / truth.fx - 1.0,
+            "cpu_s": time.process_time() - begun,
+        })  # fmt: skip
+        print("{way:<16} {median:.2f} px median, 90 % within {p90:.2f}; {mm:.1f} mm, {degrees:.2f} degrees, "
+              "focal length {focal:+.1%}; {cpu_s:.0f} s of CPU".format(**rows[-1]), flush=True)  # fmt: skip
+    return rows
+
+
 def main() -> None:
     """Print the table, and write the pictures that show it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -147,9 +205,14 @@ def main() -> None:
     parser.add_argument("--free", default="focal,aspect")
     parser.add_argument("--alone", action="store_true", help="each episode by itself too")
     parser.add_argument("--overlay", type=Path, help="folder for pictures")
+    parser.add_argument("--standin", type=Path, nargs="+", metavar="FILE.hdf5", help="filmed episodes of ALOHA instead")
     parser.add_argument("--out", type=Path)
     a = parser.parse_args()
-    surface, rows, free = panda(), [], tuple(a.free.split(","))
+    free = tuple(a.free.split(","))
+    if a.standin:
+        save(standin(a.standin, free), a.out)
+        return
+    surface, rows = panda(), []
     for camera in a.camera:
         more, fit = one_camera(a.data, surface, camera, free)
         rows += more

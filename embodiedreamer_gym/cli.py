@@ -16,6 +16,7 @@ from embodiedreamer_gym.cli_film import add_film
 from embodiedreamer_gym.cli_policy import add_policy
 from embodiedreamer_gym.cli_prefer import add_prefer
 from embodiedreamer_gym.cli_vis import add_vis
+from embodiedreamer_gym.cli_vis_camera import add_camera
 from embodiedreamer_gym.demo import run as run_demo
 from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose, where
 from embodiedreamer_gym.diagnosis.progress import Progress
@@ -87,7 +88,7 @@ def build_parser() -> argparse.ArgumentParser:
     add.add_argument("effect", metavar="EFFECT", help=f"one of {', '.join(CATALOGUE)}, or of --effects")
     _excite_parser(verbs, common)
     _standin_parser(verbs)
-    add_vis(verbs)
+    add_camera(add_vis(verbs))
     add_demos(verbs)
     add_prefer(add_policy(verbs))
     demo = verbs.add_parser("demo", help="from recordings with a hidden effect to a model that has it")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,8 @@ MODELS = ("lean", "svd")
 LOWER = 0.3  # of the learning rate, for a model that has learnt already
 
 
-def add_vis(verbs: Any) -> None:
-    """Add the verb and its actions."""
+def add_vis(verbs: Any) -> Any:
+    """Add the verb and its actions; returns them, for more to be added."""
     text = "the video model that gives simulated frames a real face"
     actions = verbs.add_parser("vis", help=text, description=text).add_subparsers(required=True, metavar="ACTION")
     for name, function, text in (
@@ -46,6 +46,7 @@ def add_vis(verbs: Any) -> None:
         if name in ("render", "bank"):
             kind = "FILE.mp4" if name == "render" else "FILE.npz"
             one.add_argument("--out", type=Path, required=True, metavar=kind, help="what to write")
+    return actions
 
 
 def _training_options(one: argparse.ArgumentParser, name: str) -> None:
@@ -66,6 +67,10 @@ def _prepare_options(one: argparse.ArgumentParser) -> None:
     one.add_argument("--cameras", type=Path, metavar="FILE", help="calibrated cameras (default: the built-in ones)")
     one.add_argument("--camera", default="head", metavar="NAME", help="whose video (default %(default)s)")
     one.add_argument("--masks", type=Path, metavar="DIR", help="DIR/<recording>/000000.png, ...: 0, 3 object, 4 goal")
+    one.add_argument("--detector", type=Path, metavar="DIR", help="masks from words: a Grounding DINO, a local folder")
+    one.add_argument("--segmenter", type=Path, metavar="DIR", help="and a SAM, a local folder")
+    one.add_argument("--object", metavar="WORDS", help="what the object is, e.g. 'red cup'")
+    one.add_argument("--goal", metavar="WORDS", help="what its goal is, e.g. 'blue mat'")
     one.add_argument("--size", default="128x96", metavar="WxH", help="of the pictures (default %(default)s)")
     one.add_argument("--out", type=Path, required=True, metavar="DIR", help="<recording>.hdf5, ...")
 
@@ -162,7 +167,6 @@ def _prepare(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.envs.cameras import CAMERAS, load_cameras
     from embodiedreamer_gym.recordings import load_recordings
     from embodiedreamer_gym.robot import RobotModel
-    from embodiedreamer_gym.vis_aligner.masks import masks_in, no_masks
     from embodiedreamer_gym.wrappers.prepare import prepare, write_episode
 
     size = re.fullmatch(r"(\d{1,5})x(\d{1,5})", a.size)
@@ -171,14 +175,33 @@ def _prepare(a: argparse.Namespace, progress: Any) -> None:
     cameras = CAMERAS if a.cameras is None else load_cameras(a.cameras)
     if a.camera not in cameras:
         raise EmbodieDreamerError(f"there is no camera '{a.camera}'; there are {', '.join(cameras)}.")
+    masks = _masks(a)
     model, recordings = RobotModel.load(a.model), load_recordings(*a.episodes)
     a.out.mkdir(parents=True, exist_ok=True)
     for recording in recordings:
-        masks = no_masks if a.masks is None else masks_in(a.masks / recording.name)
         said = None if a.quiet else progress
-        episode = prepare(recording, model, cameras[a.camera], (int(size[1]), int(size[2])), masks, said)
+        episode = prepare(
+            recording, model, cameras[a.camera], (int(size[1]), int(size[2])), masks(recording.name), said
+        )
         write_episode(episode, a.out / f"{recording.name}.hdf5")
     print(f"{len(recordings)} episodes in {a.out}")
+
+
+def _masks(a: argparse.Namespace) -> Callable[[str], Any]:
+    """Where the objects are in the frames of a recording, by its name."""
+    from embodiedreamer_gym.vis_aligner.grounded import grounded
+    from embodiedreamer_gym.vis_aligner.masks import masks_in, no_masks
+
+    words = {number: text for number, text in ((3, a.object), (4, a.goal)) if text}
+    models = [path for path in (a.detector, a.segmenter) if path is not None]
+    if (words or models) and (not words or len(models) != 2 or a.masks is not None):
+        raise EmbodieDreamerError(
+            "masks from words need --detector, --segmenter and --object or --goal, and no --masks; give all, or none."
+        )
+    if words:
+        by_words = grounded(a.detector, a.segmenter, words)
+        return lambda name: by_words
+    return lambda name: no_masks if a.masks is None else masks_in(a.masks / name)
 
 
 def _aligner(a: argparse.Namespace) -> Any:

@@ -182,7 +182,9 @@ def _listed(text: str) -> tuple[str, ...]:
 
 
 def _check_outputs(a: argparse.Namespace) -> None:
-    """Complain about outputs that cannot be written before the long work begins."""
+    """Complain about a seed or outputs that cannot be before the long work begins."""
+    if a.seed < 0:
+        raise EmbodieDreamerError(f"--seed is {a.seed}, but must be at least 0.")
     for path in filter(None, (a.out, a.json, a.overlay)):
         if not path.absolute().parent.is_dir():
             raise EmbodieDreamerError(f"{path} cannot be written: its folder does not exist; make it first.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.cli_vis_camera import add_camera
+from embodiedreamer_gym.cli import build_parser
 from embodiedreamer_gym.diagnosis.progress import Progress
 from embodiedreamer_gym.envs.cameras import load_cameras, save_cameras
 from embodiedreamer_gym.errors import EmbodieDreamerError
@@ -22,9 +21,7 @@ ALOHA = surface().joints
 
 
 def run(*arguments: object) -> None:
-    parser = argparse.ArgumentParser()
-    add_camera(parser.add_subparsers(required=True))
-    a = parser.parse_args(["camera", *map(str, arguments), "--quiet"])
+    a = build_parser().parse_args(["vis", "camera", *map(str, arguments), "--quiet"])
     a.verb(a, Progress(a.quiet))
 
 
@@ -104,6 +101,8 @@ def test_a_log_beside_a_video(logs: Path, tmp_path: Path) -> None:
         (["--model", "aloha", "shot.hdf5", "--marks", "guess.json"], r"must be {\"marks\""),
         (["--model", "aloha", "shot.hdf5", "--start", "shot.hdf5"], "is no readable JSON"),
         (["--model", "aloha", "shot.hdf5", "--out", "none/c.json"], "its folder does not exist"),
+        (["--model", "aloha", "shot.hdf5", "--seed", "-1"], "--seed is -1, but must be at least 0"),
+        (["--model", "aloha", "missing.hdf5"], "missing.hdf5: there is no such file"),
     ],
 )
 def test_mistakes_are_one_sentence(

@@ -136,6 +136,8 @@ def _body(robot: yourdfpy.Robot, path: Path) -> Body:
     for link in robot.links:
         shapes = link.visuals or link.collisions
         for shape in shapes:
+            if shape.geometry is None:
+                continue
             mesh = _mesh(shape.geometry, link.name, path)
             if shape.origin is not None:
                 mesh.apply_transform(np.asarray(shape.origin, float))

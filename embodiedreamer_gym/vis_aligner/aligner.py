@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -10,6 +10,8 @@ from torch import Generator, Tensor, nn
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.clip import Condition, References
+
+Made = Callable[[], list[np.ndarray]]  # frames (T, H, W, 3) uint8 of each clip, once they are wanted
 
 
 class Aligner(Protocol):
@@ -31,9 +33,11 @@ class Trainable(Aligner, Protocol):
 
     network: nn.Module
 
-    def loss(self, references: Sequence[References], conditions: Sequence[Condition], truth: Sequence[np.ndarray],
-             generator: Generator) -> Tensor:  # fmt: skip
-        """How far a batch is from the true frames (T, H, W, 3) uint8, at noise levels drawn from the generator."""
+    def attempt(self, references: Sequence[References], conditions: Sequence[Condition], truth: Sequence[np.ndarray],
+                generator: Generator) -> tuple[Tensor, Made]:  # fmt: skip
+        """How far a batch is from the true frames (T, H, W, 3) uint8, at noise levels drawn from the generator; what was
+        made, to be the reference of a next chunk.
+        """
         ...
 
 

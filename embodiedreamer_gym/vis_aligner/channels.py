@@ -115,6 +115,21 @@ def background(references: References, condition: Condition, inputs: Inputs) -> 
     return torch.where(uncovered, plate, last)
 
 
+def known(references: References, condition: Condition, inputs: Inputs) -> Tensor:
+    """What true pictures tell of each frame (T, 3, H, W), so that a copy of a copy never has to be made.
+
+    The anchor where the simulator shows the same as at the anchor; the plate behind nothing; elsewhere as `background`.
+    """
+    still = background(references, condition, inputs)
+    if inputs.plate:
+        free = torch.from_numpy(references.seen & (condition.classes < ROBOT))[:, None]
+        still = torch.where(free, _colours(references.plate), still)
+    if inputs.anchor:
+        same = torch.from_numpy(~differs(references.anchor_condition, condition))[:, None]
+        still = torch.where(same, _colours(references.anchor), still)
+    return still
+
+
 def stale(references: References, condition: Condition) -> Tensor:
     """Where (T, 1, H, W) robot or object show another part of themselves than at the reference: 1, else 0."""
     return torch.from_numpy(differs(references.last_condition, condition) & (condition.classes >= ROBOT))[

@@ -71,8 +71,9 @@ def load_scene(path: str | Path) -> tuple[np.ndarray | None, dict[str, np.ndarra
     """Joints (n,) and poses of the props (7,) at an episode's first frame, where the file has them."""
     with h5py.File(path, "r") as file:
         joints, things = file.get("observations/qpos"), file.get("objects")
-        poses = None if things is None else {name: np.asarray(things[name][0], float) for name in things}
-        return None if joints is None else np.asarray(joints[0], float), poses
+        names = list(things) if isinstance(things, h5py.Group) else None
+        poses = None if names is None else {name: _read(file, f"objects/{name}", Path(path))[0] for name in names}
+        return _read(file, "observations/qpos", Path(path))[0] if joints is not None else None, poses
 
 
 def _read(file: h5py.File, key: str, path: Path) -> np.ndarray:

@@ -23,7 +23,7 @@ class LeanConfig:
     widths: channels at 1/2, 1/4, 1/8 and 1/16 of the picture; inputs: what it sees; gate: False redraws every pixel.
     """
 
-    widths: tuple[int, int, int, int] = (24, 48, 80, 112)
+    widths: tuple[int, int, int, int] = (16, 32, 64, 96)
     inputs: Inputs = field(default_factory=Inputs)
     gate: bool = True
 
@@ -72,18 +72,18 @@ class Lean(nn.Module):
         self.up1 = Block(b + a, a)
         self.up0 = nn.ConvTranspose2d(a, fine, 2, stride=2)
         self.detail = nn.Conv2d(2 * fine, fine, 3, padding=1)
-        self.out = nn.Conv2d(fine, 4 * cell, 3, padding=1)
+        self.out = nn.Conv2d(fine, 5 * cell, 3, padding=1)
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)  # pyright: ignore[reportArgumentType]
 
-    def forward(
-        self, noisy: Tensor, time: Tensor, frame: Tensor, clip: Tensor, still: Tensor, stale: Tensor
-    ) -> Tensor:  # fmt: skip
+    def forward(self, noisy: Tensor, time: Tensor, frame: Tensor, clip: Tensor, still: Tensor, known: Tensor,
+                stale: Tensor) -> Tensor:  # fmt: skip
         """The clean clip (B, T, 3, H, W).
 
         noisy (B, T, 3, H, W); time (B,); frame (B, T, C, H, W): each frame's condition; clip (B, R, H, W): the
-        references; still (B, T, 3, H, W): what the frames would be if nothing new had to be drawn; stale (B, T, 1, H, W):
-        1 where that cannot be, because something else is there by now, and the gate is open.
+        references; still (B, T, 3, H, W): what the frames would be if nothing new had to be drawn; known (B, T, 3, H, W): the
+        same from true pictures, of another time; stale (B, T, 1, H, W): 1 where neither can be, because something else is
+        there by now, and the gate is open.
         """
         frames, size = noisy.shape[1], noisy.shape[-2:]
         seen = torch.cat([noisy, frame, still, stale], 2).flatten(0, 1)
@@ -103,8 +103,8 @@ class Lean(nn.Module):
         new = out[:, :, :3]
         if not self.config.gate:
             return new
-        gate = ((torch.sigmoid(out[:, :, 3:]) - SHUT) / (OPEN - SHUT)).clamp(0.0, 1.0)
-        return torch.lerp(still, new, torch.maximum(gate, stale))
+        gate, choice = ((torch.sigmoid(out[:, :, 3:]) - SHUT) / (OPEN - SHUT)).clamp(0.0, 1.0).split(1, 2)
+        return torch.lerp(torch.lerp(still, known, choice), new, torch.maximum(gate, stale))
 
 
 def _twice(x: Tensor) -> Tensor:

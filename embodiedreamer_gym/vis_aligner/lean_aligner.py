@@ -9,10 +9,11 @@ import torch
 import torch.nn.functional as F
 from torch import Generator, Tensor
 
-from embodiedreamer_gym.vis_aligner.aligner import check_batch
+from embodiedreamer_gym.vis_aligner.aligner import Made, check_batch
 from embodiedreamer_gym.vis_aligner.channels import (
     background,
     frame_channels,
+    known,
     reference_channels,
     stale,
     to_frames,
@@ -50,47 +51,53 @@ class LeanAligner:
         places = windows(references, conditions) if self.network.config.gate else [WHOLE] * len(out)
         if places is None:
             return out
-        frame, clip, base, old = self._stack(references, conditions, still, places)
-        noise = torch.randn(base.shape[1:], generator=Generator().manual_seed(self.seed)).expand_as(base)
+        given = self._stack(references, conditions, still, places)
+        noise = torch.randn(given[2].shape[1:], generator=Generator().manual_seed(self.seed)).expand_as(given[2])
         training = self.network.training
         self.network.eval()
         with torch.inference_mode():
-            made = sample(lambda x, time: self.network(x, time, frame, clip, base, old), noise, self.steps)
+            made = sample(lambda x, time: self.network(x, time, *given), noise, self.steps)
         self.network.train(training)
-        for whole, part, (rows, columns) in zip(out, to_frames(made), places, strict=True):
-            whole[:, rows, columns] = part
-        return out
+        return _pasted(out, made, places)
 
-    def loss(self, references: Sequence[References], conditions: Sequence[Condition], truth: Sequence[np.ndarray],
-             generator: Generator) -> Tensor:  # fmt: skip
-        """Charbonnier loss of pixels and of their differences, things weighing more, at drawn noise levels."""
+    def attempt(self, references: Sequence[References], conditions: Sequence[Condition], truth: Sequence[np.ndarray],
+                generator: Generator) -> tuple[Tensor, Made]:  # fmt: skip
+        """Charbonnier loss of pixels and of their differences, things weighing more, at drawn noise levels; the frames."""
         still = [background(r, c, self.inputs) for r, c in zip(references, conditions, strict=True)]
         places = windows(references, conditions) or [WHOLE] * len(truth)
-        frame, clip, base, old = self._stack(references, conditions, still, places)
+        given = self._stack(references, conditions, still, places)
         true = torch.stack([to_tensor(t[:, rows, columns]) for t, (rows, columns) in zip(truth, places, strict=True)])
         time = draw_times(len(true), generator)
-        made = self.network(
-            add_noise(true, time, torch.randn(true.shape, generator=generator)), time, frame, clip, base, old
-        )
+        made = self.network(add_noise(true, time, torch.randn(true.shape, generator=generator)), time, *given)
         classes = [c.crop(place).classes for c, place in zip(conditions, places, strict=True)]
         thing = torch.from_numpy(np.stack(classes) >= ROBOT).float()
         weight = F.max_pool2d(1 + (THINGS - 1) * thing, 3, 1, 1)[:, :, None]  # and their edges
         weight, error = weight / weight.mean(), made - true
         across, down = error.diff(dim=-1), error.diff(dim=-2)
         edges = _size(across, weight[..., 1:]) + _size(down, weight[..., 1:, :])
-        return _size(error, weight) + EDGES * edges
+        loss = _size(error, weight) + EDGES * edges
+        return loss, lambda: _pasted([to_frames(clip).copy() for clip in still], made.detach(), places)
 
     def _stack(
         self, references: Sequence[References], conditions: Sequence[Condition], still: Sequence[Tensor],
         places: Sequence[Window],
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
-        """Windows of conditions (B, T, C, h, w), references (B, R, h, w), still frames (B, T, 3, h, w), and what is stale."""
+    ) -> tuple[Tensor, ...]:  # fmt: skip
+        """What the network takes beside noise and time, in windows: conditions, references, still, known, stale."""
         width = conditions[0].size[0]
         frame = [frame_channels(c.crop(w), self.inputs, width) for c, w in zip(conditions, places, strict=True)]
         clip = [reference_channels(r.crop(w), self.inputs, width) for r, w in zip(references, places, strict=True)]
         base = [s[..., rows, columns] for s, (rows, columns) in zip(still, places, strict=True)]
-        old = [stale(r.crop(w), c.crop(w)) for r, c, w in zip(references, conditions, places, strict=True)]
-        return torch.stack(frame), torch.stack(clip), torch.stack(base), torch.stack(old)
+        cropped = [(r.crop(w), c.crop(w)) for r, c, w in zip(references, conditions, places, strict=True)]
+        true = [known(r, c, self.inputs) for r, c in cropped]
+        old = [stale(r, c) for r, c in cropped]
+        return tuple(torch.stack(part) for part in (frame, clip, base, true, old))
+
+
+def _pasted(whole: list[np.ndarray], clips: Tensor, places: Sequence[Window]) -> list[np.ndarray]:
+    """The frames, with the clips in their windows."""
+    for frames, part, (rows, columns) in zip(whole, to_frames(clips), places, strict=True):
+        frames[:, rows, columns] = part
+    return whole
 
 
 def _size(error: Tensor, weight: Tensor) -> Tensor:

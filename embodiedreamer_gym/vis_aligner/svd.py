@@ -6,6 +6,7 @@ Source: Blattmann et al., Stable Video Diffusion, 2023; the paper's section on V
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import json
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ import torch
 from torch import Generator, Tensor
 
 from embodiedreamer_gym.errors import MissingExtraError, VisionError
-from embodiedreamer_gym.vis_aligner.aligner import check_batch
+from embodiedreamer_gym.vis_aligner.aligner import Made, check_batch
 from embodiedreamer_gym.vis_aligner.channels import to_frames, to_tensor
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, Condition, References
 from embodiedreamer_gym.vis_aligner.diffusion import add_noise, draw_times, sample
@@ -38,8 +39,7 @@ def import_diffusers() -> Any:
     Raises: MissingExtraError when the extra is not installed, or a torchvision of another torch hides it.
     """
     try:
-        import diffusers
-
+        diffusers: Any = importlib.import_module("diffusers")
         return diffusers, diffusers.UNetSpatioTemporalConditionModel, diffusers.AutoencoderKLTemporalDecoder
     except (ImportError, RuntimeError) as error:
         if importlib.util.find_spec("diffusers") and importlib.util.find_spec("torchvision"):
@@ -84,16 +84,22 @@ class SvdAligner:
         self.network.train(training)
         return list(to_frames(frames[:, 1:]))
 
-    def loss(self, references: Sequence[References], conditions: Sequence[Condition], truth: Sequence[np.ndarray],
-             generator: Generator) -> Tensor:  # fmt: skip
-        """Mean square of the latents that are left, at drawn noise levels."""
+    def attempt(self, references: Sequence[References], conditions: Sequence[Condition], truth: Sequence[np.ndarray],
+                generator: Generator) -> tuple[Tensor, Made]:  # fmt: skip
+        """Mean square of the latents that are left, at drawn noise levels; the frames that they decode to."""
         with torch.no_grad():
             given = self._encode(self._condition(references, conditions))
             frames = [np.concatenate([r.last[None], t]) for r, t in zip(references, truth, strict=True)]
             true = self._encode(torch.stack([to_tensor(f) for f in frames]))
         time = draw_times(len(true), generator).to(true)
         noise = torch.randn(true.shape, generator=generator).to(true)
-        return torch.mean((self._denoise(add_noise(true, time, noise), time, given) - true) ** 2)
+        made = self._denoise(add_noise(true, time, noise), time, given)
+
+        def frames_made() -> list[np.ndarray]:
+            with torch.no_grad():
+                return list(to_frames(self._decode(made.detach())[:, 1:]))
+
+        return torch.mean((made - true) ** 2), frames_made
 
     # ---- inside ------------------------------------------------------------------------------------------------
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.aligner import Trainable
@@ -26,16 +26,34 @@ Progress = Callable[[str, int, float], None]
 class TrainingConfig:
     """How a model is trained.
 
-    steps: of the optimiser; batch: clips; rate: peak learning rate; own: share of clips whose reference is the model's own
-    last frame; average: of the weights, per step.
+    steps: of the optimiser; batch: clips; rate: peak learning rate; own: how likely a clip is followed by the next one of
+    its episode, with the model's own last frame as reference (1 / (1 - own) clips in a row on average); average: of the
+    weights, per step.
     """
 
     steps: int = 4000
     batch: int = 2
     rate: float = 1e-3
-    own: float = 0.3
+    own: float = 0.8
     average: float = 0.998
     seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """Where training is in an episode: its number, the frame the references show; pictures of the model's own, if any."""
+
+    episode: int
+    at: int
+    last: Tensor | None = None
+    plate: Tensor | None = None
+
+    def references(self, episodes: Sequence[Episode]) -> References:
+        """References of the chunk that follows."""
+        true = episodes[self.episode].references(self.at)
+        if self.last is None or self.plate is None:
+            return true
+        return replace(true, last=self.last.numpy(), plate=self.plate.numpy())
 
 
 class Training:
@@ -47,6 +65,8 @@ class Training:
         self.averaged = {k: v.detach().clone() for k, v in network.state_dict().items()}
         trained = [p for p in network.parameters() if p.requires_grad]
         self.optimiser = torch.optim.AdamW(trained, config.rate, weight_decay=1e-3)
+        self.walks: list[Walk | None] = [None] * config.batch
+        self.data: list[int] = []  # lengths of the episodes
         self.step = 0
 
     def run(self, episodes: Sequence[Episode], progress: Progress | None = None, until: int | None = None) -> None:
@@ -57,6 +77,9 @@ class Training:
         long = [e for e in episodes if len(e) > self.aligner.chunk]
         if not long:
             raise VisionError(f"no episode is longer than {self.aligner.chunk} frames; record longer ones.")
+        if self.step and self.data != [len(e) for e in long]:
+            raise VisionError("this training was begun with other episodes; give another folder, or the same episodes.")
+        self.data = [len(e) for e in long]
         self.aligner.network.train()
         for step in range(self.step, self.config.steps if until is None else min(until, self.config.steps)):
             loss = self._advance(long, step)
@@ -75,37 +98,37 @@ class Training:
         network, k = self.aligner.network, self.aligner.chunk
         for group in self.optimiser.param_groups:
             group["lr"] = self.config.rate * _share(step, self.config.steps)
-        chosen, starts, references = self._draw(episodes, rng)
-        conditions = [e.condition.part(s + 1, s + 1 + k) for e, s in zip(chosen, starts, strict=True)]
-        truth = [e.frames[s + 1 : s + 1 + k] for e, s in zip(chosen, starts, strict=True)]
-        loss = self.aligner.loss(references, conditions, truth, generator)
+        walks = [self._begin(episodes, rng) if walk is None else walk for walk in self.walks]
+        chosen = [(episodes[w.episode], w.at) for w in walks]
+        conditions = [e.condition.part(at + 1, at + 1 + k) for e, at in chosen]
+        truth = [e.frames[at + 1 : at + 1 + k] for e, at in chosen]
+        references = [w.references(episodes) for w in walks]
+        loss, made = self.aligner.attempt(references, conditions, truth, generator)
         self.optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(network.parameters(), 1.0)
         self.optimiser.step()
-        keep = min(self.config.average, (step + 1) / (step + 10))
-        with torch.no_grad():
-            for name, value in network.state_dict().items():
-                self.averaged[name] = value.clone() if not value.is_floating_point() else self.averaged[name].lerp_(
-                    value, 1 - keep
-                )  # fmt: skip
+        self._average(min(self.config.average, (step + 1) / (step + 10)))
+        going = [at + 2 * k < len(e) and rng.random() < self.config.own for e, at in chosen]
+        self.walks = [None] * len(walks)
+        if any(going):
+            for i, (frames, condition) in enumerate(zip(made(), conditions, strict=True)):
+                after = references[i].after(frames, condition)
+                walk = Walk(walks[i].episode, walks[i].at + k, torch.tensor(after.last), torch.tensor(after.plate))
+                self.walks[i] = walk if going[i] else None
         return float(loss.detach())
 
-    def _draw(
-        self, episodes: Sequence[Episode], rng: np.random.Generator
-    ) -> tuple[list[Episode], list[int], list[References]]:
-        """Clips of a batch: episodes, the frames they follow, references; some the model's own."""
-        k, chosen = self.aligner.chunk, [episodes[i] for i in rng.integers(len(episodes), size=self.config.batch)]
-        starts = [int(rng.integers(len(e) - k)) for e in chosen]
-        references = [e.references(s) for e, s in zip(chosen, starts, strict=True)]
-        own = [i for i, s in enumerate(starts) if s >= k and rng.random() < self.config.own]
-        if own:
-            before = [chosen[i].references(starts[i] - k) for i in own]
-            conditions = [chosen[i].condition.part(starts[i] - k + 1, starts[i] + 1) for i in own]
-            made = self.aligner.render(before, conditions)
-            for i, old, frames, condition in zip(own, before, made, conditions, strict=True):
-                references[i] = old.after(frames, condition)
-        return chosen, starts, references
+    def _begin(self, episodes: Sequence[Episode], rng: np.random.Generator) -> Walk:
+        """A walk from a true frame, anywhere."""
+        number = int(rng.integers(len(episodes)))
+        at = int(rng.integers(len(episodes[number]) - self.aligner.chunk))
+        return Walk(number, at)
+
+    def _average(self, keep: float) -> None:
+        with torch.no_grad():
+            for name, value in self.aligner.network.state_dict().items():
+                old = self.averaged[name]
+                self.averaged[name] = old.lerp_(value, 1 - keep) if value.is_floating_point() else value.clone()
 
     # ---- files -------------------------------------------------------------------------------------------------
 
@@ -115,7 +138,8 @@ class Training:
         part = path.with_name(f".{path.name}.part")
         state: dict[str, Any] = {
             "config": asdict(self.config), "step": self.step, "averaged": self.averaged,
-            "network": self.aligner.network.state_dict(), "optimiser": self.optimiser.state_dict(),
+            "network": self.aligner.network.state_dict(), "optimiser": self.optimiser.state_dict(), "data": self.data,
+            "walks": [None if walk is None else vars(walk) for walk in self.walks],
         }  # fmt: skip
         torch.save(state, part)
         part.replace(path)
@@ -131,7 +155,8 @@ class Training:
             if config == asdict(self.config):
                 self.aligner.network.load_state_dict(state["network"])
                 self.optimiser.load_state_dict(state["optimiser"])
-                self.averaged, self.step = state["averaged"], step
+                self.averaged, self.step, self.data = state["averaged"], step, list(state["data"])
+                self.walks = [None if walk is None else Walk(**walk) for walk in state["walks"]]
         except Exception as error:  # whatever a damaged or foreign file raises
             raise VisionError(f"{path} is no checkpoint of this training: damaged, or of another model.") from error
         if config != asdict(self.config):

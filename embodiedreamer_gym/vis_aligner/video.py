@@ -16,11 +16,15 @@ def write_video(frames: np.ndarray, path: str | Path, rate: float = 30.0) -> Non
     Raises: VisionError where the file cannot be written.
     """
     path = Path(path)
+    wrong = VisionError(f"{path} cannot be written; give a file name.mp4 in a folder that exists.")
+    if path.suffix != ".mp4" or not path.parent.is_dir():
+        raise wrong
     part = path.with_name(f".part-{path.stem}.mp4")
     height, width = frames.shape[1:3]
     writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), rate, (width, height))
-    if path.suffix != ".mp4" or not writer.isOpened():
-        raise VisionError(f"{path} cannot be written; give a file name.mp4 in a folder that exists.")
+    if not writer.isOpened():
+        part.unlink(missing_ok=True)
+        raise wrong
     for frame in frames:
         writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
     writer.release()

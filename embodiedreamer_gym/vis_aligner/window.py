@@ -15,7 +15,7 @@ GRID = 16  # pixels, of which a window's sides are multiples, where the picture 
 
 def moving(references: References, condition: Condition) -> np.ndarray:
     """Pixels (H, W) at which some simulated frame shows something else than at the reference."""
-    return differs(references.last_condition, condition).any(axis=0)
+    return np.any(differs(references.last_condition, condition), axis=0)
 
 
 def windows(references: Sequence[References], conditions: Sequence[Condition]) -> list[Window] | None:

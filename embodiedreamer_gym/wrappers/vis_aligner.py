@@ -97,10 +97,9 @@ class VisAlignerVectorWrapper(VectorWrapper):
         options, entry = _chosen(self.bank, options)
         observation, info = self.env.reset(seed=seed, options=options)  # pyright: ignore[reportArgumentType]
         views = self._views(info)
-        self.references = [first(self.bank, view, entry) for view in views]
-        frames = np.stack(
-            [np.repeat(r.last[None], len(v), axis=0) for r, v in zip(self.references, views, strict=True)]
-        )  # pyright: ignore[reportOptionalMemberAccess]
+        starts = [first(self.bank, view, entry) for view in views]
+        frames = np.stack([np.repeat(r.last[None], len(v), axis=0) for r, v in zip(starts, views, strict=True)])
+        self.references = list(starts)
         return self._seen(observation), _told(info, frames)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:

@@ -40,7 +40,8 @@ def write(folder: Path, shape: str = BOX) -> Path:
 
 def test_links_move_as_their_joints_say(tmp_path: Path) -> None:
     surface = Surface(write(tmp_path), ["turn", "slide"])
-    assert surface.body.names == ("base", "upper", "hand", "finger")  # what collides stands in for the hand; tip is bare
+    # what collides stands in for the hand; tip is bare
+    assert surface.body.names == ("base", "upper", "hand", "finger")
     poses = surface.poses(np.array([[0.0, 0.0], [np.pi / 2, 0.3]]))
     assert poses.shape == (2, 4, 4, 4)
     np.testing.assert_allclose(poses[0, 2, :3, 3], [0.2, 0, 0.1], atol=1e-12)

@@ -10,7 +10,7 @@ import torch
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.aligner import dream
-from embodiedreamer_gym.vis_aligner.channels import Inputs, background, stale, to_frames
+from embodiedreamer_gym.vis_aligner.channels import Inputs, background, known, stale, to_frames
 from embodiedreamer_gym.vis_aligner.clip import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
@@ -20,13 +20,14 @@ from tests.vis_aligner.scenes import episode
 SMALL = LeanConfig((8, 8, 8, 16))
 
 
-def aligner(config: LeanConfig = SMALL, bias: float = 0.0, **options) -> LeanAligner:
-    """Untrained, but with weights in its last layer; bias: of the gate."""
+def aligner(config: LeanConfig = SMALL, bias: float = 0.0, choice: float = -50.0, **options) -> LeanAligner:
+    """Untrained, but with weights in its last layer; bias: of the gate; choice: of the known picture, not the last."""
     torch.manual_seed(0)
     network = Lean(config)
     torch.nn.init.normal_(network.out.weight, std=0.1)
     with torch.no_grad():
-        network.out.bias[12:] = bias
+        network.out.bias[12:16] = bias
+        network.out.bias[16:] = choice
     return LeanAligner(network, **options)
 
 
@@ -40,7 +41,7 @@ def test_any_size_and_length(size: tuple[int, int], frames: int) -> None:
     network, inputs = Lean(SMALL), SMALL.inputs
     picture = torch.zeros(1, frames, 3, *size)
     made = network(picture, torch.ones(1), torch.zeros(1, frames, inputs.per_frame, *size),
-                   torch.zeros(1, inputs.per_clip, *size), picture, picture[:, :, :1])  # fmt: skip
+                   torch.zeros(1, inputs.per_clip, *size), picture, picture, picture[:, :, :1])  # fmt: skip
     assert made.shape == picture.shape
 
 
@@ -55,6 +56,19 @@ def test_a_shut_gate_leaves_pixels_exactly_as_they_were() -> None:
     kept = stale(references, condition)[0, 0].numpy() == 0
     assert np.array_equal(shut[kept], still[kept]) and 0.5 < kept.mean() < 1
     assert 0.1 < (opened != still).any(axis=2).mean() < (whole != still).any(axis=2).mean()
+
+
+def test_what_true_pictures_tell_can_be_chosen() -> None:
+    """Where the arm has come back to where it was in the first frame, that is shown, whatever was made since."""
+    one = episode()
+    references, condition = replace(one.references(8), last=np.zeros_like(one.frames[0])), one.condition.part(0, 1)
+    made = aligner(bias=-50.0, choice=50.0).render([references], [condition])[0][0]
+    rows, columns = windows([references], [condition])[0]
+    old = stale(references, condition)[0, 0].numpy() > 0
+    assert np.array_equal(made[rows, columns][~old[rows, columns]], one.frames[0][rows, columns][~old[rows, columns]])
+    told = to_frames(known(references, condition, replace(Inputs(), anchor=False)))[0]
+    free = (condition.classes[0] < 2) & references.seen
+    assert np.array_equal(told[free], references.plate[free]) and not told[(condition.classes[0] == 2) & ~free].any()
 
 
 def test_only_what_moves_is_drawn() -> None:

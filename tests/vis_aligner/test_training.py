@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
@@ -59,6 +60,31 @@ def test_an_interrupted_training_goes_on_to_the_same_weights(tmp_path) -> None:
     assert torch.equal(weights(again), weights(whole))
     assert not torch.equal(weights(again), weights(fresh()))
     assert sorted(p.name for p in tmp_path.iterdir()) == [CHECKPOINT]
+
+
+def test_other_episodes_do_not_go_on_where_these_were(tmp_path) -> None:
+    first = Training(fresh(), CONFIG)
+    first.run([episode(0), episode(1)], until=3)
+    with pytest.raises(VisionError, match="other episodes"):
+        first.run([episode(0)])
+
+
+def test_a_walk_goes_on_from_own_frames() -> None:
+    """Each chunk of a walk follows the last; its references are what the model made, but the anchor, which is true."""
+    clip = episode()
+    walking = Training(fresh(), TrainingConfig(steps=8, batch=1, own=1.0))
+    walking.run([clip], until=1)
+    (walk,) = walking.walks
+    assert walk is not None
+    found, true = walk.references([clip]), clip.references(walk.at)
+    assert not np.array_equal(found.last, true.last)
+    assert np.array_equal(found.anchor, clip.frames[0])
+    at = walk.at
+    walking.run([clip], until=2)
+    assert walking.walks[0] is None or walking.walks[0].at == at + 4
+    never = Training(fresh(), TrainingConfig(steps=8, batch=1, own=0.0))
+    never.run([clip], until=3)
+    assert never.walks == [None]
 
 
 def test_progress_counts_the_steps() -> None:

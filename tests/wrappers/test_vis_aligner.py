@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import gymnasium as gym
 import numpy as np
@@ -106,6 +108,30 @@ def test_it_can_be_made_by_its_spec_and_drawn(files) -> None:
     assert isinstance(again, VisAlignerObservationWrapper)
     env.close()
     again.close()
+
+
+def test_gymnasium_records_what_was_dreamed(files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """RecordVideo gets the reference and each chunk's last frame; only the encoder stands aside here."""
+    recorded: list[np.ndarray] = []
+
+    class Clip:
+        def __init__(self, frames: list[np.ndarray], fps: float) -> None:
+            recorded.extend(frames)
+
+        def write_videofile(self, path: str, logger: object) -> None:
+            Path(path).touch()
+
+    for name in ("moviepy", "moviepy.video", "moviepy.video.io", "moviepy.video.io.ImageSequenceClip"):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    sys.modules["moviepy.video.io.ImageSequenceClip"].ImageSequenceClip = Clip
+    env = gym.wrappers.RecordVideo(make(files, render_mode="rgb_array"), str(tmp_path / "films"), lambda episode: True)
+    env.reset(seed=0)
+    shown = [env.get_wrapper_attr("references").last]
+    for _ in range(2):
+        _, _, _, _, info = env.step(np.repeat(env.unwrapped.joint_positions()[None], 3, 0).astype(np.float32))
+        shown.append(info["frames"][-1])
+    env.close()
+    assert len(recorded) == 3 and all(np.array_equal(a, b) for a, b in zip(recorded, shown, strict=True))
 
 
 def test_what_does_not_fit_is_refused(files, tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ Gauss-Newton with Cauchy's weights; outlines are matched anew in every round, ov
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.body import Figure
 from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Scene
 from embodiedreamer_gym.vis_aligner.camera_calibration.keypoints import Keypoints
 from embodiedreamer_gym.vis_aligner.camera_calibration.outline import Outline, find_steps, predict
+from embodiedreamer_gym.vis_aligner.camera_calibration.search import Report
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import LENS, PARAMETERS, POSE, View
 
 SHARED = (*LENS, "delay")  # what all stands have in common, besides the time by which pictures are late
@@ -29,8 +30,6 @@ LATE = 3.0  # standard deviations beyond which a mark counts less
 INNER = 3
 RIDGE = 1e-3
 SETTLED = 2e-4  # largest change of a parameter (rad, m and the like) in a round that is the last
-
-Report = Callable[[str, int, float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +58,21 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Places of one scene's outline with the distance (N,) to the robot's edge, pixels, and its strength (N,)."""
+    """Places of one scene's outline with the distance (N,) to the robot's edge, pixels, and its strength (N,).
+
+    delay: rows, at which the places were predicted; speed (N, 3): m per row, of the places.
+    """
 
     stand: int
-    scene: Scene
     outline: Outline
     distance: np.ndarray
     strength: np.ndarray
-    rows: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    delay: float
+    speed: np.ndarray
+
+    def points(self, delay: float) -> np.ndarray:
+        """Where the places (N, 3), m, are at another delay."""
+        return self.outline.point - (delay - self.delay) * self.speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +93,9 @@ def match(
         outline = predict(figure, scene.placed(figure.fine, few, state.delay), state.views[stand])
         outline = outline.of(scene.moving[outline.part])
         evidence = scene.evidence[scene.few] if few else scene.evidence
-        rows = scene.few if few else np.arange(len(scene.rows))
-        found.append(Match(stand, scene, outline, *find_steps(outline, evidence, reach), rows))
+        drift = (scene.drift[scene.few] if few else scene.drift)[outline.frame, outline.part]
+        speed = np.einsum("nij,nj->ni", drift[:, :3, :3], outline.point) + drift[:, :3, 3]
+        found.append(Match(stand, outline, *find_steps(outline, evidence, reach), state.delay, speed))
     return found
 
 
@@ -146,16 +153,16 @@ def build(matches: Sequence[Match], state: State, free: Sequence[str], marks: Ke
     matrix, votes = np.zeros((size, size)), []
 
     def add(stand: int, slopes: np.ndarray, residual: np.ndarray, weight: np.ndarray, frame: np.ndarray) -> None:
-        columns = np.r_[np.arange(len(free)), len(free) + stand * len(POSE) + np.arange(len(POSE))]
-        matrix[np.ix_(columns, columns)] += (slopes * weight[:, None]).T @ slopes
+        place = np.r_[np.arange(len(free)), len(free) + stand * len(POSE) + np.arange(len(POSE))]
+        matrix[np.ix_(place, place)] += (slopes * weight[:, None]).T @ slopes
         each = slopes * (weight * residual)[:, None]
         for one in np.unique(frame):
             vote = np.zeros(size)
-            vote[columns] = each[frame == one].sum(axis=0)
+            vote[place] = each[frame == one].sum(axis=0)
             votes.append(vote)
 
     for m in matches:
-        add(m.stand, *_outline_rows(m, state.views[m.stand], free, scale))
+        add(m.stand, *_outline_rows(m, state.views[m.stand], state.delay, free, scale))
     if marks is not None:
         for k, view in enumerate(state.views):
             own = marks.of(marks.stand == k)
@@ -170,40 +177,36 @@ def build(matches: Sequence[Match], state: State, free: Sequence[str], marks: Ke
     return Normal(matrix, side, by_frame)
 
 
-def _outline_rows(m: Match, view: View, free: Sequence[str], scale: float):
+def _outline_rows(m: Match, view: View, delay: float, free: Sequence[str], scale: float):
     """Slopes (N, p), residual (N,), weight (N,) and frame (N,) of one scene's outline, along the normals."""
     good = m.strength > CLEAR
-    point, normal = m.outline.point[good], m.outline.normal[good]
+    point, normal = m.points(delay)[good], m.outline.normal[good]
     target = m.outline.pixel[good] + normal * m.distance[good, None]
     residual = ((target - view.see(point)[:, :2]) * normal).sum(axis=1)
-    slopes = (view.slopes(point) * normal[:, :, None]).sum(axis=1)
-    columns = [slopes[:, PARAMETERS.index(name)] if name != "delay" else _lag(m, good, view, slopes) for name in free]
-    table = np.column_stack([*columns, slopes[:, : len(POSE)]])
+    lag = -m.speed[good] @ view.turn.T
+    slopes = (columns(view.slopes(point), free, lag) * normal[:, :, None]).sum(axis=1)
     weight = m.strength[good] / (1.0 + (residual / scale) ** 2) / ALIKE
-    return table, residual, weight, m.outline.frame[good]
+    return slopes, residual, weight, m.outline.frame[good]
 
 
-def _lag(m: Match, good: np.ndarray, view: View, slopes: np.ndarray) -> np.ndarray:
-    """Change (N,) along the normal by one row of delay."""
-    drift = m.scene.drift[m.rows[m.outline.frame[good]], m.outline.part[good]]
-    point = m.outline.point[good]
-    speed = np.einsum("nij,nj->ni", drift[:, :3, :3], point) + drift[:, :3, 3]
-    return -np.einsum("ni,ni->n", slopes[:, 3:6], speed @ view.turn.T)
+def columns(slopes: np.ndarray, free: Sequence[str], lag: np.ndarray | None = None) -> np.ndarray:
+    """Slopes (N, 2, p) by the free shared parameters and a pose, of those (N, 2, 11) by all of a view's parameters.
+
+    lag (N, 3): m, change of the points in the camera's frame by one row of delay; None: they stay.
+    """
+    late = np.zeros(slopes.shape[:2]) if lag is None else np.einsum("nij,nj->ni", slopes[:, :, 3:6], lag)
+    shared = [late if name == "delay" else slopes[:, :, PARAMETERS.index(name)] for name in free]
+    return np.stack([*shared, *np.moveaxis(slopes[:, :, : len(POSE)], 2, 0)], axis=2)
 
 
 def _mark_rows(marks: Keypoints, view: View, free: Sequence[str]):
     """The same of one stand's marks, every mark a frame of its own; a delay does not move them."""
-    slopes = view.slopes(marks.point)
+    slopes = columns(view.slopes(marks.point), free)
     residual = marks.pixel - view.see(marks.point)[:, :2]
     far = np.linalg.norm(residual, axis=1) / marks.sd
     weight = 1.0 / marks.sd**2 / (1.0 + (far / LATE) ** 2)
-    zero = np.zeros_like(residual)
-    columns = [slopes[:, :, PARAMETERS.index(name)] if name != "delay" else zero for name in free]
-    table = (
-        np.concatenate([np.stack(columns, axis=2), slopes[:, :, : len(POSE)]], axis=2) if columns else slopes[:, :, :6]
-    )
     frame = np.repeat(np.arange(len(marks)), 2)
-    return table.reshape(2 * len(marks), -1), residual.ravel(), np.repeat(weight, 2), frame
+    return slopes.reshape(2 * len(marks), -1), residual.ravel(), np.repeat(weight, 2), frame
 
 
 def _departure(name: str, state: State, anchor: State) -> float:
@@ -215,8 +218,3 @@ def _departure(name: str, state: State, anchor: State) -> float:
         "cx": (now.cx - then.cx) / width, "cy": (now.cy - then.cy) / width, "k1": now.k1 - then.k1,
         "delay": state.delay - anchor.delay,
     }[name]  # fmt: skip
-
-
-def with_lens(view: View, lens: View) -> View:
-    """Return a view with the lens of another."""
-    return replace(view, fx=lens.fx, fy=lens.fy, cx=lens.cx, cy=lens.cy, k1=lens.k1)

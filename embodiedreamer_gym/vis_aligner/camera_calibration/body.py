@@ -72,10 +72,6 @@ class Body:
             raise VisionError(f"the robot has no visible link '{min(unknown)}'; it has {', '.join(self.names)}.")
         return np.array([name in wanted for name in self.names], bool)
 
-    def only(self, parts: np.ndarray) -> Body | None:
-        """The body of these parts (P,), bool, alone; None when they have no shape. The names stay all."""
-        return self._of(parts[self.part[self.faces[:, 0]]])
-
     def coarser(self, cell: float) -> Body:
         """The same body with all vertices of a cube of this width, m, drawn together; boxes and the like stay."""
         triangles = np.bincount(self.part[self.faces[:, 0]], minlength=len(self.names))
@@ -91,16 +87,10 @@ class Body:
         whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
         single = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]
         keep = whole & np.isin(np.arange(len(faces)), single)
-        if not keep.any():
-            return self
-        return Body(middle / count[:, None], faces, self.part[first], self.names)._of(keep) or self
-
-    def _of(self, faces: np.ndarray) -> Body | None:
-        """The body of some of its faces (F,), bool."""
-        used, kept = np.unique(self.faces[faces], return_inverse=True)
+        used, kept = np.unique(faces[keep], return_inverse=True)
         if not len(used):
-            return None
-        return Body(self.vertices[used], kept.reshape(-1, 3), self.part[used], self.names)
+            return self
+        return Body((middle / count[:, None])[used], kept.reshape(-1, 3), self.part[first][used], self.names)
 
 
 @dataclass(frozen=True, eq=False)

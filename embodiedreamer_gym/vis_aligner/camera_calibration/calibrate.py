@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,19 +13,17 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.adjust import (
     JUDGED,
     REACH,
     SHARED,
-    Report,
     State,
     follow,
     match,
     support,
-    with_lens,
 )
 from embodiedreamer_gym.vis_aligner.camera_calibration.body import Body, Figure
-from embodiedreamer_gym.vis_aligner.camera_calibration.fit import CameraFit, names_of
+from embodiedreamer_gym.vis_aligner.camera_calibration.fit import LEAST, CameraFit, names_of
 from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Footage, Scene, extent, look
 from embodiedreamer_gym.vis_aligner.camera_calibration.judge import judge
 from embodiedreamer_gym.vis_aligner.camera_calibration.keypoints import Keypoints, first_views
-from embodiedreamer_gym.vis_aligner.camera_calibration.search import Matcher, search
+from embodiedreamer_gym.vis_aligner.camera_calibration.search import Matcher, Report, search
 from embodiedreamer_gym.vis_aligner.camera_calibration.silhouette import Silhouette
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
 
@@ -52,7 +51,7 @@ def calibrate_camera(
     between two recordings. free: what of the lens is fitted, of focal, aspect, cx, cy, k1 and delay. loose: links that
     look otherwise in the pictures; margin: m around them in which no outline is believed. report: is told stage,
     step and value. The same seed gives the same result.
-    Raises: VisionError where the footage shows no moving robot, or arguments do not fit together.
+    Raises: VisionError where the footage shows no moving robot, it is not recognised, or arguments do not fit together.
     """
     chosen = _checked_free(free)
     if not footage:
@@ -69,7 +68,14 @@ def calibrate_camera(
     task = _Task(figure, stands, middle, radius, chosen, marks, np.random.default_rng(seed), report)
     state = task.solve(None if start is None else View.of_camera(start, scenes[0].size))
     names = names_of(["all"] if fixed else [one.name for one in footage], name)
-    return judge(figure, stands, state, task.anchor, chosen, marks, names, size)
+    fit = judge(figure, stands, state, task.anchor, chosen, marks, names, size)
+    if start is None and marks is None and len(fit.doubtful) == len(fit.stands):
+        score = max(one.score or 0.0 for one in fit.stands)
+        raise VisionError(
+            f"the robot is not recognised in the pictures (score {score:.2f}, at least {LEAST} is needed); check that the "
+            "joint angles belong to these frames, or give a first guess, marks or masks."
+        )
+    return fit
 
 
 def fit_keypoints(
@@ -86,15 +92,10 @@ def fit_keypoints(
     stands = int(marks.stand.max()) + 1 if len(marks) else 0
     if not stands or (names is not None and len(names) != stands):
         raise VisionError(f"marks are of {stands} stands; give at least four marks of each, and one name each.")
-    if start is None:
-        views = first_views(marks, stands, size)
-        middle = View.looking(np.zeros(3), np.eye(3), USUAL * size[0], size)
-    else:
-        middle = View.of_camera(start, size)
-        views = [middle] * stands
+    views = first_views(marks, stands, size) if start is None else [View.of_camera(start, size)] * stands
     none = Body(np.zeros((3, 3)), np.array([[0, 1, 2]]), np.zeros(3), ("nothing",))
     figure = Figure(none, none, none, np.zeros(1, bool), 0.0)
-    anchor = State((middle,))
+    anchor = State((views[0],))  # a usual lens would pull at the one that the marks show
     scenes: list[list[Scene]] = [[] for _ in range(stands)]
     state = follow(figure, scenes, State(tuple(views)), chosen, anchor, marks, rounds=40)
     called = names_of(list(names) if names is not None else [str(k) for k in range(stands)], name)
@@ -120,7 +121,9 @@ class _Task:
             self.anchor = State((start,))
             return self._finish([start] * len(self._stands), REACH[0])
         if self._marks is not None and self._enough_marks():
-            return self._finish(first_views(self._marks, len(self._stands), self._stands[0][0].size), 0.5 * REACH[0])
+            views = first_views(self._marks, len(self._stands), self._stands[0][0].size)
+            self.anchor = State((views[0],))
+            return self._finish(views, 0.5 * REACH[0])
         lead = int(np.argmax([max(map(_lively, own)) for own in self._stands]))
         first = self._alone(lead, self._searched(lead, None))
         views = [first if k == lead else self._near(k, first) for k in range(len(self._stands))]
@@ -130,7 +133,9 @@ class _Task:
 
     def _finish(self, views: Sequence[View], reach: float, few: bool = False) -> State:
         """Follow the outlines of all stands at once, with one lens."""
-        state = State(tuple(with_lens(view, views[0]) for view in views))
+        one = views[0]
+        lens = {"fx": one.fx, "fy": one.fy, "cx": one.cx, "cy": one.cy, "k1": one.k1}
+        state = State(tuple(replace(view, **lens) for view in views))
         return follow(self._figure, self._stands, state, self._free, self.anchor, self._marks, reach, few, ROUNDS[few],
                       report=self._report)  # fmt: skip
 
@@ -174,7 +179,8 @@ class _Task:
 
     def _instead(self, k: int, own: View, views: Sequence[View], needed: float) -> View:
         """A stand's own view, or one followed from others with more than the needed multiple of its support."""
-        best = max((self._followed(k, view, ()) for view in views), key=lambda view: self._support(k, view), default=own)
+        tried = [own, *(self._followed(k, view, ()) for view in views)]
+        best = max(tried, key=lambda view: self._support(k, view))
         return best if self._support(k, best) > needed * self._support(k, own) else own
 
     def _followed(self, k: int, view: View, free: tuple[str, ...], hold: bool = True) -> View:
@@ -200,6 +206,3 @@ def _checked_free(free: Iterable[str]) -> tuple[str, ...]:
         if name not in SHARED:
             raise VisionError(f"'{name}' cannot be fitted; of the lens there are {', '.join(SHARED)}.")
     return chosen
-
-
-__all__ = ["LENS", "calibrate_camera", "fit_keypoints"]

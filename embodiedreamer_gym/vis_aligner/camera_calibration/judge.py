@@ -13,6 +13,7 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.adjust import (
     Normal,
     State,
     build,
+    columns,
     covariance,
     match,
 )
@@ -23,7 +24,7 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.keypoints import Keypoint
 from embodiedreamer_gym.vis_aligner.camera_calibration.outline import near_loose
 from embodiedreamer_gym.vis_aligner.camera_calibration.raster import draw_parts
 from embodiedreamer_gym.vis_aligner.camera_calibration.silhouette import Silhouette
-from embodiedreamer_gym.vis_aligner.camera_calibration.view import PARAMETERS, POSE, View
+from embodiedreamer_gym.vis_aligner.camera_calibration.view import POSE, View
 
 SCALE = 1.0  # pixels beyond which a step counts less
 HALF = 0.5  # evidence above which a pixel is taken for the robot
@@ -45,22 +46,17 @@ def judge(
         pose = [len(free) + k * len(POSE) + j for j in range(len(POSE))]
         seen = _picture_sd(view, places, free, spread[np.ix_(lens + pose, lens + pose)])
         marked = _marks_error(marks, k, view)
+        outline, share = _outline_quality(matches[k], factor)
+        score, overlap = _area_quality(figure, own, view)
+        rotation_sd, position_sd = (float(np.sqrt(np.diag(spread)[part].sum())) for part in (pose[:3], pose[3:]))
         found.append(
             StandFit(
-                view.camera(names[k]).with_(**_lens(view, size)), sum(len(scene.rows) for scene in own),
-                *_outline_quality(matches[k], factor), *_area_quality(figure, own, view),
-                None if marked is None else marked * factor,
-                *(float(np.sqrt(np.diag(spread)[pose[a:b]].sum())) for a, b in ((3, 6), (0, 3))),
+                view.of_size(size).camera(names[k]), sum(len(scene.rows) for scene in own), outline, share, score, overlap,
+                None if marked is None else marked * factor, position_sd, rotation_sd,
                 None if seen is None else seen * factor,
             )
         )  # fmt: skip
     return CameraFit(tuple(found), free, state.views[0].k1, state.delay, _shared_sd(normal, spread, state, free, size))
-
-
-def _lens(view: View, size: tuple[int, int]) -> dict:
-    """Fields of a camera for frames of a size."""
-    matrix = view.camera("any").matrix(size)
-    return {"size": size, "fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
 
 
 def _places(matches: Sequence[Match], marks: Keypoints | None, k: int) -> np.ndarray:
@@ -75,12 +71,7 @@ def _picture_sd(view: View, places: np.ndarray, free: tuple[str, ...], spread: n
     """Median standard deviation, pixels, of where points are seen."""
     if not len(places):
         return None
-    slopes = view.slopes(places[:: max(len(places) // 200, 1)])
-    zero = np.zeros(slopes.shape[:2])
-    columns = [zero if name == "delay" else slopes[:, :, PARAMETERS.index(name)] for name in free]
-    table = (
-        np.concatenate([np.stack(columns, axis=2), slopes[:, :, : len(POSE)]], axis=2) if columns else slopes[:, :, :6]
-    )
+    table = columns(view.slopes(places[:: max(len(places) // 200, 1)]), free)
     variance = np.einsum("nip,pq,niq->n", table, spread, table)
     return float(np.median(np.sqrt(np.maximum(variance, 0.0))))
 

@@ -110,7 +110,8 @@ def _border(code: np.ndarray, blind: np.ndarray) -> tuple[np.ndarray, np.ndarray
     edge = (mask > cv2.erode(mask, CROSS, borderValue=1)) & ~blind
     edge[:RIM], edge[-RIM:], edge[:, :RIM], edge[:, -RIM:] = False, False, False, False
     j, i = np.nonzero(edge)
-    keep = (i * 0x9E3779B1 ^ j * 0x85EBCA6B) >> 15 & 1 > 0  # every other one, without a pattern that would favour a side
+    # every other one, without a pattern that would favour a side
+    keep = (i * 0x9E3779B1 ^ j * 0x85EBCA6B) >> 15 & 1 > 0
     i, j = i[keep], j[keep]
     soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), SMOOTH)
     slope = np.column_stack([soft[j, i - 1] - soft[j, i + 1], soft[j - 1, i] - soft[j + 1, i]])

@@ -28,14 +28,12 @@ def overlay(
     Raises: VisionError for a row that the footage does not have.
     """
     total = len(footage.poses)
-    if rows is None:
-        places = footage.poses[:, :, :3, 3]
-        rows = spread(places, count, np.ones(total)).tolist()
-    for row in rows:
+    chosen = spread(footage.poses[:, :, :3, 3], count, np.ones(total)).tolist() if rows is None else rows
+    for row in chosen:
         if not 0 <= row < total:
             raise VisionError(f"{footage.name} has no frame {row}; it has 0 .. {total - 1}.")
     tiles = []
-    for row in rows:
+    for row in chosen:
         late = float(np.clip(row - delay, 0, total - 1))
         before = min(int(late), total - 2) if total > 1 else 0
         share = late - before
@@ -49,16 +47,14 @@ def draw_outlines(frame: np.ndarray, body: Body, pose: np.ndarray, view: View, l
     factor = max(WIDE / frame.shape[1], 1.0)
     size = (round(frame.shape[1] * factor), round(frame.shape[0] * factor))
     picture = cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC)
-    seen = view.see(body.at(pose[None]))
-    for axis in (0, 1):
-        seen[..., axis] = (seen[..., axis] + 0.5) * (size[axis] / view.size[axis]) - 0.5
-    code = draw_parts(seen, body.faces, body.part, size)[0][0]
+    code = draw_parts(view.of_size(size).see(body.at(pose[None])), body.faces, body.part, size)[0][0]
     whole = code > 0
     picture[_edges(code) & ~_edges(whole)] = INNER
     picture[_edges(whole)] = OUTLINE
     if label:
-        cv2.putText(picture, label, (6, size[1] - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 3, cv2.LINE_AA)
-        cv2.putText(picture, label, (6, size[1] - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
+        for shift, colour in ((1, (0, 0, 0)), (0, (255, 255, 255))):
+            place = (6 + shift, size[1] - 8 + shift)
+            cv2.putText(picture, label, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
     return picture
 
 

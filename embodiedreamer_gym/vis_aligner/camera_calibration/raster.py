@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-NEAREST = 0.02  # m; triangles that reach behind it are left out
+from embodiedreamer_gym.vis_aligner.camera_calibration.view import NEAREST
 
 jit = nb.njit(cache=True, nogil=True, error_model="numpy")
 
@@ -15,6 +15,7 @@ def draw(points, faces, part, height, width, code, depth):
     """Draw T pictures at once into code (T, height, width), part + 1 or 0, and depth (T, height, width), m.
 
     points (T, V, 3): column and row in cells (the middle of the first is 0, 0), depth in m; faces (F, 3); part (V,).
+    Triangles that reach behind what can be seen are left out.
     """
     for t in range(points.shape[0]):
         for f in range(faces.shape[0]):

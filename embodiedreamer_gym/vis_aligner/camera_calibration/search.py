@@ -47,8 +47,8 @@ class Matcher:
         self._shape = tuple(
             fft.next_fast_len(c + w, real=True) for c, w in zip(self._canvas[::-1], self._window[::-1], strict=True)
         )
-        self._pattern = np.conj(fft.rfft2(pattern, self._shape))
-        self._box = np.conj(fft.rfft2(np.ones(self._window[::-1], np.float32), self._shape))
+        self._pattern = self._spectrum(pattern).conj()
+        self._box = self._spectrum(np.ones(self._window[::-1], np.float32)).conj()
 
     def match(self, view: View) -> tuple[float, View]:
         """Return the correlation at the best shift of the picture, and the view turned by that shift."""
@@ -60,16 +60,19 @@ class Matcher:
         code, _ = draw_parts(grid.see(self._placed), self._body.faces, self._body.part, self._canvas)
         drawn = (code > 0).astype(np.float32)
         drawn -= drawn.mean(axis=0)
-        fits = self._correlate(fft.rfft2(drawn, self._shape) * self._pattern)
-        energy = self._correlate((fft.rfft2((drawn**2).sum(axis=0), self._shape) * self._box)[None])
+        fits = self._correlate(self._spectrum(drawn) * self._pattern)
+        energy = self._correlate((self._spectrum((drawn**2).sum(axis=0)) * self._box)[None])
         score = fits / np.sqrt(np.maximum(energy, THIN * energy.max() + 1e-3) * self._energy)
         row, column = divmod(int(score.argmax()), score.shape[1])
         shift = np.array([column, row]) - 0.5 * (np.array(self._canvas) - self._window)
         return float(score[row, column]), _turned(view, shift / scale)
 
+    def _spectrum(self, pictures: np.ndarray) -> np.ndarray:
+        return np.asarray(fft.rfft2(pictures, self._shape))
+
     def _correlate(self, product: np.ndarray) -> np.ndarray:
         rows, columns = (c - w + 1 for c, w in zip(self._canvas[::-1], self._window[::-1], strict=True))
-        return fft.irfft2(product.sum(axis=0), self._shape)[:rows, :columns]
+        return np.asarray(fft.irfft2(product.sum(axis=0), self._shape))[:rows, :columns]
 
 
 def search(

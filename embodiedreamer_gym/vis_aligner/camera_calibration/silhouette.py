@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from embodiedreamer_gym.vis_aligner.camera_calibration.body import Body, Figure
+from embodiedreamer_gym.vis_aligner.camera_calibration.body import Figure
 from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Scene
 from embodiedreamer_gym.vis_aligner.camera_calibration.outline import near_loose
 from embodiedreamer_gym.vis_aligner.camera_calibration.raster import draw_parts
@@ -27,7 +27,7 @@ class Silhouette:
     def __init__(self, scene: Scene, figure: Figure) -> None:
         self._figure, self._body = figure, figure.middle
         self._placed = scene.placed(self._body, few=True)
-        self._size, self._loose = scene.size, self._body.only(figure.loose)
+        self._size = scene.size
         self._grid = (CELLS, max(round(scene.size[1] * CELLS / scene.size[0]), 2))
         self._evidence = np.stack([self._smaller(scene.evidence[k]) for k in scene.few])
 
@@ -53,7 +53,7 @@ class Silhouette:
             slopes = [self._slope(view, k, steps[k], weight) * gain for k in columns]
             matrix = np.stack([*slopes, drawn.ravel()])
             normal, pull = matrix @ matrix.T, matrix @ residual.ravel()
-            better = None
+            now = left
             for _ in range(TRIALS):
                 ridge = damping * (np.diag(normal) + 1e-9 * np.trace(normal) + 1e-12)
                 change = np.linalg.solve(normal + np.diag(ridge), pull)[:-1]
@@ -62,14 +62,12 @@ class Silhouette:
                 trial = view.moved(whole)
                 now = _unexplained(wanted, _changes(self._draw(trial), weight))[0]
                 if now < left:
-                    better = trial
+                    view = trial
                     break
                 damping *= 5.0
-            if better is None:
-                break
-            view, damping = better, max(damping / 5.0, DAMPING[1])
             if left - now < ENOUGH:
                 break
+            damping = max(damping / 5.0, DAMPING[1])
         return view
 
     def _slope(self, view: View, k: int, step: float, weight: np.ndarray) -> np.ndarray:
@@ -80,23 +78,20 @@ class Silhouette:
 
     def _draw(self, view: View) -> np.ndarray:
         """Share of each cell (k, h, w) that the robot covers, smoothed."""
-        return np.stack([self._smaller((code > 0).astype(np.float32)) for code in self._codes(view, self._body)[0]])
+        return np.stack([self._smaller((code > 0).astype(np.float32)) for code in self._codes(view)[0]])
 
-    def _codes(self, view: View, body: Body) -> tuple[np.ndarray, np.ndarray]:
-        """Parts drawn on the finer grid (k, H, W), and the vertices seen in its cells."""
-        size = (self._grid[0] * FINER, self._grid[1] * FINER)
-        seen = view.see(self._placed)
-        for axis in (0, 1):
-            seen[..., axis] = (seen[..., axis] + 0.5) * (size[axis] / self._size[axis]) - 0.5
-        return draw_parts(seen, body.faces, body.part, size)[0], seen
+    def _codes(self, view: View) -> tuple[np.ndarray, np.ndarray, float]:
+        """Parts drawn on the finer grid (k, H, W), the vertices seen in its cells, and its focal length."""
+        grid = view.of_size((self._grid[0] * FINER, self._grid[1] * FINER))
+        seen = grid.see(self._placed)
+        return draw_parts(seen, self._body.faces, self._body.part, grid.size)[0], seen, grid.fx
 
     def _weight(self, view: View) -> np.ndarray:
         """Share of each cell (k, h, w) that is not near to a loose part."""
-        if self._loose is None:
+        if not self._figure.loose.any():
             return np.ones_like(self._evidence)
-        code, seen = self._codes(view, self._body)
-        scale = self._grid[0] * FINER / self._size[0]
-        blind = [near_loose(c, s, self._figure, self._body, view.fx * scale) for c, s in zip(code, seen, strict=True)]
+        codes, seen, focal = self._codes(view)
+        blind = [near_loose(c, s, self._figure, self._body, focal) for c, s in zip(codes, seen, strict=True)]
         return 1.0 - np.stack(
             [cv2.resize(b.astype(np.float32), self._grid, interpolation=cv2.INTER_AREA) for b in blind]
         )

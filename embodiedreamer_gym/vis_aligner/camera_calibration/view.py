@@ -41,8 +41,8 @@ class View:
     def of_camera(camera: Camera, size: tuple[int, int] | None = None, k1: float = 0.0) -> View:
         """Make the view of a camera that stands in the world, for pictures of a size, by default its own."""
         position, rotation = camera.pose()
-        (fx, _, cx), (_, fy, cy), _ = camera.matrix(size).tolist()
-        return View(rotation.T, -rotation.T @ position, fx, fy, cx, cy, camera.size if size is None else size, k1)
+        view = View(rotation.T, -rotation.T @ position, camera.fx, camera.fy, camera.cx, camera.cy, camera.size, k1)
+        return view if size is None else view.of_size(size)
 
     @staticmethod
     def looking(
@@ -51,6 +51,12 @@ class View:
         """Make a view with its axis in the middle of the picture; position (3,), m."""
         middle = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
         return View(turn, -turn @ position, focal, focal * aspect, *middle, size)
+
+    def of_size(self, size: tuple[int, int]) -> View:
+        """Return the same view for pictures of another size (width, height)."""
+        x, y = size[0] / self.size[0], size[1] / self.size[1]
+        return replace(self, fx=self.fx * x, fy=self.fy * y, cx=(self.cx + 0.5) * x - 0.5, cy=(self.cy + 0.5) * y - 0.5,
+                       size=size)  # fmt: skip
 
     @property
     def position(self) -> np.ndarray:

@@ -43,13 +43,6 @@ def test_a_coarser_body_keeps_its_shape_and_its_boxes() -> None:
     assert (coarse.part[coarse.faces] == coarse.part[coarse.faces[:, :1]]).all()
 
 
-def test_a_part_alone() -> None:
-    body = two_parts()
-    box = body.only(body.chosen(["box"]))
-    assert box is not None and len(box.faces) == 12 and set(box.part) == {1} and box.names == body.names
-    assert body.only(np.array([False, False])) is None
-
-
 def test_a_figure_has_levels_and_knows_what_is_loose() -> None:
     figure = Figure.of(two_parts(), 0.3, ["box"], 0.02)
     assert figure.loose.tolist() == [False, True]

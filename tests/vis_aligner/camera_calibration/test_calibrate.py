@@ -10,7 +10,19 @@ import pytest
 from embodiedreamer_gym.camera import Camera, look_at
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.camera_calibration import CameraFit, calibrate_camera
-from tests.vis_aligner.camera_calibration.conftest import CENTRE, SIZE, TRUTH, Bench, apart, film, marks_of, motion, surface
+from embodiedreamer_gym.vis_aligner.camera_calibration import calibrate as calibrating
+from embodiedreamer_gym.vis_aligner.camera_calibration import search as searching
+from tests.vis_aligner.camera_calibration.conftest import (
+    CENTRE,
+    SIZE,
+    TRUTH,
+    Bench,
+    apart,
+    film,
+    marks_of,
+    motion,
+    surface,
+)
 
 MOVED = TRUTH.with_(position=(1.15, 1.0, 1.4), rotation=look_at((1.15, 1.0, 1.4), np.add(CENTRE, 0.03).tolist()))
 
@@ -85,6 +97,15 @@ def test_pictures_of_any_size(near: Camera) -> None:
     assert fit.camera.size == (128, 96) and apart(fit.camera, small, angles) < 0.7
 
 
+def test_without_a_robot_in_view_there_is_no_camera(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames in which everything moves, but not as the joints do: no camera is better than a wrong one."""
+    for module, name, count in ((searching, "TRIED", 64), (calibrating, "TRIED", 2), (calibrating, "FOLLOWED", 1)):
+        monkeypatch.setattr(module, name, count)
+    noise = np.random.default_rng(0).integers(0, 255, (len(bench.frames), 48, 64, 3)).astype(np.uint8)
+    with pytest.raises(VisionError, match=r"robot is not recognised .* \(score 0.[012]\d, at least 0.3 is needed\)"):
+        calibrate_camera(surface().body, [bench.footage(frames=noise)])
+
+
 def test_wrong_arguments_are_named(bench: Bench, near: Camera) -> None:
     body, footage = surface().body, bench.footage()
     with pytest.raises(VisionError, match="there is no footage"):
@@ -99,4 +120,4 @@ def test_wrong_arguments_are_named(bench: Bench, near: Camera) -> None:
         calibrate_camera(body, [footage], marks=marks)
     with pytest.raises(VisionError, match=r"poses must be .T, 27, 4, 4.|poses must be"):
         calibrate_camera(body, [bench.footage(poses=footage.poses[:, :3])])
-    assert SIZE == footage.size
+    assert footage.size == SIZE

@@ -21,9 +21,13 @@ def fit(*scores: float | None, **fields: object) -> CameraFit:
 
 def test_a_stand_that_fits_far_worse_than_the_best_is_doubtful() -> None:
     assert fit(0.8, 0.7, 0.3).doubtful == ("c/2",)
-    assert fit(0.3, 0.29).doubtful == ()
+    assert fit(0.4, 0.31).doubtful == ()
     assert fit(None).doubtful == ()
     assert "doubtful, look at the overlay: c/2" in str(fit(0.8, 0.7, 0.3))
+
+
+def test_one_stand_alone_can_be_doubtful() -> None:
+    assert fit(0.25).doubtful == ("c/0",)
 
 
 def test_the_table_has_a_line_for_each_stand() -> None:

@@ -43,7 +43,7 @@ def test_a_part_can_be_asked_for(video: Path) -> None:
 
 
 def test_what_cannot_be_read_is_named(video: Path, tmp_path: Path) -> None:
-    with pytest.raises(VisionError, match="none.mp4 does not exist"):
+    with pytest.raises(VisionError, match=r"none.mp4 does not exist"):
         VideoFrames(tmp_path / "none.mp4")
     with pytest.raises(VisionError, match=r"v.mp4 has 8 frames that can be read; 9 frames are needed"):
         VideoFrames(video, length=9)[0]

@@ -26,6 +26,14 @@ def test_it_sees_as_opencv_does() -> None:
     assert (seen[:, 2] > 0).all()
 
 
+def test_a_view_of_another_size_shows_the_same() -> None:
+    """The corners of a picture, half a pixel outside the middles of its outermost pixels, stay corners."""
+    small = bent().of_size((160, 64))
+    expected = (bent().see(POINTS)[:, :2] + 0.5) * (0.5, 1 / 3) - 0.5
+    np.testing.assert_allclose(small.see(POINTS)[:, :2], expected, atol=1e-9)
+    np.testing.assert_allclose(small.camera("c").matrix((320, 192)), CAMERA.matrix(), atol=1e-9)
+
+
 def test_single_precision_stays_single() -> None:
     seen = bent().see(POINTS.astype(np.float32))
     assert seen.dtype == np.float32

@@ -1,0 +1,75 @@
+"""Masks of objects that are named in words: a detector finds the box, a segmenter its outline, both from local folders.
+
+Source: Ren et al., Grounded SAM, 2024; the models are transformers' Grounding DINO and SAM, or others of their kind.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from embodiedreamer_gym.errors import MissingExtraError, VisionError
+from embodiedreamer_gym.vis_aligner.masks import MaskSource, checked
+
+
+def grounded(detector: str | Path, segmenter: str | Path, prompts: Mapping[int, str], least: float = 0.3) -> MaskSource:
+    """Masks of what the prompts name, e.g. {3: "red cup", 4: "blue mat"}; where one is not found, it has no mask.
+
+    detector, segmenter: folders as `save_pretrained` of transformers writes them, model and processor; nothing is
+    downloaded; least: score of a box, 0 .. 1, below which nothing was found.
+    Raises: VisionError where a folder holds no such model; MissingExtraError without transformers.
+    """
+    find, find_inputs = _load(detector, "AutoModelForZeroShotObjectDetection")
+    cut, cut_inputs = _load(segmenter, "AutoModelForMaskGeneration")
+
+    def classes(frame: np.ndarray, number: int) -> np.ndarray:
+        out = np.zeros(frame.shape[:2], np.uint8)
+        for value, prompt in sorted(prompts.items(), reverse=True):  # the object is in front of its goal
+            box = _box(find, find_inputs, frame, prompt, least)
+            if box is not None:
+                out[_outline(cut, cut_inputs, frame, box)] = value
+        return checked(out, frame, f"mask of frame {number}")
+
+    return classes
+
+
+def _load(folder: str | Path, kind: str) -> tuple[Any, Any]:
+    """Model and processor of a folder."""
+    if not Path(folder).is_dir():
+        raise VisionError(f"model folder {folder} does not exist; give one that save_pretrained wrote.")
+    try:
+        transformers: Any = importlib.import_module("transformers")
+    except ImportError as error:
+        raise MissingExtraError(
+            "masks from words need transformers; run: pip install 'embodiedreamer-gym[grounded]'"
+        ) from error
+    try:
+        model = getattr(transformers, kind).from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
+        return model.eval(), transformers.AutoProcessor.from_pretrained(str(folder), local_files_only=True)
+    except (OSError, ValueError, KeyError) as error:
+        raise VisionError(f"{folder} holds no such model: {str(error).splitlines()[0]}") from error
+
+
+def _box(model: Any, processor: Any, frame: np.ndarray, prompt: str, least: float) -> list[float] | None:
+    """The best box (left, top, right, bottom), pixels, or None."""
+    inputs = processor(images=frame, text=[[prompt]], return_tensors="pt")
+    with torch.inference_mode():
+        out = model(**inputs)
+    found = processor.post_process_grounded_object_detection(
+        out, inputs["input_ids"], threshold=least, text_threshold=0.0, target_sizes=[frame.shape[:2]]
+    )[0]
+    return found["boxes"][int(found["scores"].argmax())].tolist() if len(found["scores"]) else None
+
+
+def _outline(model: Any, processor: Any, frame: np.ndarray, box: list[float]) -> np.ndarray:
+    """The mask (H, W) bool of what is in a box."""
+    inputs = processor(images=frame, input_boxes=[[box]], return_tensors="pt")
+    with torch.inference_mode():
+        out = model(**inputs, multimask_output=False)
+    masks = processor.post_process_masks(out.pred_masks, inputs["original_sizes"], inputs["reshaped_input_sizes"])
+    return masks[0][0, 0].numpy().astype(bool)
