@@ -30,6 +30,7 @@ import pybullet_data  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
 
 from embodiedreamer_gym.camera import Camera  # noqa: E402
+from embodiedreamer_gym.errors import VisionError  # noqa: E402
 from embodiedreamer_gym.robot import RobotModel  # noqa: E402
 from embodiedreamer_gym.robot.surface import Surface  # noqa: E402
 from embodiedreamer_gym.vis_aligner.camera_calibration import (  # noqa: E402
@@ -125,7 +126,11 @@ def one_camera(data: Path, surface: Surface, camera: int, free: tuple[str, ...])
     fit, seconds = timed(calibrate_camera, surface.body, takes, start=start, **given)
     rows.append(row("all from the first", camera, fit, marks(data, surface, camera, EPISODES, False), seconds))
     print(fit)
-    fit, seconds = timed(calibrate_camera, surface.body, takes, **given)
+    try:
+        fit, seconds = timed(calibrate_camera, surface.body, takes, **given)
+    except VisionError as error:
+        print(f"camera {camera}  nothing: {error}", flush=True)
+        return rows, fit
     everything = marks(data, surface, camera, EPISODES, None)
     rows.append(row("nothing", camera, fit, marks(data, surface, camera, EPISODES, False), seconds))
     rows.append(row("nothing, all marks", camera, fit, everything, seconds))
