@@ -22,6 +22,7 @@ import torch
 from benchmarks.common import pin_threads
 from embodiedreamer_gym.robot.files import write_json
 from embodiedreamer_gym.vis_aligner import load_episodes
+from embodiedreamer_gym.vis_aligner.backdrop import make_backdrop
 from embodiedreamer_gym.vis_aligner.channels import Inputs
 from embodiedreamer_gym.vis_aligner.judging import AFTER_TRUE, CLOSED, judge
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
@@ -40,6 +41,7 @@ def variants(steps: int) -> dict[str, tuple[LeanConfig, TrainingConfig]]:
     found = {FULL: (config, training)}
     for name, label in without.items():
         found[label] = replace(config, inputs=replace(Inputs(), **{name: False})), training
+    found["no backdrop of the bench"] = config, replace(training, bare=0.0)
     found["no gate"] = replace(config, gate=False), training
     found["no own outputs in training"] = config, replace(training, own=0.0)
     return found
@@ -54,10 +56,12 @@ def run(name: str, config: LeanConfig, training: TrainingConfig, a: argparse.Nam
         if step % 500 == 0:
             print(f"{name}: step {step} of {training.steps}, loss {loss:.4f}", flush=True)
 
-    train(aligner, load_episodes([a.train]), training, a.out / name, said)
+    episodes = load_episodes([a.train])
+    train(aligner, episodes, training, a.out / name, said)
+    backdrop = make_backdrop(episodes)
     rows = []
     for episode in load_episodes([a.test]):
-        found = judge(aligner, episode, a.chunks).measures
+        found = judge(aligner, episode, a.chunks, backdrop).measures
         rows.append({clip: {c: measured[c] for c in COLUMNS} for clip, measured in found.items()})
     return {"name": name, "steps": training.steps, "episodes": rows}
 

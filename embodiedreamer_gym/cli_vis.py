@@ -37,6 +37,8 @@ def add_vis(verbs: Any) -> None:
                 "--aligner", default="lean", metavar="A", help="lean, a file or folder (default %(default)s)"
             )
             one.add_argument("--diffusion-steps", type=int, default=1, metavar="N", help="default %(default)s")
+        if name in ("evaluate", "render"):
+            one.add_argument("--bank", metavar="B", help="lab, or a file: the bench without robot and objects")
         if name == "evaluate":
             one.add_argument("--chunks", type=int, metavar="N", help="of each episode (default: all)")
             one.add_argument("--json", type=Path, metavar="FILE", help="write the measures as JSON")
@@ -118,10 +120,10 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
     from embodiedreamer_gym.vis_aligner.judging import judge, tables
 
-    aligner, judged = _aligner(a), []
+    aligner, judged, backdrop = _aligner(a), [], _backdrop(a)
     episodes = load_episodes(a.episodes)
     for number, episode in enumerate(episodes):
-        judged.append(judge(aligner, episode, a.chunks))
+        judged.append(judge(aligner, episode, a.chunks, backdrop))
         if not a.quiet:
             progress("evaluating", number + 1, judged[-1].measures["closed loop"]["psnr"])
         if a.strips is not None:
@@ -146,7 +148,7 @@ def _render(a: argparse.Namespace, progress: Any) -> None:
     if len(episodes) != 1:
         raise EmbodieDreamerError(f"vis render takes one episode, not {len(episodes)}.")
     one = episodes[0]
-    frames, _ = dream(_aligner(a), [one.references(0)], [one.condition.part(1, len(one))])
+    frames, _ = dream(_aligner(a), [one.references(0, _backdrop(a))], [one.condition.part(1, len(one))])
     write_video(np.concatenate([one.frames[:1], frames[0]]), a.out)
     print(a.out)
 
@@ -201,6 +203,12 @@ def _masks(a: argparse.Namespace) -> Callable[[str], Any]:
         by_words = grounded(a.detector, a.segmenter, words)
         return lambda name: by_words
     return lambda name: no_masks if a.masks is None else masks_in(a.masks / name)
+
+
+def _backdrop(a: argparse.Namespace) -> Any:
+    from embodiedreamer_gym.vis_aligner import load_bank
+
+    return None if a.bank is None else load_bank(a.bank).backdrop
 
 
 def _aligner(a: argparse.Namespace) -> Any:

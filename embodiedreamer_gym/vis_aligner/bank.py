@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, Episode
+from embodiedreamer_gym.vis_aligner.backdrop import make_backdrop
+from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Backdrop, Condition, Episode
 
 MARGIN = 0.06  # of the width: how far around an object its shadow is copied with it
 SLENDER = 1.5  # ratio of an outline's axes from which it is turned, not only stretched
@@ -44,10 +45,13 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """plate (H, W, 3) uint8: the bench without objects, the robot at rest; entries: photos with objects."""
+    """plate (H, W, 3) uint8: the bench without objects, the robot at rest; entries: photos with objects; backdrop: the
+    bench without robot and objects, where it was made.
+    """
 
     plate: Array
     entries: tuple[Entry, ...]
+    backdrop: Backdrop | None = None
 
     def __post_init__(self) -> None:
         if not self.entries:
@@ -144,24 +148,16 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
     plate = np.ma.median(free, axis=0)
     holes = np.ma.getmaskarray(plate)[..., 0]
     filled = np.round(plate.filled(0)).astype(np.uint8)
-    if holes.any():
-        filled = _fill(filled, holes, episodes)
+    backdrop = make_backdrop(episodes)
+    if holes.any():  # an object stood there in every first frame: what is behind it, else a guess
+        known = holes & backdrop.seen
+        filled[known] = backdrop.picture[known]
+        filled = cv2.inpaint(filled, (holes & ~known).astype(np.uint8), 3, cv2.INPAINT_TELEA)
     entries = [
         Entry(frame, seen, joints[i] if joints else None, poses[i] if poses else None)
         for i, (frame, seen) in enumerate(zip(firsts, classes, strict=True))
     ]
-    return Bank(filled, tuple(entries))
-
-
-def _fill(plate: Array, holes: Array, episodes: Sequence[Episode]) -> Array:
-    """The plate where an object stood in every first frame: later frames in which nothing is there, else a guess."""
-    for episode in episodes:
-        free = episode.condition.classes < ROBOT
-        newly = holes & free.any(axis=0)
-        rows, columns = np.nonzero(newly)
-        plate[newly] = episode.frames[free.argmax(axis=0)[newly], rows, columns]
-        holes = holes & ~newly
-    return cv2.inpaint(plate, holes.astype(np.uint8), 3, cv2.INPAINT_TELEA) if holes.any() else plate
+    return Bank(filled, tuple(entries), backdrop)
 
 
 # ---- outlines --------------------------------------------------------------------------------------------------
@@ -212,6 +208,8 @@ def save_bank(bank: Bank, path: str | Path) -> None:
         "plate": bank.plate, "frames": np.stack([e.frame for e in bank.entries]),
         "classes": np.stack([e.classes for e in bank.entries]),
     }  # fmt: skip
+    if bank.backdrop is not None:
+        data |= {"backdrop": bank.backdrop.picture, "backdrop.seen": bank.backdrop.seen}
     if all(e.joints is not None for e in bank.entries):
         data["joints"] = np.stack([np.asarray(e.joints) for e in bank.entries])
     for name in sorted({n for e in bank.entries for n in (e.poses or {})}):
@@ -234,6 +232,8 @@ def load_bank(path: str | Path) -> Bank:
         for i, (frame, classes) in enumerate(zip(arrays["frames"], arrays["classes"], strict=True)):
             poses = {n: arrays[f"pose.{n}"][i] for n in names if np.isfinite(arrays[f"pose.{n}"][i]).all()}
             entries.append(Entry(frame, classes, arrays["joints"][i] if "joints" in arrays else None, poses or None))
-        return Bank(arrays["plate"], tuple(entries))
+        known = "backdrop" in arrays
+        backdrop = Backdrop(arrays["backdrop"], arrays["backdrop.seen"].astype(bool)) if known else None
+        return Bank(arrays["plate"], tuple(entries), backdrop)
     except (OSError, KeyError, ValueError, EOFError) as error:
         raise VisionError(f"{path} is no reference bank; make one with `embodiedreamer vis bank`.") from error

@@ -41,6 +41,11 @@ class Inputs:
         return 3 + 3 * self.masks + 3 * self.depth
 
     @property
+    def known(self) -> int:
+        """Pictures of true frames that each frame can be made of."""
+        return self.plate + self.anchor
+
+    @property
     def per_clip(self) -> int:
         """Channels of the references."""
         frames = 1 + self.anchor
@@ -115,19 +120,20 @@ def background(references: References, condition: Condition, inputs: Inputs) -> 
     return torch.where(uncovered, plate, last)
 
 
-def known(references: References, condition: Condition, inputs: Inputs) -> Tensor:
-    """What true pictures tell of each frame (T, 3, H, W), so that a copy of a copy never has to be made.
+def known(references: References, condition: Condition, inputs: Inputs, still: Tensor) -> Tensor:
+    """What true pictures tell of each frame (T, S, 3, H, W), so that a copy of a copy never has to be made.
 
-    The anchor where the simulator shows the same as at the anchor; the plate behind nothing; elsewhere as `background`.
+    The plate where neither robot nor object is; the anchor where the simulator shows the same as at the anchor; elsewhere
+    still (T, 3, H, W), as `background` gives it. S is Inputs.known.
     """
-    still = background(references, condition, inputs)
+    told = [still[:, None][:, :0]]
     if inputs.plate:
         free = torch.from_numpy(references.seen & (condition.classes < ROBOT))[:, None]
-        still = torch.where(free, _colours(references.plate), still)
+        told.append(torch.where(free, _colours(references.plate), still)[:, None])
     if inputs.anchor:
         same = torch.from_numpy(~differs(references.anchor_condition, condition))[:, None]
-        still = torch.where(same, _colours(references.anchor), still)
-    return still
+        told.append(torch.where(same, _colours(references.anchor), still)[:, None])
+    return torch.cat(told, 1)
 
 
 def stale(references: References, condition: Condition) -> Tensor:

@@ -59,6 +59,33 @@ class Condition:
 
 
 @dataclass(frozen=True, eq=False)
+class Backdrop:
+    """What is behind robot and objects: picture (H, W, 3) uint8; seen (H, W) bool: where that is known.
+
+    Raises: VisionError where the sizes differ.
+    """
+
+    picture: Array
+    seen: Array
+
+    def __post_init__(self) -> None:
+        if self.picture.dtype != np.uint8 or self.picture.shape != (*self.seen.shape, 3):
+            raise VisionError(
+                f"a backdrop must be (H, W, 3) uint8 with (H, W) of where it is known, not {self.picture.shape} "
+                f"{self.picture.dtype} with {self.seen.shape}."
+            )
+
+    def over(self, plate: Array, seen: Array) -> tuple[Array, Array]:
+        """A plate (H, W, 3) and where it was seen (H, W), with this in front of it.
+
+        Raises: VisionError where the sizes differ.
+        """
+        if self.seen.shape != seen.shape:
+            raise VisionError(f"the backdrop is {self.seen.shape}, the frames {seen.shape}; they must agree.")
+        return np.where(self.seen[..., None], self.picture, plate), self.seen | seen
+
+
+@dataclass(frozen=True, eq=False)
 class References:
     """What a chunk starts from: the last real or generated frame, the anchor, and what has been seen behind things.
 
@@ -75,8 +102,8 @@ class References:
     seen: Array
 
     @staticmethod
-    def start(frame: Array, condition: Condition) -> References:
-        """References of an episode's first frame (H, W, 3) and the simulator's view of it.
+    def start(frame: Array, condition: Condition, backdrop: Backdrop | None = None) -> References:
+        """References of an episode's first frame (H, W, 3) and the simulator's view of it; backdrop: of its bench.
 
         Raises: VisionError when the sizes differ.
         """
@@ -87,7 +114,10 @@ class References:
             )
         free = condition.classes[-1] < ROBOT
         first = condition.part(len(condition) - 1, len(condition))
-        return References(frame, first, frame, first, np.where(free[..., None], frame, 0).astype(np.uint8), free)
+        plate = np.where(free[..., None], frame, 0).astype(np.uint8)
+        if backdrop is not None:
+            plate, free = backdrop.over(plate, free)
+        return References(frame, first, frame, first, plate, free)
 
     def after(self, frames: Array, condition: Condition) -> References:
         """References once frames (T, H, W, 3) have been shown: what they uncovered is kept, what was seen is not redrawn."""
@@ -118,7 +148,8 @@ class References:
 class Episode:
     """A clip with its truth: real frames (T, H, W, 3) uint8 and what the simulator shows of the same instants.
 
-    clean: the frames without the sensor's noise, where known; class_names: what the classes' numbers mean.
+    clean: the frames without the sensor's noise, where known; class_names: what the classes' numbers mean; bench: episodes
+    before the same bench and light have one name; backdrop: of that bench, where it was made.
     Raises: VisionError when the sizes differ.
     """
 
@@ -127,6 +158,8 @@ class Episode:
     condition: Condition
     clean: Array | None = None
     class_names: tuple[str, ...] = CLASS_NAMES
+    bench: str = ""
+    backdrop: Backdrop | None = None
 
     def __post_init__(self) -> None:
         if self.frames.shape != self.condition.rgb.shape or self.frames.dtype != np.uint8:
@@ -147,11 +180,15 @@ class Episode:
         free = self.condition.classes < ROBOT
         return np.where(free.any(axis=0), free.argmax(axis=0), len(self))
 
-    def references(self, at: int) -> References:
-        """References of a chunk that follows frame `at`, as if all frames up to there had been shown."""
+    def references(self, at: int, backdrop: Backdrop | None = None) -> References:
+        """References of a chunk that follows frame `at`, as if all frames up to there had been shown; backdrop: as known
+        beforehand.
+        """
         seen = self.first_seen <= at
         rows, columns = np.indices(seen.shape)
         plate = self.frames[np.minimum(self.first_seen, len(self) - 1), rows, columns]
         plate = np.where(seen[..., None], plate, 0).astype(np.uint8)
+        if backdrop is not None:
+            plate, seen = backdrop.over(plate, seen)
         part = self.condition.part
         return References(self.frames[at], part(at, at + 1), self.frames[0], part(0, 1), plate, seen)

@@ -34,10 +34,11 @@ def load_episode(path: str | Path, camera: str = "head") -> Episode:
             depth = None if depth is None else np.asarray(depth, np.float32)
             clean = file.get(f"observations/clean/{camera}")
             clean = None if clean is None else np.asarray(clean)
+            look = json.loads(str(file.attrs["look"])).get("name", "") if "look" in file.attrs else ""
             names = tuple(json.loads(str(file.attrs["class_names"]))) if "class_names" in file.attrs else CLASS_NAMES
     except (OSError, ValueError) as error:
         raise VisionError(f"{path}: damaged, cut short or not an HDF5 file; film or copy it again.") from error
-    return Episode(path.stem, frames, Condition(rgb, classes, depth), clean, names)
+    return Episode(path.stem, frames, Condition(rgb, classes, depth), clean, names, str(look))
 
 
 def load_episodes(patterns: Sequence[str | Path], camera: str = "head") -> list[Episode]:

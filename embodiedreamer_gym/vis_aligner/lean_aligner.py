@@ -88,7 +88,7 @@ class LeanAligner:
         clip = [reference_channels(r.crop(w), self.inputs, width) for r, w in zip(references, places, strict=True)]
         base = [s[..., rows, columns] for s, (rows, columns) in zip(still, places, strict=True)]
         cropped = [(r.crop(w), c.crop(w)) for r, c, w in zip(references, conditions, places, strict=True)]
-        true = [known(r, c, self.inputs) for r, c in cropped]
+        true = [known(r, c, self.inputs, s) for (r, c), s in zip(cropped, base, strict=True)]
         old = [stale(r, c) for r, c in cropped]
         return tuple(torch.stack(part) for part in (frame, clip, base, true, old))
 

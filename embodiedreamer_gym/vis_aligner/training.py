@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.aligner import Trainable
+from embodiedreamer_gym.vis_aligner.backdrop import with_backdrops
 from embodiedreamer_gym.vis_aligner.clip import Episode, References
 
 CHECKPOINT = "checkpoint.pt"
@@ -26,14 +27,15 @@ Progress = Callable[[str, int, float], None]
 class TrainingConfig:
     """How a model is trained.
 
-    steps: of the optimiser; batch: clips; rate: peak learning rate; own: how likely a clip is followed by the next one of
-    its episode, with the model's own last frame as reference (1 / (1 - own) clips in a row on average); average: of the
-    weights, per step.
+    steps: of the optimiser; batch: clips; rate: peak learning rate; bare: share of walks that know the backdrop of their
+    bench; own: how likely a clip is followed by the next one of its episode, with the model's own last frame as reference
+    (1 / (1 - own) clips in a row on average); average: of the weights, per step.
     """
 
     steps: int = 4000
     batch: int = 2
     rate: float = 1e-3
+    bare: float = 0.7
     own: float = 0.8
     average: float = 0.998
     seed: int = 0
@@ -41,16 +43,20 @@ class TrainingConfig:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Where training is in an episode: its number, the frame the references show; pictures of the model's own, if any."""
+    """Where training is in an episode: its number, the frame the references show; whether it knows the backdrop; pictures
+    of the model's own, if any.
+    """
 
     episode: int
     at: int
+    bare: bool
     last: Tensor | None = None
     plate: Tensor | None = None
 
     def references(self, episodes: Sequence[Episode]) -> References:
         """References of the chunk that follows."""
-        true = episodes[self.episode].references(self.at)
+        one = episodes[self.episode]
+        true = one.references(self.at, one.backdrop if self.bare else None)
         if self.last is None or self.plate is None:
             return true
         return replace(true, last=self.last.numpy(), plate=self.plate.numpy())
@@ -114,15 +120,16 @@ class Training:
         if any(going):
             for i, (frames, condition) in enumerate(zip(made(), conditions, strict=True)):
                 after = references[i].after(frames, condition)
-                walk = Walk(walks[i].episode, walks[i].at + k, torch.tensor(after.last), torch.tensor(after.plate))
-                self.walks[i] = walk if going[i] else None
+                if going[i]:
+                    pictures = torch.tensor(after.last), torch.tensor(after.plate)
+                    self.walks[i] = Walk(walks[i].episode, walks[i].at + k, walks[i].bare, *pictures)
         return float(loss.detach())
 
     def _begin(self, episodes: Sequence[Episode], rng: np.random.Generator) -> Walk:
         """A walk from a true frame, anywhere."""
         number = int(rng.integers(len(episodes)))
         at = int(rng.integers(len(episodes[number]) - self.aligner.chunk))
-        return Walk(number, at)
+        return Walk(number, at, bool(rng.random() < self.config.bare))
 
     def _average(self, keep: float) -> None:
         with torch.no_grad():
@@ -169,7 +176,7 @@ def train(aligner: Trainable, episodes: Sequence[Episode], config: TrainingConfi
 
     Raises: VisionError without long enough episodes, or where the checkpoint is of other settings.
     """
-    training = Training(aligner, config)
+    training, episodes = Training(aligner, config), with_backdrops(episodes)
     checkpoint = None if folder is None else Path(folder) / CHECKPOINT
     if checkpoint is not None:
         checkpoint.parent.mkdir(parents=True, exist_ok=True)

@@ -40,6 +40,8 @@ def test_a_bank_survives_its_file(bank: Bank, tmp_path) -> None:
     save_bank(bank, tmp_path / "bank.npz")
     again = load_bank(tmp_path / "bank.npz")
     assert np.array_equal(again.plate, bank.plate) and len(again.entries) == 6
+    assert np.array_equal(again.backdrop.picture, bank.backdrop.picture)
+    assert np.array_equal(again.backdrop.seen, bank.backdrop.seen)
     assert np.array_equal(again.entry(2).frame, bank.entry(2).frame)
     assert again.entry(2).options()["object_poses"]["cup"].tolist() == list(range(7))
     assert [p.name for p in tmp_path.iterdir()] == ["bank.npz"]

@@ -41,7 +41,8 @@ def test_any_size_and_length(size: tuple[int, int], frames: int) -> None:
     network, inputs = Lean(SMALL), SMALL.inputs
     picture = torch.zeros(1, frames, 3, *size)
     made = network(picture, torch.ones(1), torch.zeros(1, frames, inputs.per_frame, *size),
-                   torch.zeros(1, inputs.per_clip, *size), picture, picture, picture[:, :, :1])  # fmt: skip
+                   torch.zeros(1, inputs.per_clip, *size), picture, torch.zeros(1, frames, 2, 3, *size),
+                   picture[:, :, :1])  # fmt: skip
     assert made.shape == picture.shape
 
 
@@ -66,9 +67,12 @@ def test_what_true_pictures_tell_can_be_chosen() -> None:
     rows, columns = windows([references], [condition])[0]
     old = stale(references, condition)[0, 0].numpy() > 0
     assert np.array_equal(made[rows, columns][~old[rows, columns]], one.frames[0][rows, columns][~old[rows, columns]])
-    told = to_frames(known(references, condition, replace(Inputs(), anchor=False)))[0]
+    still = background(references, condition, Inputs())
+    plate, anchor = to_frames(known(references, condition, Inputs(), still))[0]
     free = (condition.classes[0] < 2) & references.seen
-    assert np.array_equal(told[free], references.plate[free]) and not told[(condition.classes[0] == 2) & ~free].any()
+    assert np.array_equal(plate[free], references.plate[free]) and not plate[(condition.classes[0] == 2) & ~free].any()
+    assert np.array_equal(anchor, one.frames[0])
+    assert known(references, condition, replace(Inputs(), anchor=False, plate=False), still).shape[1] == 0
 
 
 def test_only_what_moves_is_drawn() -> None:
