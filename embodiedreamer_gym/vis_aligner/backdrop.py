@@ -35,7 +35,7 @@ def make_backdrop(episodes: Sequence[Episode]) -> Backdrop:
     rare = free.any(axis=0) & ~free[some].any(axis=0)  # only in pictures that were left out
     rows, columns = np.nonzero(rare)
     picture[rare] = frames[free.argmax(axis=0)[rare], rows, columns]
-    return Backdrop(picture, free.any(axis=0))
+    return Backdrop(picture, np.asarray(free.any(axis=0)))
 
 
 def with_backdrops(episodes: Sequence[Episode]) -> list[Episode]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,12 @@ import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.backdrop import make_backdrop
-from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Backdrop, Condition, Episode
+from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, OBJECT, ROBOT, Backdrop, Condition, Episode
 
 MARGIN = 0.06  # of the width: how far around an object its shadow is copied with it
 SLENDER = 1.5  # ratio of an outline's axes from which it is turned, not only stretched
 SMALLEST = 6  # pixels of an object that make an appearance
+UNNAMED = CLASS_NAMES[OBJECT:]
 Array = np.ndarray
 
 
@@ -24,7 +25,7 @@ Array = np.ndarray
 class Entry:
     """A photo with the robot at rest and all objects in view.
 
-    frame (H, W, 3) uint8; classes (H, W) uint8; joints (n,) in the action's units and poses, prop -> position m and
+    props: names of the objects, in the order of their classes; of unnamed ones any will do. frame (H, W, 3) uint8; classes (H, W) uint8; joints (n,) in the action's units and poses, prop -> position m and
     quaternion xyzw (7,), where known: then the simulator can be set to it.
     """
 
@@ -32,6 +33,7 @@ class Entry:
     classes: Array
     joints: Array | None = None
     poses: Mapping[str, Array] | None = None
+    props: tuple[str, ...] = UNNAMED
 
     def options(self) -> dict[str, Any]:
         """What an environment's reset takes to show the same scene.
@@ -69,6 +71,20 @@ class Bank:
     def size(self) -> tuple[int, int]:
         """Width and height."""
         return self.plate.shape[1], self.plate.shape[0]
+
+    def of(self, props: Sequence[str]) -> Bank:
+        """The bank with those photos only that show these objects.
+
+        Raises: VisionError where no photo does.
+        """
+        fitting = tuple(e for e in self.entries if e.props in (tuple(props), UNNAMED))
+        if not fitting:
+            shown = sorted({" and ".join(e.props) for e in self.entries})
+            raise VisionError(
+                f"no photo of the bank shows {' and '.join(props)}; there are photos of {'; '.join(shown)}. Make a bank of "
+                "your own with `embodiedreamer vis bank`."
+            )
+        return replace(self, entries=fitting)
 
     def entry(self, number: int) -> Entry:
         """Photo number 0, 1, ...
@@ -154,7 +170,7 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
         filled[known] = backdrop.picture[known]
         filled = cv2.inpaint(filled, (holes & ~known).astype(np.uint8), 3, cv2.INPAINT_TELEA)
     entries = [
-        Entry(frame, seen, joints[i] if joints else None, poses[i] if poses else None)
+        Entry(frame, seen, joints[i] if joints else None, poses[i] if poses else None, episodes[i].class_names[OBJECT:])
         for i, (frame, seen) in enumerate(zip(firsts, classes, strict=True))
     ]
     return Bank(filled, tuple(entries), backdrop)
@@ -206,7 +222,7 @@ def save_bank(bank: Bank, path: str | Path) -> None:
     part = path.with_name(f".{path.name}.part.npz")
     data: dict[str, Array] = {
         "plate": bank.plate, "frames": np.stack([e.frame for e in bank.entries]),
-        "classes": np.stack([e.classes for e in bank.entries]),
+        "classes": np.stack([e.classes for e in bank.entries]), "props": np.array(["\n".join(e.props) for e in bank.entries]),
     }  # fmt: skip
     if bank.backdrop is not None:
         data |= {"backdrop": bank.backdrop.picture, "backdrop.seen": bank.backdrop.seen}
@@ -231,7 +247,9 @@ def load_bank(path: str | Path) -> Bank:
         entries = []
         for i, (frame, classes) in enumerate(zip(arrays["frames"], arrays["classes"], strict=True)):
             poses = {n: arrays[f"pose.{n}"][i] for n in names if np.isfinite(arrays[f"pose.{n}"][i]).all()}
-            entries.append(Entry(frame, classes, arrays["joints"][i] if "joints" in arrays else None, poses or None))
+            props = tuple(str(arrays["props"][i]).split("\n"))
+            joints = arrays["joints"][i] if "joints" in arrays else None
+            entries.append(Entry(frame, classes, joints, poses or None, props))
         known = "backdrop" in arrays
         backdrop = Backdrop(arrays["backdrop"], arrays["backdrop.seen"].astype(bool)) if known else None
         return Bank(arrays["plate"], tuple(entries), backdrop)

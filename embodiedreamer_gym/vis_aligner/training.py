@@ -126,10 +126,11 @@ class Training:
         return float(loss.detach())
 
     def _begin(self, episodes: Sequence[Episode], rng: np.random.Generator) -> Walk:
-        """A walk from a true frame, anywhere."""
-        number = int(rng.integers(len(episodes)))
-        at = int(rng.integers(len(episodes[number]) - self.aligner.chunk))
-        return Walk(number, at, bool(rng.random() < self.config.bare))
+        """A walk from a true frame, anywhere: each of all episodes' frames is as likely as any other."""
+        starts = np.cumsum([len(e) - self.aligner.chunk for e in episodes])
+        drawn = int(rng.integers(starts[-1]))
+        number = int(np.searchsorted(starts, drawn, side="right"))
+        return Walk(number, int(starts[number]) - 1 - drawn, bool(rng.random() < self.config.bare))
 
     def _average(self, keep: float) -> None:
         with torch.no_grad():

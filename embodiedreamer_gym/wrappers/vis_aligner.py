@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import VectorEnv, VectorWrapper
 
+from embodiedreamer_gym.envs.tasks.task import Task
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, Condition, References, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.bank import Entry
@@ -36,8 +37,9 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
 
     def __init__(self, env: gym.Env, aligner: str = "lean", bank: str = "lab", chunk: int | None = None) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, aligner=aligner, bank=bank, chunk=chunk)
-        self.aligner, self.bank = load_aligner(aligner), load_bank(bank)
-        gym.Wrapper.__init__(self, filmed(env, self.bank, chunk or self.aligner.chunk))
+        self.aligner, photos = load_aligner(aligner), load_bank(bank)
+        gym.Wrapper.__init__(self, filmed(env, photos, chunk or self.aligner.chunk))
+        self.bank = photos.of(_props(env.unwrapped.task))  # pyright: ignore[reportAttributeAccessIssue]
         self._picture = picture(self.bank)
         self.observation_space = _with_picture(self.env.observation_space, self._picture)
         self.references: References | None = None
@@ -82,12 +84,13 @@ class VisAlignerVectorWrapper(VectorWrapper):
     def __init__(self, env: VectorEnv, aligner: str = "lean", bank: str = "lab") -> None:
         super().__init__(env)
         self.aligner: Aligner = load_aligner(aligner)
-        self.bank: Bank = load_bank(bank)
-        one = picture(self.bank)
+        photos = load_bank(bank)
+        one = picture(photos)
         pixels = _pixels(env.single_observation_space)
         if pixels is None or pixels.shape != one.shape:
             raise VisionError(f"the environments must show pictures {one.shape}, as the bank's photos; make them with "
-                              f"image_size={self.bank.size} and obs_type='pixels_agent_pos'.")  # fmt: skip
+                              f"image_size={photos.size} and obs_type='pixels_agent_pos'.")  # fmt: skip
+        self.bank: Bank = photos.of(_props(env.get_attr("task")[0]))  # pyright: ignore[reportAttributeAccessIssue]
         self.references: list[References | None] = [None] * env.num_envs
 
     def reset(
@@ -187,6 +190,11 @@ def _chosen(bank: Bank, options: Mapping[str, Any] | None) -> tuple[dict[str, An
         return options or None, None
     entry = bank.entry(options.pop("reference"))
     return options | entry.options(), entry
+
+
+def _props(task: Task) -> list[str]:
+    """Names of the objects in a task's scene."""
+    return [prop.name for prop in task.props]
 
 
 def _pixels(space: spaces.Space | None) -> spaces.Space | None:

@@ -101,6 +101,14 @@ def test_a_walk_knows_the_backdrop_or_not(bare: float) -> None:
     assert behind.any() and (walk.references([clip]).seen[behind] == bool(bare)).all()
 
 
+def test_every_frame_is_as_likely_a_start() -> None:
+    """Also where episodes differ in length; none starts too late for a chunk."""
+    episodes = [episode(0, frames=6), episode(1, frames=17)]
+    begin = Training(fresh(), CONFIG)._begin
+    drawn = [begin(episodes, np.random.default_rng(seed)) for seed in range(400)]
+    assert {(w.episode, w.at) for w in drawn} == {(0, at) for at in range(2)} | {(1, at) for at in range(13)}
+
+
 def test_progress_counts_the_steps() -> None:
     seen: list[int] = []
     train(fresh(), [episode()], replace(CONFIG, steps=3), progress=lambda stage, step, loss: seen.append(step))
