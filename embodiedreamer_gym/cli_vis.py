@@ -37,6 +37,9 @@ def add_vis(verbs: Any) -> None:
                 "--aligner", default="lean", metavar="A", help="lean, a file or folder (default %(default)s)"
             )
             one.add_argument("--diffusion-steps", type=int, default=1, metavar="N", help="default %(default)s")
+        if name == "bank":
+            text = "episodes of the same bench, for what is behind robot and objects"
+            one.add_argument("--backdrop", nargs="+", default=[], metavar="EPISODES", help=text)
         if name in ("evaluate", "render"):
             one.add_argument("--bank", metavar="B", help="lab, or a file: the bench without robot and objects")
         if name == "evaluate":
@@ -155,11 +158,12 @@ def _render(a: argparse.Namespace, progress: Any) -> None:
 
 def _bank(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.vis_aligner import make_bank, save_bank
-    from embodiedreamer_gym.vis_aligner.episodes import expand, load_episode, load_scene
+    from embodiedreamer_gym.vis_aligner.episodes import expand, load_episode, load_episodes, load_scene
 
     paths: Sequence[Path] = expand(a.episodes)
     scenes = [load_scene(path) for path in paths]
-    bank = make_bank([load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes])
+    more = load_episodes(a.backdrop) if a.backdrop else []
+    bank = make_bank([load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes], more)
     save_bank(bank, a.out)
     print(f"{a.out}: {bank!r}")
 

@@ -149,11 +149,12 @@ class Bank:
 
 
 def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] | None] = (),
-              joints: Sequence[Array | None] = ()) -> Bank:  # fmt: skip
+              joints: Sequence[Array | None] = (), more: Sequence[Episode] = ()) -> Bank:  # fmt: skip
     """A bank of the first frames of episodes that begin with the robot in one pose.
 
     The plate is the median of what table and background look like where no object is, and the robot of the first frames;
-    poses, joints: of the props and the robot at the first frames, where known.
+    poses, joints: of the props and the robot at the first frames, where known; more: episodes of the same bench that begin
+    anywhere, for the backdrop.
     Raises: VisionError without an episode, or where sizes differ.
     """
     if not episodes:
@@ -164,7 +165,7 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
     plate = np.ma.median(free, axis=0)
     holes = np.ma.getmaskarray(plate)[..., 0]
     filled = np.round(plate.filled(0)).astype(np.uint8)
-    backdrop = make_backdrop(episodes)
+    backdrop = make_backdrop([*episodes, *more])
     if holes.any():  # an object stood there in every first frame: what is behind it, else a guess
         known = holes & backdrop.seen
         filled[known] = backdrop.picture[known]
