@@ -16,6 +16,7 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.robust import huber_limit, robust_cost, robust_weight
 
 DAMPINGS = np.array([0.1, 1.0, 10.0])  # tried at once, relative to the present damping
+LARGEST_STEP = 3.0  # of a scaled parameter; one that is no logarithm may also double
 BEHIND = 0.1  # cost by which a fit must fall short of its rival to be given up
 Progress = Callable[[str, int, float], None]
 
@@ -74,6 +75,11 @@ def fit_at(problem: Problem, x: np.ndarray) -> Fit:
     return _fit(problem, x, *problem.jacobian(x), True)
 
 
+def cost_of(problem: Problem, r: np.ndarray) -> float:
+    """Mean over joints of log(1 + chi2) of residuals (N,), outliers counting less."""
+    return robust_cost(problem, r, huber_limit(problem, r))
+
+
 def _fit(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray, converged: bool) -> Fit:
     limit = huber_limit(problem, r)
     return Fit(x, robust_cost(problem, r, limit), r, jacobian, robust_weight(problem, r, limit), converged)
@@ -113,4 +119,5 @@ def damped_step(
             break
         step[out] = np.clip(x[out] + step[out], problem.lower[out], problem.upper[out]) - x[out]
         free &= ~out
-    return np.clip(x + np.clip(step, -3.0, 3.0), problem.lower, problem.upper)
+    most = LARGEST_STEP + np.where(problem.by_logarithm, 0.0, np.abs(x))
+    return np.clip(x + np.clip(step, -most, most), problem.lower, problem.upper)
