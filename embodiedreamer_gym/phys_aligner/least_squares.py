@@ -16,7 +16,6 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.robust import huber_limit, robust_cost, robust_weight
 
 DAMPINGS = np.array([0.1, 1.0, 10.0])  # tried at once, relative to the present damping
-LARGEST_STEP = 3.0  # of a scaled parameter; one that is no logarithm may also double
 BEHIND = 0.1  # cost by which a fit must fall short of its rival to be given up
 Progress = Callable[[str, int, float], None]
 
@@ -119,5 +118,4 @@ def damped_step(
             break
         step[out] = np.clip(x[out] + step[out], problem.lower[out], problem.upper[out]) - x[out]
         free &= ~out
-    most = LARGEST_STEP + np.where(problem.by_logarithm, 0.0, np.abs(x))
-    return np.clip(x + np.clip(step, -most, most), problem.lower, problem.upper)
+    return np.clip(x + np.clip(step, -3.0, 3.0), problem.lower, problem.upper)

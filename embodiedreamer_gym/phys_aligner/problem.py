@@ -36,7 +36,7 @@ class Problem:
 
     A parameter with a positive lower bound is scaled by its logarithm, any other by a typical size, so that a step
     of one is a large step in each. Residuals are (measured - simulated) / sigma over the usable samples, see `Signals`.
-    rollouts counts parameter sets simulated over all recordings; by_logarithm (m,): scaled by the logarithm.
+    rollouts counts parameter sets simulated over all recordings.
     """
 
     def __init__(
@@ -58,9 +58,9 @@ class Problem:
                 raise CalibrationError(
                     f"{row.name} starts at {row.value:g}, outside its bounds {row.low:g} .. {row.high:g}."
                 )
-        self.by_logarithm = np.array([row.low > 0 for row in self.rows])
+        self._log = np.array([row.low > 0 for row in self.rows])
         self._size = np.array(
-            [1.0 if log else _typical(model, row) for row, log in zip(self.rows, self.by_logarithm, strict=True)]
+            [1.0 if log else _typical(model, row) for row, log in zip(self.rows, self._log, strict=True)]
         )
         self.lower = self.scale(np.array([row.low for row in self.rows]))
         self.upper = self.scale(np.array([row.high for row in self.rows]))
@@ -87,11 +87,11 @@ class Problem:
 
     def scale(self, values: np.ndarray) -> np.ndarray:
         """Scaled parameters of values (..., m)."""
-        return np.where(self.by_logarithm, np.log(np.where(self.by_logarithm, values, 1.0)), values / self._size)
+        return np.where(self._log, np.log(np.where(self._log, values, 1.0)), values / self._size)
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Values of scaled parameters (..., m)."""
-        return np.where(self.by_logarithm, np.exp(np.where(self.by_logarithm, x, 0.0)), x * self._size)
+        return np.where(self._log, np.exp(np.where(self._log, x, 0.0)), x * self._size)
 
     def sets(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """Parameter sets (P, joints or arms) by group, for the simulation, of scaled parameters (P, m)."""
