@@ -18,7 +18,8 @@ RICHER = 0.05  # share of the whole gain that a richer law must bring beyond its
 EXPLAINED = 0.5  # share of the excess error that the effects together must explain, else "unknown"
 USUAL = 1.25  # times the chi2 of all but 5 % of faultless robots, up to which nothing is left to explain
 FAR = 3.0  # the like, beyond which a joint is nowhere near its noise
-NEARLY = 0.99  # share of the excess mean square, of all joints together, whose rest does not speak against the effects
+NEARLY = 0.95  # share of the excess mean square, of all joints together, whose rest does not speak against the effects
+MOSTLY = 0.8  # share of the excess error in logarithms, the like
 NESTED = {  # the simpler effect is a special case of the richer one
     "coulomb_friction": ("stribeck_friction", "direction_dependent_friction", "hysteresis"),
     "torque_saturation": ("velocity_limit",),
@@ -80,7 +81,8 @@ def convinces(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
     was, rest = (np.maximum(h.chi2 - usual, 0.0).sum() for h in (before, after))
     if beyond.min() > FAR:
         return bool(rest <= (1 - EXPLAINED) * was)
-    return bool(beyond.max() <= FAR and rest <= (1 - NEARLY) * was)
+    was_log, rest_log = (np.log(np.maximum(h.chi2 / usual, 1.0)).sum() for h in (before, after))
+    return bool(beyond.max() <= FAR and rest <= (1 - NEARLY) * was and rest_log <= (1 - MOSTLY) * was_log)
 
 
 def left_over(held: HeldOut, null: np.ndarray) -> bool:
