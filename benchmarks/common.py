@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from embodiedreamer_gym.recordings import Recordings
 
 SHARED = Path(os.environ.get("EMBODIEDREAMER_SHARED_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
@@ -36,3 +39,11 @@ def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
     low = beta.ppf(0.025, hits, trials - hits + 1) if hits else 0.0
     high = beta.ppf(0.975, hits + 1, trials - hits) if hits < trials else 1.0
     return float(low), float(high)
+
+
+def redrawn(recordings: Recordings, seed: int) -> tuple[Recordings, Recordings]:
+    """Train and held-out part, dealt in turn within each kind after shuffling."""
+    import numpy as np
+
+    order = np.random.default_rng(seed).permutation(len(recordings))
+    return type(recordings)([recordings[int(i)] for i in order]).split()
