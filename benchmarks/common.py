@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 from pathlib import Path
@@ -16,6 +17,20 @@ SHARED = Path(os.environ.get("EMBODIEDREAMER_SHARED_DATA", Path(__file__).parent
 def data_folder(name: str) -> Path:
     """Folder of a real data set, which is not shipped."""
     return SHARED / name
+
+
+def folder(text: str) -> Path:
+    """A folder given on the command line, or by default. Raises: ArgumentTypeError where it is missing."""
+    if not Path(text).is_dir():
+        raise argparse.ArgumentTypeError(f"{text} is no folder; the real recordings are not shipped, give theirs.")
+    return Path(text)
+
+
+def times(text: str) -> int:
+    """How often, at least once. Raises: ArgumentTypeError for anything else."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not allowed; give a whole number of at least 1.")
+    return int(text)
 
 
 def pin_threads() -> None:
@@ -46,4 +61,4 @@ def redrawn(recordings: Recordings, seed: int) -> tuple[Recordings, Recordings]:
     import numpy as np
 
     order = np.random.default_rng(seed).permutation(len(recordings))
-    return type(recordings)([recordings[int(i)] for i in order]).split()
+    return type(recordings)(recordings[int(i)] for i in order).split()
