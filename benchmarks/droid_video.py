@@ -54,18 +54,21 @@ def episodes(data: Path, number: int, found: dict[str, Camera]) -> dict[str, Epi
     urdf = Path(pybullet_data.getDataPath()) / "franka_panda" / "panda.urdf"
     robot = client.loadURDF(str(urdf), useFixedBase=True)
     index = {client.getJointInfo(robot, j)[1].decode(): j for j in range(client.getNumJoints(robot))}
+    parts = [(robot, link) for link in range(-1, client.getNumJoints(robot))]
     renderer = Renderer(client, "tiny", SIZE)
     for episode, camera in found.items():
         angles, seen = joint_angles(data, episode), []
         for row in angles:
             for name, angle in zip(JOINTS, row, strict=True):
                 client.resetJointState(robot, index[name], angle)
-            seen.append(renderer.capture(camera, SIZE, classes={robot: ROBOT}))
+            seen.append(renderer.capture(camera, SIZE, classes={robot: ROBOT}, parts=parts))
         video = VideoFrames(data / "videos" / episode / f"{number}.mp4", len(angles))
         frames = np.stack([cv2.resize(video[k], SIZE, interpolation=cv2.INTER_AREA) for k in range(len(angles))])
-        rgb, depth, classes = (np.stack([getattr(s, k) for s in seen]) for k in ("rgb", "depth", "segmentation"))
+        shown = (
+            np.stack([getattr(s, k) for s in seen]) for k in ("rgb", "segmentation", "depth", "parts", "projections")
+        )
         name = f"{episode}_camera{number}"
-        made[episode] = Episode(name, frames, Condition(rgb, classes.astype(np.uint8), depth), bench=name)
+        made[episode] = Episode(name, frames, Condition(*shown), bench=name)
     renderer.close()
     client.disconnect()
     return made

@@ -37,11 +37,11 @@ def variants(steps: int) -> dict[str, tuple[LeanConfig, TrainingConfig]]:
     """Network and training of each variant."""
     config, training = LeanConfig(), TrainingConfig(steps=steps)
     without = {"masks": "no masks", "depth": "no depth", "anchor": "no anchor", "plate": "no memory of the background",
-               "at_reference": "no view at the reference"}  # fmt: skip
+               "at_reference": "no view at the reference", "carry": "nothing carried along"}  # fmt: skip
     found = {FULL: (config, training)}
     for name, label in without.items():
         found[label] = replace(config, inputs=replace(Inputs(), **{name: False})), training
-    found["no backdrop of the bench"] = config, replace(training, bare=0.0)
+    found["no backdrop of the bench"] = config, replace(training, told=0.0)
     found["no gate"] = replace(config, gate=False), training
     found["no own outputs in training"] = config, replace(training, own=0.0)
     return found

@@ -34,7 +34,7 @@ FILMS: dict[str, Mapping[str, Any]] = {
     "looks_test": {"task": CUP, "look": "many", "episodes": 8, "frames": 49, "seed": 7000},
 }
 LEARNT = ("cup_train", "looks", "looks_all")
-STEPS = 12000
+STEPS = 8000
 TUNED = 1500  # steps of the fine-tuning on the lab
 
 

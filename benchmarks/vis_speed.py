@@ -56,7 +56,8 @@ def on_processor() -> None:
                 views.append(aloha.capture("head", size) if look else None)
             if not look:
                 return None  # pyright: ignore[reportReturnType]
-            return Condition(*(np.stack([getattr(v, k) for v in views]) for k in ("rgb", "segmentation", "depth")))
+            seen = ("rgb", "segmentation", "depth", "parts", "projections")
+            return Condition(*(np.stack([getattr(v, k) for v in views]) for k in seen))
 
         condition = steps(True)
         references = References.start(condition.rgb[0], condition.part(0, 1))

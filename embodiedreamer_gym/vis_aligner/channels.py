@@ -6,27 +6,27 @@ picture whose object pixels are blank, which is the same without the sums' ambig
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import torch
 from torch import Tensor
 
+from embodiedreamer_gym.vis_aligner.carry import carry, differs
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, TABLE, Condition, References
 
-LEVELS = 2  # of 255, up to which a simulated colour counts as the same
 NEAR, REACH = 1.0, 0.5  # m; a depth of NEAR +- REACH is -1 .. 1
 SLOPE = 20.0 / 128  # per metre from a pixel to the next but one and pixel of width: the channels of the surface's tilt
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """Which inputs a model uses; those switched off are not computed, so that an ablation is one flag.
+    """Which inputs a model uses; what is switched off is not looked at, so that an ablation is one flag.
 
     masks: channels of robot, object and goal (else objects are erased from the picture); depth: depth and its two
     slopes; anchor: the true first frame; plate: what has been seen behind moving things; at_reference: the simulated
-    view at the reference's time.
+    view at the reference's time; carry: links and objects that have moved are taken along from the pictures that show them.
     """
 
     masks: bool = True
@@ -34,6 +34,7 @@ class Inputs:
     anchor: bool = True
     plate: bool = True
     at_reference: bool = True
+    carry: bool = True
 
     @property
     def per_frame(self) -> int:
@@ -52,10 +53,14 @@ class Inputs:
         return 3 * frames + self.at_reference * frames * self.per_frame + 4 * self.plate
 
 
+def allowed(condition: Condition, inputs: Inputs) -> Condition:
+    """A condition with that only which a model is to see: without masks no objects, without carrying no parts."""
+    seen = condition if inputs.masks else without_objects(condition)
+    return seen if inputs.carry else seen.without_parts()
+
+
 def frame_channels(condition: Condition, inputs: Inputs, width: int | None = None) -> Tensor:
     """Channels (T, C, H, W), float, of a condition; width: of the whole picture, where this is a window of it."""
-    if not inputs.masks:
-        condition = without_objects(condition)
     thing = condition.classes >= OBJECT
     rgb = np.where(thing[..., None], 0.0, condition.rgb.astype(np.float32) / 127.5 - 1.0)
     parts = [rgb.transpose(0, 3, 1, 2)]
@@ -75,7 +80,8 @@ def without_objects(condition: Condition) -> Condition:
         rgb[number] = cv2.inpaint(rgb[number], thing[number].astype(np.uint8), 3, cv2.INPAINT_TELEA)
         if depth is not None:
             depth[number] = cv2.inpaint(depth[number], thing[number].astype(np.uint8), 3, cv2.INPAINT_TELEA)
-    return Condition(rgb, np.where(thing, TABLE, condition.classes).astype(np.uint8), depth)
+    bare = condition.without_parts(OBJECT) if condition.parts is not None else condition
+    return replace(bare, rgb=rgb, classes=np.where(thing, TABLE, condition.classes).astype(np.uint8), depth=depth)
 
 
 def _depth_channels(condition: Condition, thing: np.ndarray, width: int) -> np.ndarray:
@@ -107,24 +113,34 @@ def reference_channels(references: References, inputs: Inputs, width: int | None
     return torch.cat(parts)
 
 
-def background(references: References, condition: Condition, inputs: Inputs) -> Tensor:
-    """What each frame (T, 3, H, W) would be if nothing new had to be drawn.
+def background(references: References, condition: Condition, inputs: Inputs) -> tuple[Tensor, Tensor]:
+    """What each frame (T, 3, H, W) would be if nothing new had to be drawn; where (T, 1, H, W) it cannot be that: 1, else 0.
 
-    The last frame; but where a thing has left and the plate shows what is behind it, the plate.
+    The last frame; but where a thing has left and the plate shows what is behind it, the plate; and what is rigid, where it
+    has moved to. It cannot be where robot or object show a part of themselves that the last frame does not.
     """
-    last, plate = _colours(references.last), _colours(references.plate)
-    if not inputs.plate:
-        return last.expand(len(condition), -1, -1, -1)
-    left = references.seen & (references.last_condition.classes[0] >= ROBOT)
-    uncovered = torch.from_numpy(left & (condition.classes < ROBOT))[:, None]
-    return torch.where(uncovered, plate, last)
+    still = _colours(references.last).expand(len(condition), -1, -1, -1)
+    before = references.last_condition
+    if inputs.plate:
+        left = references.seen & (before.classes[0] >= ROBOT)
+        uncovered = torch.from_numpy(left & (condition.classes < ROBOT))[:, None]
+        still = torch.where(uncovered, _colours(references.plate), still)
+    colours, carried = carry(references.last, before, condition)
+    stale = differs(before, condition) & (condition.classes >= ROBOT) & ~carried
+    return _with(still, colours, carried), torch.from_numpy(stale)[:, None].float()
+
+
+def _with(still: Tensor, colours: np.ndarray, carried: np.ndarray) -> Tensor:
+    """Frames (T, 3, H, W), with colours (T, H, W, 3) where something was carried (T, H, W)."""
+    moved = torch.from_numpy(colours.transpose(0, 3, 1, 2) / 127.5 - 1.0)
+    return torch.where(torch.from_numpy(carried)[:, None], moved, still)
 
 
 def known(references: References, condition: Condition, inputs: Inputs, still: Tensor) -> Tensor:
     """What true pictures tell of each frame (T, S, 3, H, W), so that a copy of a copy never has to be made.
 
-    The plate where neither robot nor object is; the anchor where the simulator shows the same as at the anchor; elsewhere
-    still (T, 3, H, W), as `background` gives it. S is Inputs.known.
+    The plate where neither robot nor object is; the anchor where the simulator shows the same as at the anchor, and what is
+    rigid carried from it; elsewhere still (T, 3, H, W), as `background` gives it. S is Inputs.known.
     """
     told = [still[:, None][:, :0]]
     if inputs.plate:
@@ -132,21 +148,10 @@ def known(references: References, condition: Condition, inputs: Inputs, still: T
         told.append(torch.where(free, _colours(references.plate), still)[:, None])
     if inputs.anchor:
         same = torch.from_numpy(~differs(references.anchor_condition, condition))[:, None]
-        told.append(torch.where(same, _colours(references.anchor), still)[:, None])
+        one = torch.where(same, _colours(references.anchor), still)
+        one = _with(one, *carry(references.anchor, references.anchor_condition, condition))
+        told.append(one[:, None])
     return torch.cat(told, 1)
-
-
-def stale(references: References, condition: Condition) -> Tensor:
-    """Where (T, 1, H, W) robot or object show another part of themselves than at the reference: 1, else 0."""
-    return torch.from_numpy(differs(references.last_condition, condition) & (condition.classes >= ROBOT))[
-        :, None
-    ].float()
-
-
-def differs(before: Condition, condition: Condition) -> np.ndarray:
-    """Pixels (T, H, W) at which a simulated frame shows something else than another (T = 1)."""
-    colours = np.abs(condition.rgb.astype(np.int16) - before.rgb).max(axis=3) > LEVELS
-    return colours | (condition.classes != before.classes)
 
 
 def _colours(frame: np.ndarray) -> Tensor:

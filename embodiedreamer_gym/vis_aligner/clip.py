@@ -20,20 +20,31 @@ class Condition:
     """What the simulator shows of T frames.
 
     rgb (T, H, W, 3) uint8; classes (T, H, W) uint8: 0 background, 1 table, 2 robot, 3 object, 4 goal; depth (T, H, W)
-    float32, m, or None. Where an object is, rgb and depth are not looked at: of real clips only its mask is known.
+    float32, m, or None. Where an object is, a network is not shown rgb and depth: of real clips only its mask is known.
+    parts (T, H, W) uint8: which rigid part is seen, from 1, 0 where none is or it is not known; projections (T, L, 3, 4) of
+    the L parts: (u, v, 1) depth = projection (x, y, z, 1), m to pixels; both or none, and only with depth.
     Raises: VisionError where shapes or types differ.
     """
 
     rgb: Array
     classes: Array
     depth: Array | None = None
+    parts: Array | None = None
+    projections: Array | None = None
 
     def __post_init__(self) -> None:
         if self.rgb.ndim != 4 or self.rgb.shape[3] != 3 or self.rgb.dtype != np.uint8:
             raise VisionError(f"simulated frames must be (T, H, W, 3) uint8, not {self.rgb.shape} {self.rgb.dtype}.")
-        for name, array in (("classes", self.classes), ("depth", self.depth)):
+        for name, array in (("classes", self.classes), ("depth", self.depth), ("parts", self.parts)):
             if array is not None and array.shape != self.rgb.shape[:3]:
                 raise VisionError(f"{name} must be {self.rgb.shape[:3]} as the simulated frames, not {array.shape}.")
+
+        if (self.parts is None) != (self.projections is None) or (self.parts is not None and self.depth is None):
+            raise VisionError("rigid parts need their projections and depth; give all three, or depth alone, or none.")
+        if self.projections is not None and (
+            self.projections.shape[2:] != (3, 4) or len(self.projections) != len(self.rgb)
+        ):
+            raise VisionError(f"projections must be ({len(self.rgb)}, L, 3, 4), not {self.projections.shape}.")
 
     def __len__(self) -> int:
         return len(self.rgb)
@@ -48,14 +59,25 @@ class Condition:
 
     def part(self, start: int, end: int) -> Condition:
         """Frames start .. end - 1."""
-        depth = None if self.depth is None else self.depth[start:end]
-        return Condition(self.rgb[start:end], self.classes[start:end], depth)
+        return self._cut(slice(start, end), (slice(None), slice(None)), self.projections)
 
     def crop(self, window: Window) -> Condition:
         """The part of all frames in a window."""
-        rows, columns = window
-        depth = None if self.depth is None else self.depth[:, rows, columns]
-        return Condition(self.rgb[:, rows, columns], self.classes[:, rows, columns], depth)
+        corner = np.array([[1, 0, -(window[1].start or 0)], [0, 1, -(window[0].start or 0)], [0, 0, 1]], np.float32)
+        return self._cut(slice(None), window, None if self.projections is None else corner @ self.projections)
+
+    def _cut(self, times: slice, window: Window, projections: Array | None) -> Condition:
+        where = (times, *window)
+        return Condition(
+            self.rgb[where], self.classes[where], None if self.depth is None else self.depth[where],
+            None if self.parts is None else self.parts[where], None if projections is None else projections[times],
+        )  # fmt: skip
+
+    def without_parts(self, smallest: int = 0) -> Condition:
+        """The condition with nothing known of the rigid parts of this class and those above it."""
+        if self.parts is None or smallest == 0:
+            return replace(self, parts=None, projections=None)
+        return replace(self, parts=np.where(self.classes >= smallest, 0, self.parts))
 
 
 @dataclass(frozen=True, eq=False)

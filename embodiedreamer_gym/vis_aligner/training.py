@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.aligner import Trainable
 from embodiedreamer_gym.vis_aligner.backdrop import with_backdrops
-from embodiedreamer_gym.vis_aligner.clip import Episode, References
+from embodiedreamer_gym.vis_aligner.clip import OBJECT, Condition, Episode, References
 
 CHECKPOINT = "checkpoint.pt"
 SAVED_EVERY = 250  # steps
@@ -27,15 +27,15 @@ Progress = Callable[[str, int, float], None]
 class TrainingConfig:
     """How a model is trained.
 
-    steps: of the optimiser; batch: clips; rate: peak learning rate; bare: share of walks that know the backdrop of their
-    bench; own: how likely a clip is followed by the next one of its episode, with the model's own last frame as reference
+    steps: of the optimiser; batch: clips; rate: peak learning rate; told: share of walks that know the backdrop of their
+    bench and how the objects move, the others only what a real clip tells; own: how likely a clip is followed by the next one of its episode, with the model's own last frame as reference
     (1 / (1 - own) clips in a row on average); average: of the weights, per step.
     """
 
     steps: int = 4000
     batch: int = 2
     rate: float = 1e-3
-    bare: float = 0.7
+    told: float = 0.7
     own: float = 0.8
     average: float = 0.998
     seed: int = 0
@@ -43,23 +43,32 @@ class TrainingConfig:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Where training is in an episode: its number, the frame the references show; whether it knows the backdrop; pictures
+    """Where training is in an episode: its number, the frame the references show; whether backdrop and objects' poses are known; pictures
     of the model's own, if any.
     """
 
     episode: int
     at: int
-    bare: bool
+    told: bool
     last: Tensor | None = None
     plate: Tensor | None = None
 
     def references(self, episodes: Sequence[Episode]) -> References:
         """References of the chunk that follows."""
         one = episodes[self.episode]
-        true = one.references(self.at, one.backdrop if self.bare else None)
+        true = self._known(one).references(self.at, one.backdrop if self.told else None)
         if self.last is None or self.plate is None:
             return true
         return replace(true, last=self.last.numpy(), plate=self.plate.numpy())
+
+    def condition(self, episodes: Sequence[Episode], frames: int) -> Condition:
+        """The condition of the chunk that follows."""
+        return self._known(episodes[self.episode]).condition.part(self.at + 1, self.at + 1 + frames)
+
+    def _known(self, one: Episode) -> Episode:
+        """The episode as this walk knows it."""
+        parts = one.condition.parts
+        return one if self.told or parts is None else replace(one, condition=one.condition.without_parts(OBJECT))
 
 
 class Training:
@@ -106,7 +115,7 @@ class Training:
             group["lr"] = self.config.rate * _share(step, self.config.steps)
         walks = [self._begin(episodes, rng) if walk is None else walk for walk in self.walks]
         chosen = [(episodes[w.episode], w.at) for w in walks]
-        conditions = [e.condition.part(at + 1, at + 1 + k) for e, at in chosen]
+        conditions = [walk.condition(episodes, k) for walk in walks]
         truth = [e.frames[at + 1 : at + 1 + k] for e, at in chosen]
         references = [w.references(episodes) for w in walks]
         loss, made = self.aligner.attempt(references, conditions, truth, generator)
@@ -122,7 +131,7 @@ class Training:
                 after = references[i].after(frames, condition)
                 if going[i]:
                     pictures = torch.tensor(after.last), torch.tensor(after.plate)
-                    self.walks[i] = Walk(walks[i].episode, walks[i].at + k, walks[i].bare, *pictures)
+                    self.walks[i] = Walk(walks[i].episode, walks[i].at + k, walks[i].told, *pictures)
         return float(loss.detach())
 
     def _begin(self, episodes: Sequence[Episode], rng: np.random.Generator) -> Walk:
@@ -130,7 +139,7 @@ class Training:
         starts = np.cumsum([len(e) - self.aligner.chunk for e in episodes])
         drawn = int(rng.integers(starts[-1]))
         number = int(np.searchsorted(starts, drawn, side="right"))
-        return Walk(number, int(starts[number]) - 1 - drawn, bool(rng.random() < self.config.bare))
+        return Walk(number, int(starts[number]) - 1 - drawn, bool(rng.random() < self.config.told))
 
     def _average(self, keep: float) -> None:
         with torch.no_grad():

@@ -80,7 +80,7 @@ def test_a_walk_goes_on_from_own_frames() -> None:
     found, true = walk.references([clip]), clip.references(walk.at)
     assert not np.array_equal(found.last, true.last)
     assert np.array_equal(found.anchor, clip.frames[0])
-    assert [w.bare for w in walking.walks if w] == [walk.bare]
+    assert [w.told for w in walking.walks if w] == [walk.told]
     at = walk.at
     walking.run([clip], until=2)
     assert walking.walks[0] is None or walking.walks[0].at == at + 4
@@ -89,16 +89,16 @@ def test_a_walk_goes_on_from_own_frames() -> None:
     assert never.walks == [None]
 
 
-@pytest.mark.parametrize("bare", [0.0, 1.0])
-def test_a_walk_knows_the_backdrop_or_not(bare: float) -> None:
+@pytest.mark.parametrize("told", [0.0, 1.0])
+def test_a_walk_knows_the_backdrop_or_not(told: float) -> None:
     """All along, so that models work for those who have one and for those who have none."""
     clip = with_backdrops([episode(seed) for seed in range(3)])[0]
-    walking = Training(fresh(), TrainingConfig(steps=8, batch=1, own=1.0, bare=bare))
+    walking = Training(fresh(), TrainingConfig(steps=8, batch=1, own=1.0, told=told))
     walking.run([clip], until=1)
     (walk,) = walking.walks
     assert walk is not None and clip.backdrop is not None
     behind = clip.backdrop.seen & ~clip.references(walk.at).seen
-    assert behind.any() and (walk.references([clip]).seen[behind] == bool(bare)).all()
+    assert behind.any() and (walk.references([clip]).seen[behind] == bool(told)).all()
 
 
 def test_every_frame_is_as_likely_a_start() -> None:
