@@ -10,7 +10,7 @@ import torch
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.aligner import dream
-from embodiedreamer_gym.vis_aligner.channels import Inputs, background, known, stale, to_frames
+from embodiedreamer_gym.vis_aligner.channels import Inputs, background, known, to_frames
 from embodiedreamer_gym.vis_aligner.clip import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
@@ -49,12 +49,13 @@ def test_any_size_and_length(size: tuple[int, int], frames: int) -> None:
 def test_a_shut_gate_leaves_pixels_exactly_as_they_were() -> None:
     one = episode()
     references, condition = one.references(0), one.condition.part(8, 9)
-    still = to_frames(background(references, condition, Inputs()))[0]
+    found, stale = background(references, condition, Inputs())
+    still = to_frames(found)[0]
     shut, opened, whole = (
         aligner(replace(SMALL, gate=gate), bias=bias).render([references], [condition])[0][0]
         for gate, bias in ((True, -50.0), (True, 50.0), (False, -50.0))
     )
-    kept = stale(references, condition)[0, 0].numpy() == 0
+    kept = stale[0, 0].numpy() == 0
     assert np.array_equal(shut[kept], still[kept]) and 0.5 < kept.mean() < 1
     assert 0.1 < (opened != still).any(axis=2).mean() < (whole != still).any(axis=2).mean()
 
@@ -65,9 +66,9 @@ def test_what_true_pictures_tell_can_be_chosen() -> None:
     references, condition = replace(one.references(8), last=np.zeros_like(one.frames[0])), one.condition.part(0, 1)
     made = aligner(bias=-50.0, choice=50.0).render([references], [condition])[0][0]
     rows, columns = windows([references], [condition])[0]
-    old = stale(references, condition)[0, 0].numpy() > 0
+    still, stale = background(references, condition, Inputs())
+    old = stale[0, 0].numpy() > 0
     assert np.array_equal(made[rows, columns][~old[rows, columns]], one.frames[0][rows, columns][~old[rows, columns]])
-    still = background(references, condition, Inputs())
     plate, anchor = to_frames(known(references, condition, Inputs(), still))[0]
     free = (condition.classes[0] < 2) & references.seen
     assert np.array_equal(plate[free], references.plate[free]) and not plate[(condition.classes[0] == 2) & ~free].any()
@@ -113,7 +114,7 @@ def test_windows_of_a_batch_have_one_size(seed: int) -> None:
         assert not (moving(reference, condition) & ~inside).any()
 
 
-@pytest.mark.parametrize("inputs", [Inputs(), Inputs(False, False, False, False, False)], ids=["all", "least"])
+@pytest.mark.parametrize("inputs", [Inputs(), Inputs(False, False, False, False, False, False)], ids=["all", "least"])
 def test_a_batch_gives_what_each_alone_gives(inputs: Inputs) -> None:
     ones = [episode(seed) for seed in range(3)]
     model = aligner(replace(SMALL, inputs=inputs), steps=2)
