@@ -68,7 +68,7 @@ def episodes(data: Path, number: int, found: dict[str, Camera]) -> dict[str, Epi
             np.stack([getattr(s, k) for s in seen]) for k in ("rgb", "segmentation", "depth", "parts", "projections")
         )
         name = f"{episode}_camera{number}"
-        made[episode] = Episode(name, frames, Condition(*shown), bench=name)
+        made[episode] = Episode(name, frames, Condition(*shown), look=name)
     renderer.close()
     client.disconnect()
     return made

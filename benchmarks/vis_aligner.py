@@ -20,7 +20,7 @@ from benchmarks.common import pin_threads
 from embodiedreamer_gym.cli import main as embodiedreamer
 from embodiedreamer_gym.robot.files import write_json
 from embodiedreamer_gym.vis_aligner import Aligner, Episode, load_aligner, load_bank, load_episodes, measures
-from embodiedreamer_gym.vis_aligner.clip import Backdrop
+from embodiedreamer_gym.vis_aligner.clip import Bench
 from embodiedreamer_gym.vis_aligner.judging import AFTER_TRUE, CLOSED, Judged, judge, tables
 
 CUP = "PutCupOnMat"
@@ -34,7 +34,7 @@ FILMS: dict[str, Mapping[str, Any]] = {
     "looks_test": {"task": CUP, "look": "many", "episodes": 8, "frames": 49, "seed": 7000},
 }
 LEARNT = ("cup_train", "looks", "looks_all")
-STEPS = 8000
+STEPS = 6000
 TUNED = 1500  # steps of the fine-tuning on the lab
 
 
@@ -48,21 +48,21 @@ def films(out: Path) -> None:
 def weights(out: Path) -> None:
     """Train the network and make the bank."""
     _run(["vis", "train", *(str(out / name) for name in LEARNT), "--steps", str(STEPS), "--out", str(out / "model")])
-    _run(["vis", "bank", str(out / "bank"), "--backdrop", str(out / "cup_train"), "--out", str(out / "lab.npz")])
+    _run(["vis", "bank", str(out / "bank"), "--more", str(out / "cup_train"), "--out", str(out / "lab.npz")])
 
 
 def figures(out: Path, aligner: str, strips: Path | None) -> None:
     """Hold a model against the films that it was not trained on."""
-    model, backdrop = load_aligner(aligner), load_bank("lab").backdrop
+    model, bench = load_aligner(aligner), load_bank("lab").bench
     tuned = out / "tuned" / "lean.pt"
     if aligner == "lean":
         _run(["vis", "fine-tune", str(out / "cup_train"), "--steps", str(TUNED), "--out", str(tuned.parent)])
     for title, name, one, behind in (
-        ("held-out episodes of the lab", "cup_test", model, backdrop),
-        (f"the same, fine-tuned on the lab for {TUNED} steps", "cup_test", tuned, backdrop),
-        ("the same, without the bench's backdrop", "cup_test", model, None),
-        ("looks that were never seen, no fine-tuning, no backdrop", "looks_test", model, None),
-        ("whole episodes of the lab", "cup_full", model, backdrop),
+        ("held-out episodes of the lab", "cup_test", model, bench),
+        (f"the same, fine-tuned on the lab for {TUNED} steps", "cup_test", tuned, bench),
+        ("the same, nothing known of the bench", "cup_test", model, None),
+        ("looks that were never seen, no fine-tuning, nothing known of the bench", "looks_test", model, None),
+        ("whole episodes of the lab", "cup_full", model, bench),
     ):
         if isinstance(one, Path) and not one.is_file():
             continue
@@ -73,9 +73,9 @@ def figures(out: Path, aligner: str, strips: Path | None) -> None:
             drift(judged)
 
 
-def report(title: str, episodes: Sequence[Episode], aligner: Aligner, backdrop: Backdrop | None) -> list[Judged]:
+def report(title: str, episodes: Sequence[Episode], aligner: Aligner, bench: Bench | None) -> list[Judged]:
     """Print the tables of some episodes."""
-    judged = [judge(aligner, episode, backdrop=backdrop) for episode in episodes]
+    judged = [judge(aligner, episode, bench=bench) for episode in episodes]
     print(f"\n## {title}: {len(judged)} episodes\n\n{tables(judged, markdown=True)}", flush=True)
     return judged
 
@@ -106,7 +106,7 @@ def write_strips(judged: Sequence[Judged], folder: Path) -> None:
     for number, j in enumerate(judged):
         rows = {name: j.clips[name] for name in ("simulated", CLOSED, "real")}
         picture = measures.strip(rows, columns=6, zoom=1)
-        cv2.imwrite(str(folder / f"{j.episode.bench.split()[0]}_{number}.png"), picture[..., ::-1])
+        cv2.imwrite(str(folder / f"{j.episode.look.split()[0]}_{number}.png"), picture[..., ::-1])
     write_json(
         {j.episode.name: {k: m.as_dict() for k, m in j.measures.items()} for j in judged}, folder / "measures.json"
     )

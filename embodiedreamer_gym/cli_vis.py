@@ -38,10 +38,10 @@ def add_vis(verbs: Any) -> None:
             )
             one.add_argument("--diffusion-steps", type=int, default=1, metavar="N", help="default %(default)s")
         if name == "bank":
-            text = "episodes of the same bench, for what is behind robot and objects"
-            one.add_argument("--backdrop", nargs="+", default=[], metavar="EPISODES", help=text)
+            text = "more episodes of the same bench, from anywhere in them"
+            one.add_argument("--more", nargs="+", default=[], metavar="EPISODES", help=text)
         if name in ("evaluate", "render"):
-            one.add_argument("--bank", metavar="B", help="lab, or a file: the bench without robot and objects")
+            one.add_argument("--bank", metavar="B", help="what is known of the bench: lab, or a file")
         if name == "evaluate":
             one.add_argument("--chunks", type=int, metavar="N", help="of each episode (default: all)")
             one.add_argument("--json", type=Path, metavar="FILE", help="write the measures as JSON")
@@ -123,10 +123,10 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
     from embodiedreamer_gym.vis_aligner.judging import judge, tables
 
-    aligner, judged, backdrop = _aligner(a), [], _backdrop(a)
+    aligner, judged, bench = _aligner(a), [], _bench(a)
     episodes = load_episodes(a.episodes)
     for number, episode in enumerate(episodes):
-        judged.append(judge(aligner, episode, a.chunks, backdrop))
+        judged.append(judge(aligner, episode, a.chunks, bench))
         if not a.quiet:
             progress("evaluating", number + 1, judged[-1].measures["closed loop"]["psnr"])
         if a.strips is not None:
@@ -151,7 +151,7 @@ def _render(a: argparse.Namespace, progress: Any) -> None:
     if len(episodes) != 1:
         raise EmbodieDreamerError(f"vis render takes one episode, not {len(episodes)}.")
     one = episodes[0]
-    frames, _ = dream(_aligner(a), [one.references(0, _backdrop(a))], [one.condition.part(1, len(one))])
+    frames, _ = dream(_aligner(a), [one.references(0, _bench(a))], [one.condition.part(1, len(one))])
     write_video(np.concatenate([one.frames[:1], frames[0]]), a.out)
     print(a.out)
 
@@ -162,7 +162,7 @@ def _bank(a: argparse.Namespace, progress: Any) -> None:
 
     paths: Sequence[Path] = expand(a.episodes)
     scenes = [load_scene(path) for path in paths]
-    more = load_episodes(a.backdrop) if a.backdrop else []
+    more = load_episodes(a.more) if a.more else []
     bank = make_bank([load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes], more)
     save_bank(bank, a.out)
     print(f"{a.out}: {bank!r}")
@@ -209,10 +209,10 @@ def _masks(a: argparse.Namespace) -> Callable[[str], Any]:
     return lambda name: no_masks if a.masks is None else masks_in(a.masks / name)
 
 
-def _backdrop(a: argparse.Namespace) -> Any:
+def _bench(a: argparse.Namespace) -> Any:
     from embodiedreamer_gym.vis_aligner import load_bank
 
-    return None if a.bank is None else load_bank(a.bank).backdrop
+    return None if a.bank is None else load_bank(a.bank).bench
 
 
 def _aligner(a: argparse.Namespace) -> Any:

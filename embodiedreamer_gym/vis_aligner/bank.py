@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.backdrop import make_backdrop
-from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, OBJECT, ROBOT, Backdrop, Condition, Episode
+from embodiedreamer_gym.vis_aligner.bench import make_bench
+from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, OBJECT, ROBOT, Bench, Condition, Episode, Gallery
 
 MARGIN = 0.06  # of the width: how far around an object its shadow is copied with it
 SLENDER = 1.5  # ratio of an outline's axes from which it is turned, not only stretched
@@ -47,13 +47,13 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """plate (H, W, 3) uint8: the bench without objects, the robot at rest; entries: photos with objects; backdrop: the
-    bench without robot and objects, where it was made.
+    """plate (H, W, 3) uint8: the bench without objects, the robot at rest; entries: photos with objects; bench:
+    what else is known of it, where that was made.
     """
 
     plate: Array
     entries: tuple[Entry, ...]
-    backdrop: Backdrop | None = None
+    bench: Bench | None = None
 
     def __post_init__(self) -> None:
         if not self.entries:
@@ -154,7 +154,7 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
 
     The plate is the median of what table and background look like where no object is, and the robot of the first frames;
     poses, joints: of the props and the robot at the first frames, where known; more: episodes of the same bench that begin
-    anywhere, for the backdrop.
+    anywhere, to know more of it.
     Raises: VisionError without an episode, or where sizes differ.
     """
     if not episodes:
@@ -165,16 +165,16 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
     plate = np.ma.median(free, axis=0)
     holes = np.ma.getmaskarray(plate)[..., 0]
     filled = np.round(plate.filled(0)).astype(np.uint8)
-    backdrop = make_backdrop([*episodes, *more])
+    bench = make_bench([*episodes, *more])
     if holes.any():  # an object stood there in every first frame: what is behind it, else a guess
-        known = holes & backdrop.seen
-        filled[known] = backdrop.picture[known]
+        known = holes & bench.seen
+        filled[known] = bench.picture[known]
         filled = cv2.inpaint(filled, (holes & ~known).astype(np.uint8), 3, cv2.INPAINT_TELEA)
     entries = [
         Entry(frame, seen, joints[i] if joints else None, poses[i] if poses else None, episodes[i].class_names[OBJECT:])
         for i, (frame, seen) in enumerate(zip(firsts, classes, strict=True))
     ]
-    return Bank(filled, tuple(entries), backdrop)
+    return Bank(filled, tuple(entries), bench)
 
 
 # ---- outlines --------------------------------------------------------------------------------------------------
@@ -225,8 +225,12 @@ def save_bank(bank: Bank, path: str | Path) -> None:
         "plate": bank.plate, "frames": np.stack([e.frame for e in bank.entries]),
         "classes": np.stack([e.classes for e in bank.entries]), "props": np.array(["\n".join(e.props) for e in bank.entries]),
     }  # fmt: skip
-    if bank.backdrop is not None:
-        data |= {"backdrop": bank.backdrop.picture, "backdrop.seen": bank.backdrop.seen}
+    if bank.bench is not None:
+        data |= {"bench": bank.bench.picture, "bench.seen": bank.bench.seen}
+        if bank.bench.gallery is not None:
+            seen = vars(bank.bench.gallery.condition)
+            data["gallery"] = bank.bench.gallery.frames
+            data |= {f"gallery.{key}": array for key, array in seen.items() if array is not None}
     if all(e.joints is not None for e in bank.entries):
         data["joints"] = np.stack([np.asarray(e.joints) for e in bank.entries])
     for name in sorted({n for e in bank.entries for n in (e.poses or {})}):
@@ -251,8 +255,15 @@ def load_bank(path: str | Path) -> Bank:
             props = tuple(str(arrays["props"][i]).split("\n"))
             joints = arrays["joints"][i] if "joints" in arrays else None
             entries.append(Entry(frame, classes, joints, poses or None, props))
-        known = "backdrop" in arrays
-        backdrop = Backdrop(arrays["backdrop"], arrays["backdrop.seen"].astype(bool)) if known else None
-        return Bank(arrays["plate"], tuple(entries), backdrop)
+        return Bank(arrays["plate"], tuple(entries), _bench(arrays))
     except (OSError, KeyError, ValueError, EOFError) as error:
         raise VisionError(f"{path} is no reference bank; make one with `embodiedreamer vis bank`.") from error
+
+
+def _bench(arrays: Mapping[str, Array]) -> Bench | None:
+    """What a file knows of the bench."""
+    if "bench" not in arrays:
+        return None
+    seen = {key.removeprefix("gallery."): data for key, data in arrays.items() if key.startswith("gallery.")}
+    gallery = Gallery(arrays["gallery"], Condition(**seen)) if "gallery" in arrays else None
+    return Bench(arrays["bench"], arrays["bench.seen"].astype(bool), gallery)

@@ -5,12 +5,16 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from embodiedreamer_gym.vis_aligner.clip import Condition
+from embodiedreamer_gym.vis_aligner.clip import Condition, Gallery
 
 LEVELS = 2  # of 255, up to which a simulated colour counts as the same
 STILL = 0.05  # pixels by which a part may move and still count as standing
 PROBE = 0.1  # m from a part's origin to the points by which its motion is told
 NEAR = 0.015  # m between two depths of one point of a part
+CHOICES = 2  # photos of a gallery that are tried for each part, the second where the first does not show it
+FEWEST = 4  # pixels of a part that make a photo of it
+MOST = 30000  # places that OpenCV looks up at once
+Carried = tuple[np.ndarray, np.ndarray]  # colours (T, H, W, 3) float32, where there are any (T, H, W)
 
 
 def differs(before: Condition, condition: Condition) -> np.ndarray:
@@ -22,42 +26,86 @@ def differs(before: Condition, condition: Condition) -> np.ndarray:
     return found
 
 
-def carry(picture: np.ndarray, before: Condition, condition: Condition) -> tuple[np.ndarray, np.ndarray]:
-    """Colours (T, H, W, 3) float32 of parts that have moved, from a picture (H, W, 3) of another instant; where (T, H, W).
+def carry(picture: np.ndarray, before: Condition, condition: Condition) -> Carried:
+    """Colours of parts that have moved, from a picture (H, W, 3) of another instant.
 
     before (T = 1): what the simulator showed at that instant. A pixel is carried where its point of the part was in view.
     """
-    out, carried = np.zeros(condition.rgb.shape, np.float32), np.zeros(condition.classes.shape, bool)
-    if condition.parts is None or condition.projections is None or before.parts is None or before.projections is None:
-        return out, carried
-    times, rows, columns = np.nonzero(_of_parts(_moved(before, condition), condition.parts))
+    out = _nothing(condition)
+    if condition.parts is not None and before.parts is not None and before.projections is not None:
+        wanted = _of_parts(_moved(before, condition), condition.parts)
+        numbers = np.zeros(before.projections.shape[1], int)
+        _take(picture[None], before, before.projections[0], numbers, condition, wanted, out)
+    return out
+
+
+def recall(gallery: Gallery | None, condition: Condition) -> Carried:
+    """Colours of the robot's parts, each from the photo of a gallery that shows it most nearly from the same side."""
+    out = _nothing(condition)
+    if gallery is None or condition.parts is None or gallery.condition.projections is None:
+        return out
+    now = facings(condition).mean(axis=0)[: gallery.condition.projections.shape[1]]
+    count = len(now)
+    alike = np.einsum("klc,lc->kl", facings(gallery.condition)[:, :count], now)
+    alike[gallery.visible[:, :count] < FEWEST] = -np.inf
+    order = np.argsort(-alike, axis=0, kind="stable")
+    for numbers in order[:CHOICES]:
+        usable = np.isfinite(alike[numbers, np.arange(count)])
+        wanted = _of_parts(np.broadcast_to(usable, (len(condition), count)), condition.parts) & ~out[1]
+        projections = gallery.condition.projections[numbers, np.arange(count)]
+        _take(gallery.frames, gallery.condition, projections, numbers, condition, wanted, out)
+    return out
+
+
+def facings(condition: Condition) -> np.ndarray:
+    """The camera's axis (T, L, 3) in the frame of each part: which side of it is seen."""
+    axes = np.asarray(condition.projections, np.float32)[:, :, 2, :3]
+    return axes / np.linalg.norm(axes, axis=2, keepdims=True)
+
+
+def _take(pictures: np.ndarray, before: Condition, projections: np.ndarray, numbers: np.ndarray, condition: Condition,
+          wanted: np.ndarray, out: Carried) -> None:  # fmt: skip
+    """Fill in the colours of wanted pixels (T, H, W).
+
+    pictures (K, H, W, 3) and before (K frames): of which each part (L) is looked for in the one of its number, where it has
+    the projection (L, 3, 4).
+    """
+    times, rows, columns = np.nonzero(wanted)
     if not len(times):
-        return out, carried
-    parts = condition.parts[times, rows, columns]
-    turn, shift = _between(before.projections[0], condition.projections)
+        return
+    parts = condition.parts[times, rows, columns].astype(int) - 1  # pyright: ignore[reportOptionalSubscript]
+    turn, shift = _between(projections, np.asarray(condition.projections)[:, : len(projections)])
     depths = _depth(condition)[times, rows, columns]
     rays = np.stack([columns, rows, np.ones(len(rows))], 1) * depths[:, None]
-    points = np.einsum("nij,nj->ni", turn[times, parts - 1], rays) + shift[times, parts - 1]
+    points = np.einsum("nij,nj->ni", turn[times, parts], rays) + shift[times, parts]
     away = np.maximum(points[:, 2], 1e-3)
-    u, v = points[:, 0] / away, points[:, 1] / away
-    height, width = picture.shape[:2]
-    i, j = np.round(v).astype(int).clip(0, height - 1), np.round(u).astype(int).clip(0, width - 1)
-    seen = (np.abs(u - j) <= 0.51) & (np.abs(v - i) <= 0.51) & (before.parts[0, i, j] == parts)
-    seen &= np.abs(_depth(before)[0, i, j] - points[:, 2]) < NEAR
-    here = (times[seen], rows[seen], columns[seen])
-    place = (u[seen].astype(np.float32)[:, None], v[seen].astype(np.float32)[:, None])
-    if len(place[0]):
-        out[here] = _sampled(picture.astype(np.float32), *place)
-        carried[here] = True
-    return out, carried
+    u, v, photo = points[:, 0] / away, points[:, 1] / away, numbers[parts]
+    height, width = pictures.shape[1:3]
+    i, j = np.round(v).clip(0, height - 1).astype(int), np.round(u).clip(0, width - 1).astype(int)
+    seen = (np.abs(u - j) <= 0.51) & (np.abs(v - i) <= 0.51)
+    seen &= before.parts[photo, i, j] == parts + 1  # pyright: ignore[reportOptionalSubscript]
+    seen &= np.abs(_depth(before)[photo, i, j] - points[:, 2]) < NEAR
+    if seen.any():
+        u, v, photo = u[seen], v[seen].clip(0, height - 1), photo[seen]
+        out[0][times[seen], rows[seen], columns[seen]] = _sampled(pictures, u, v + photo * height)
+        out[1][times[seen], rows[seen], columns[seen]] = True
 
 
-def _sampled(picture: np.ndarray, u: np.ndarray, v: np.ndarray, most: int = 30000) -> np.ndarray:
-    """Colours (n, 3) between pixels; OpenCV takes no more than 32767 rows at once."""
-    spans = range(0, len(u), most)
-    taken = [cv2.remap(picture, u[s : s + most], v[s : s + most], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-             for s in spans]  # fmt: skip
+def _sampled(pictures: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Colours (n, 3) between pixels of pictures that lie one below the other."""
+    tall = pictures.reshape(-1, *pictures.shape[2:])
+    places = u.astype(np.float32)[:, None], v.astype(np.float32)[:, None]
+    taken = [
+        cv2.remap(
+            tall, places[0][s : s + MOST], places[1][s : s + MOST], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        for s in range(0, len(u), MOST)
+    ]
     return np.concatenate(taken)[:, 0]
+
+
+def _nothing(condition: Condition) -> Carried:
+    return np.zeros(condition.rgb.shape, np.float32), np.zeros(condition.classes.shape, bool)
 
 
 def _between(before: np.ndarray, now: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -76,8 +124,9 @@ def _moved(before: Condition, condition: Condition) -> np.ndarray:
 
 
 def _of_parts(which: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Pixels (T, H, W) of these parts (T, L)."""
-    table = np.concatenate([np.zeros((len(which), 1), bool), which], 1)
+    """Pixels (T, H, W) of these parts (T, L); a part beyond the last is none of them."""
+    table = np.zeros((len(which), 256), bool)
+    table[:, 1 : which.shape[1] + 1] = which
     return np.take_along_axis(table, parts.reshape(len(parts), -1).astype(np.intp), 1).reshape(parts.shape)
 
 

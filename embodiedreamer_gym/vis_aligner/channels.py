@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from embodiedreamer_gym.vis_aligner.carry import carry, differs
+from embodiedreamer_gym.vis_aligner.carry import carry, differs, recall
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, TABLE, Condition, References
 
 NEAR, REACH = 1.0, 0.5  # m; a depth of NEAR +- REACH is -1 .. 1
@@ -26,7 +26,8 @@ class Inputs:
 
     masks: channels of robot, object and goal (else objects are erased from the picture); depth: depth and its two
     slopes; anchor: the true first frame; plate: what has been seen behind moving things; at_reference: the simulated
-    view at the reference's time; carry: links and objects that have moved are taken along from the pictures that show them.
+    view at the reference's time; carry: links and objects that have moved are taken along from the pictures that show them;
+    gallery: links also from photos of the robot in other poses.
     """
 
     masks: bool = True
@@ -35,6 +36,7 @@ class Inputs:
     plate: bool = True
     at_reference: bool = True
     carry: bool = True
+    gallery: bool = True
 
     @property
     def per_frame(self) -> int:
@@ -44,7 +46,7 @@ class Inputs:
     @property
     def known(self) -> int:
         """Pictures of true frames that each frame can be made of."""
-        return self.plate + self.anchor
+        return self.plate + self.anchor + self.gallery
 
     @property
     def per_clip(self) -> int:
@@ -140,7 +142,8 @@ def known(references: References, condition: Condition, inputs: Inputs, still: T
     """What true pictures tell of each frame (T, S, 3, H, W), so that a copy of a copy never has to be made.
 
     The plate where neither robot nor object is; the anchor where the simulator shows the same as at the anchor, and what is
-    rigid carried from it; elsewhere still (T, 3, H, W), as `background` gives it. S is Inputs.known.
+    rigid carried from it; the robot's links from the gallery; elsewhere still (T, 3, H, W), as `background` gives it. S is
+    Inputs.known.
     """
     told = [still[:, None][:, :0]]
     if inputs.plate:
@@ -151,6 +154,8 @@ def known(references: References, condition: Condition, inputs: Inputs, still: T
         one = torch.where(same, _colours(references.anchor), still)
         one = _with(one, *carry(references.anchor, references.anchor_condition, condition))
         told.append(one[:, None])
+    if inputs.gallery:
+        told.append(_with(still, *recall(references.gallery, condition))[:, None])
     return torch.cat(told, 1)
 
 

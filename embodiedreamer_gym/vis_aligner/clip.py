@@ -81,14 +81,45 @@ class Condition:
 
 
 @dataclass(frozen=True, eq=False)
-class Backdrop:
-    """What is behind robot and objects: picture (H, W, 3) uint8; seen (H, W) bool: where that is known.
+class Gallery:
+    """True pictures of moments at which the robot stood in different poses.
+
+    frames (K, H, W, 3) uint8; condition: what the simulator shows of the same moments, with its parts.
+    Raises: VisionError where they do not fit, or the parts are not known.
+    """
+
+    frames: Array
+    condition: Condition
+
+    def __post_init__(self) -> None:
+        if self.frames.shape != self.condition.rgb.shape or self.condition.parts is None:
+            raise VisionError(
+                f"a gallery needs photos {self.condition.rgb.shape}, not {self.frames.shape}, and the parts they show."
+            )
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @cached_property
+    def visible(self) -> Array:
+        """Pixels (K, L) of each part in each photo."""
+        shown = np.asarray(self.condition.parts).reshape(len(self), -1).astype(np.intp)
+        return np.stack([np.bincount(one, minlength=256)[1:] for one in shown])
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """What is known of a bench before an episode begins.
+
+    picture (H, W, 3) uint8: what is behind robot and objects; seen (H, W) bool: where that is known; gallery: photos of the
+    robot in other poses.
 
     Raises: VisionError where the sizes differ.
     """
 
     picture: Array
     seen: Array
+    gallery: Gallery | None = None
 
     def __post_init__(self) -> None:
         if self.picture.dtype != np.uint8 or self.picture.shape != (*self.seen.shape, 3):
@@ -98,7 +129,7 @@ class Backdrop:
             )
 
     def over(self, plate: Array, seen: Array) -> tuple[Array, Array]:
-        """A plate (H, W, 3) and where it was seen (H, W), with this in front of it.
+        """A plate (H, W, 3) and where it was seen (H, W), with the picture in front of it.
 
         Raises: VisionError where the sizes differ.
         """
@@ -112,7 +143,8 @@ class References:
     """What a chunk starts from: the last real or generated frame, the anchor, and what has been seen behind things.
 
     last, anchor (H, W, 3) uint8; last_condition, anchor_condition: the simulator's view at those instants (T = 1); plate
-    (H, W, 3) uint8: the newest picture of table and background, where they were ever seen; seen (H, W) bool: where.
+    (H, W, 3) uint8: the newest picture of table and background, where they were ever seen; seen (H, W) bool: where;
+    gallery: true pictures of the robot in other poses.
     The anchor is the true first frame and is never replaced.
     """
 
@@ -122,10 +154,12 @@ class References:
     anchor_condition: Condition
     plate: Array
     seen: Array
+    gallery: Gallery | None = None
 
     @staticmethod
-    def start(frame: Array, condition: Condition, backdrop: Backdrop | None = None) -> References:
-        """References of an episode's first frame (H, W, 3) and the simulator's view of it; backdrop: of its bench.
+    def start(frame: Array, condition: Condition, bench: Bench | None = None) -> References:
+        """References of an episode's first frame (H, W, 3) and the simulator's view of it; bench: what is known
+        of it beforehand.
 
         Raises: VisionError when the sizes differ.
         """
@@ -137,9 +171,9 @@ class References:
         free = condition.classes[-1] < ROBOT
         first = condition.part(len(condition) - 1, len(condition))
         plate = np.where(free[..., None], frame, 0).astype(np.uint8)
-        if backdrop is not None:
-            plate, free = backdrop.over(plate, free)
-        return References(frame, first, frame, first, plate, free)
+        if bench is not None:
+            plate, free = bench.over(plate, free)
+        return References(frame, first, frame, first, plate, free, None if bench is None else bench.gallery)
 
     def after(self, frames: Array, condition: Condition) -> References:
         """References once frames (T, H, W, 3) have been shown: what they uncovered is kept, what was seen is not redrawn."""
@@ -158,7 +192,8 @@ class References:
     def crop(self, window: Window) -> References:
         """The part of everything in a window."""
         pictures = (self.last[window], self.last_condition.crop(window), self.anchor[window])
-        return References(*pictures, self.anchor_condition.crop(window), self.plate[window], self.seen[window])
+        anchored = self.anchor_condition.crop(window)
+        return References(*pictures, anchored, self.plate[window], self.seen[window], self.gallery)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -170,8 +205,8 @@ class References:
 class Episode:
     """A clip with its truth: real frames (T, H, W, 3) uint8 and what the simulator shows of the same instants.
 
-    clean: the frames without the sensor's noise, where known; class_names: what the classes' numbers mean; bench: episodes
-    before the same bench and light have one name; backdrop: of that bench, where it was made.
+    clean: the frames without the sensor's noise, where known; class_names: what the classes' numbers mean; look: episodes
+    before the same bench, in the same light, have one name; bench: what is known of it, where that was made.
     Raises: VisionError when the sizes differ.
     """
 
@@ -180,8 +215,8 @@ class Episode:
     condition: Condition
     clean: Array | None = None
     class_names: tuple[str, ...] = CLASS_NAMES
-    bench: str = ""
-    backdrop: Backdrop | None = None
+    look: str = ""
+    bench: Bench | None = None
 
     def __post_init__(self) -> None:
         if self.frames.shape != self.condition.rgb.shape or self.frames.dtype != np.uint8:
@@ -202,15 +237,16 @@ class Episode:
         free = self.condition.classes < ROBOT
         return np.where(free.any(axis=0), free.argmax(axis=0), len(self))
 
-    def references(self, at: int, backdrop: Backdrop | None = None) -> References:
-        """References of a chunk that follows frame `at`, as if all frames up to there had been shown; backdrop: as known
-        beforehand.
+    def references(self, at: int, bench: Bench | None = None) -> References:
+        """References of a chunk that follows frame `at`, as if all frames up to there had been shown; bench: what is
+        known of it beforehand.
         """
         seen = self.first_seen <= at
         rows, columns = np.indices(seen.shape)
         plate = self.frames[np.minimum(self.first_seen, len(self) - 1), rows, columns]
         plate = np.where(seen[..., None], plate, 0).astype(np.uint8)
-        if backdrop is not None:
-            plate, seen = backdrop.over(plate, seen)
+        if bench is not None:
+            plate, seen = bench.over(plate, seen)
         part = self.condition.part
-        return References(self.frames[at], part(at, at + 1), self.frames[0], part(0, 1), plate, seen)
+        gallery = None if bench is None else bench.gallery
+        return References(self.frames[at], part(at, at + 1), self.frames[0], part(0, 1), plate, seen, gallery)

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.aligner import Trainable
-from embodiedreamer_gym.vis_aligner.backdrop import with_backdrops
+from embodiedreamer_gym.vis_aligner.bench import with_benches
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, Condition, Episode, References
 
 CHECKPOINT = "checkpoint.pt"
@@ -27,8 +27,8 @@ Progress = Callable[[str, int, float], None]
 class TrainingConfig:
     """How a model is trained.
 
-    steps: of the optimiser; batch: clips; rate: peak learning rate; told: share of walks that know the backdrop of their
-    bench and how the objects move, the others only what a real clip tells; own: how likely a clip is followed by the next one of its episode, with the model's own last frame as reference
+    steps: of the optimiser; batch: clips; rate: peak learning rate; told: share of walks that know their bench and how
+    the objects move, the others only what a real clip tells; own: how likely a clip is followed by the next one of its episode, with the model's own last frame as reference
     (1 / (1 - own) clips in a row on average); average: of the weights, per step.
     """
 
@@ -43,7 +43,7 @@ class TrainingConfig:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Where training is in an episode: its number, the frame the references show; whether backdrop and objects' poses are known; pictures
+    """Where training is in an episode: its number, the frame the references show; whether bench and objects' poses are known; pictures
     of the model's own, if any.
     """
 
@@ -56,7 +56,7 @@ class Walk:
     def references(self, episodes: Sequence[Episode]) -> References:
         """References of the chunk that follows."""
         one = episodes[self.episode]
-        true = self._known(one).references(self.at, one.backdrop if self.told else None)
+        true = self._known(one).references(self.at, one.bench if self.told else None)
         if self.last is None or self.plate is None:
             return true
         return replace(true, last=self.last.numpy(), plate=self.plate.numpy())
@@ -186,7 +186,7 @@ def train(aligner: Trainable, episodes: Sequence[Episode], config: TrainingConfi
 
     Raises: VisionError without long enough episodes, or where the checkpoint is of other settings.
     """
-    training, episodes = Training(aligner, config), with_backdrops(episodes)
+    training, episodes = Training(aligner, config), with_benches(episodes)
     checkpoint = None if folder is None else Path(folder) / CHECKPOINT
     if checkpoint is not None:
         checkpoint.parent.mkdir(parents=True, exist_ok=True)

@@ -178,7 +178,7 @@ def conditions(info: Mapping[str, Any]) -> Condition:
 def first(bank: Bank, condition: Condition, entry: Entry | None) -> References:
     """The references of an episode's beginning: a photo, or one painted."""
     frame = entry.frame if entry is not None else bank.paint(condition)
-    return References.start(frame, condition.part(0, 1), bank.backdrop)
+    return References.start(frame, condition.part(0, 1), bank.bench)
 
 
 def _chosen(bank: Bank, options: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, Entry | None]:

@@ -9,7 +9,9 @@ import pytest
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.bank import UNNAMED, Bank, Entry, load_bank, make_bank, save_bank
+from embodiedreamer_gym.vis_aligner.clip import Episode
 from tests.vis_aligner.scenes import episode, texture
+from tests.vis_aligner.test_carry import board
 
 
 @pytest.fixture(scope="module")
@@ -53,12 +55,23 @@ def test_a_bank_survives_its_file(bank: Bank, tmp_path) -> None:
     save_bank(bank, tmp_path / "bank.npz")
     again = load_bank(tmp_path / "bank.npz")
     assert np.array_equal(again.plate, bank.plate) and len(again.entries) == 6
-    assert np.array_equal(again.backdrop.picture, bank.backdrop.picture)
-    assert np.array_equal(again.backdrop.seen, bank.backdrop.seen)
+    assert np.array_equal(again.bench.picture, bank.bench.picture)
+    assert np.array_equal(again.bench.seen, bank.bench.seen)
     assert np.array_equal(again.entry(2).frame, bank.entry(2).frame)
     assert again.entry(2).props == ("cup", "mat")
     assert again.entry(2).options()["object_poses"]["cup"].tolist() == list(range(7))
     assert [p.name for p in tmp_path.iterdir()] == ["bank.npz"]
+
+
+def test_a_gallery_survives_its_file(tmp_path) -> None:
+    clip = board([(0.0, 0.0, 1.0, 0.0), (0.1, 0.05, 1.1, 0.4)])
+    one = Episode("turning", clip.rgb, clip)
+    save_bank(make_bank([one]), tmp_path / "bank.npz")
+    again, made = load_bank(tmp_path / "bank.npz").bench.gallery, make_bank([one]).bench.gallery
+    assert np.array_equal(again.frames, made.frames)
+    assert all(
+        np.array_equal(a, b) for a, b in zip(vars(again.condition).values(), vars(made.condition).values(), strict=True)
+    )
 
 
 def test_bad_banks_are_refused(bank: Bank, tmp_path) -> None:

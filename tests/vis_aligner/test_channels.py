@@ -22,7 +22,10 @@ from tests.vis_aligner.scenes import episode
 
 OFF = [
     Inputs(),
-    *(replace(Inputs(), **{name: False}) for name in ("masks", "depth", "anchor", "plate", "at_reference", "carry")),
+    *(
+        replace(Inputs(), **{name: False})
+        for name in ("masks", "depth", "anchor", "plate", "at_reference", "carry", "gallery")
+    ),
 ]
 
 

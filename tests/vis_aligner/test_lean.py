@@ -21,13 +21,14 @@ SMALL = LeanConfig((8, 8, 8, 16))
 
 
 def aligner(config: LeanConfig = SMALL, bias: float = 0.0, choice: float = -50.0, **options) -> LeanAligner:
-    """Untrained, but with weights in its last layer; bias: of the gate; choice: of the known picture, not the last."""
+    """Untrained, but with weights in its last layer; bias: of the gate; choice: of plate and anchor, not the last frame."""
     torch.manual_seed(0)
     network = Lean(config)
     torch.nn.init.normal_(network.out.weight, std=0.1)
     with torch.no_grad():
         network.out.bias[12:16] = bias
-        network.out.bias[16:] = choice
+        network.out.bias[16:24] = choice
+        network.out.bias[24:] = -50.0
     return LeanAligner(network, **options)
 
 
@@ -41,7 +42,7 @@ def test_any_size_and_length(size: tuple[int, int], frames: int) -> None:
     network, inputs = Lean(SMALL), SMALL.inputs
     picture = torch.zeros(1, frames, 3, *size)
     made = network(picture, torch.ones(1), torch.zeros(1, frames, inputs.per_frame, *size),
-                   torch.zeros(1, inputs.per_clip, *size), picture, torch.zeros(1, frames, 2, 3, *size),
+                   torch.zeros(1, inputs.per_clip, *size), picture, torch.zeros(1, frames, inputs.known, 3, *size),
                    picture[:, :, :1])  # fmt: skip
     assert made.shape == picture.shape
 
@@ -69,11 +70,13 @@ def test_what_true_pictures_tell_can_be_chosen() -> None:
     still, stale = background(references, condition, Inputs())
     old = stale[0, 0].numpy() > 0
     assert np.array_equal(made[rows, columns][~old[rows, columns]], one.frames[0][rows, columns][~old[rows, columns]])
-    plate, anchor = to_frames(known(references, condition, Inputs(), still))[0]
+    plate, anchor, gallery = to_frames(known(references, condition, Inputs(), still))[0]
     free = (condition.classes[0] < 2) & references.seen
     assert np.array_equal(plate[free], references.plate[free]) and not plate[(condition.classes[0] == 2) & ~free].any()
-    assert np.array_equal(anchor, one.frames[0])
-    assert known(references, condition, replace(Inputs(), anchor=False, plate=False), still).shape[1] == 0
+    assert np.array_equal(anchor, one.frames[0]) and np.array_equal(gallery, to_frames(still)[0])  # there is none
+    assert (
+        known(references, condition, replace(Inputs(), anchor=False, plate=False, gallery=False), still).shape[1] == 0
+    )
 
 
 def test_only_what_moves_is_drawn() -> None:
@@ -114,7 +117,7 @@ def test_windows_of_a_batch_have_one_size(seed: int) -> None:
         assert not (moving(reference, condition) & ~inside).any()
 
 
-@pytest.mark.parametrize("inputs", [Inputs(), Inputs(False, False, False, False, False, False)], ids=["all", "least"])
+@pytest.mark.parametrize("inputs", [Inputs(), Inputs(*[False] * 7)], ids=["all", "least"])
 def test_a_batch_gives_what_each_alone_gives(inputs: Inputs) -> None:
     ones = [episode(seed) for seed in range(3)]
     model = aligner(replace(SMALL, inputs=inputs), steps=2)

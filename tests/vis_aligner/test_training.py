@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.backdrop import with_backdrops
+from embodiedreamer_gym.vis_aligner.bench import with_benches
 from embodiedreamer_gym.vis_aligner.judging import AFTER_TRUE, CLOSED, judge, tables
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
@@ -50,7 +50,7 @@ def test_the_tables_name_every_row(learnt: LeanAligner) -> None:
 
 
 def test_an_interrupted_training_goes_on_to_the_same_weights(tmp_path) -> None:
-    episodes = with_backdrops([episode(seed) for seed in range(3)])
+    episodes = with_benches([episode(seed) for seed in range(3)])
     whole = fresh()
     train(whole, episodes, CONFIG)
     first = Training(fresh(), CONFIG)
@@ -92,12 +92,12 @@ def test_a_walk_goes_on_from_own_frames() -> None:
 @pytest.mark.parametrize("told", [0.0, 1.0])
 def test_a_walk_knows_the_backdrop_or_not(told: float) -> None:
     """All along, so that models work for those who have one and for those who have none."""
-    clip = with_backdrops([episode(seed) for seed in range(3)])[0]
+    clip = with_benches([episode(seed) for seed in range(3)])[0]
     walking = Training(fresh(), TrainingConfig(steps=8, batch=1, own=1.0, told=told))
     walking.run([clip], until=1)
     (walk,) = walking.walks
-    assert walk is not None and clip.backdrop is not None
-    behind = clip.backdrop.seen & ~clip.references(walk.at).seen
+    assert walk is not None and clip.bench is not None
+    behind = clip.bench.seen & ~clip.references(walk.at).seen
     assert behind.any() and (walk.references([clip]).seen[behind] == bool(told)).all()
 
 
