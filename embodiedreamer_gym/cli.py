@@ -38,14 +38,7 @@ T = TypeVar("T")
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose complaints are errors like any other; actions: what was added to a verb, for more of them."""
-
-    actions: Any = None
-
-    def add_subparsers(self, **given: Any) -> Any:
-        """Add actions, and keep them."""
-        self.actions = super().add_subparsers(**given)
-        return self.actions
+    """A parser whose complaints are errors like any other."""
 
     def error(self, message: str) -> NoReturn:
         """Raise the complaint as one sentence."""
@@ -92,8 +85,7 @@ def build_parser() -> argparse.ArgumentParser:
     add.add_argument("effect", metavar="EFFECT", help=f"one of {', '.join(CATALOGUE)}, or of --effects")
     _excite_parser(verbs, common)
     _standin_parser(verbs)
-    add_vis(verbs)
-    add_camera(verbs.choices["vis"].actions)
+    add_camera(add_vis(verbs))
     demo = verbs.add_parser("demo", help="from recordings with a hidden effect to a model that has it")
     demo.set_defaults(verb=_demo)
     demo.add_argument("--out", type=Path, default=Path("demo_report"), metavar="DIR", help="default: %(default)s")

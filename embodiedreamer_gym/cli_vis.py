@@ -14,8 +14,8 @@ MODELS = ("lean", "svd")
 LOWER = 0.3  # of the learning rate, for a model that has learnt already
 
 
-def add_vis(verbs: Any) -> None:
-    """Add the verb and its actions."""
+def add_vis(verbs: Any) -> Any:
+    """Add the verb and its actions; returns the latter, for more of them."""
     text = "the video model that gives simulated frames a real face"
     actions = verbs.add_parser("vis", help=text, description=text).add_subparsers(required=True, metavar="ACTION")
     for name, function, text in (
@@ -51,6 +51,7 @@ def add_vis(verbs: Any) -> None:
         if name in ("render", "bank"):
             kind = "FILE.mp4" if name == "render" else "FILE.npz"
             one.add_argument("--out", type=Path, required=True, metavar=kind, help="what to write")
+    return actions
 
 
 def _training_options(one: argparse.ArgumentParser, name: str) -> None:

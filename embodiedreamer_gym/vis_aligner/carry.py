@@ -14,13 +14,13 @@ NEAR = 0.015  # m between two depths of one point of a part
 CHOICES = 2  # photos of a gallery that are tried for each part, the second where the first does not show it
 FEWEST = 4  # pixels of a part that make a photo of it
 MOST = 30000  # places that OpenCV looks up at once
-Carried = tuple[np.ndarray, np.ndarray]  # colours (T, H, W, 3) float32, where there are any (T, H, W)
+Carried = tuple[np.ndarray, np.ndarray]  # colours (T, H, W, 3) uint8, where there are any (T, H, W)
 
 
 def differs(before: Condition, condition: Condition) -> np.ndarray:
     """Pixels (T, H, W) at which a simulated frame shows something else than another (T = 1), or the same elsewhere."""
-    colours = np.abs(condition.rgb.astype(np.int16) - before.rgb).max(axis=3) > LEVELS
-    found = colours | (condition.classes != before.classes)
+    apart = np.maximum(condition.rgb, before.rgb) - np.minimum(condition.rgb, before.rgb) > LEVELS
+    found = apart[..., 0] | apart[..., 1] | apart[..., 2] | (condition.classes != before.classes)
     if condition.parts is not None and before.parts is not None:
         found |= (condition.parts != before.parts) | _of_parts(_moved(before, condition), condition.parts)
     return found
@@ -76,7 +76,7 @@ def _take(pictures: np.ndarray, before: Condition, projections: np.ndarray, numb
     parts = condition.parts[times, rows, columns].astype(int) - 1  # pyright: ignore[reportOptionalSubscript]
     turn, shift = _between(projections, np.asarray(condition.projections)[:, : len(projections)])
     depths = _depth(condition)[times, rows, columns]
-    rays = np.stack([columns, rows, np.ones(len(rows))], 1) * depths[:, None]
+    rays = np.stack([columns * depths, rows * depths, depths], 1).astype(np.float32)
     points = np.einsum("nij,nj->ni", turn[times, parts], rays) + shift[times, parts]
     away = np.maximum(points[:, 2], 1e-3)
     u, v, photo = points[:, 0] / away, points[:, 1] / away, numbers[parts]
@@ -105,13 +105,14 @@ def _sampled(pictures: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _nothing(condition: Condition) -> Carried:
-    return np.zeros(condition.rgb.shape, np.float32), np.zeros(condition.classes.shape, bool)
+    return np.zeros(condition.rgb.shape, np.uint8), np.zeros(condition.classes.shape, bool)
 
 
 def _between(before: np.ndarray, now: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(T, L, 3, 3) and (T, L, 3): from a ray times depth in a frame to the same point of the part in another picture."""
     back = before[:, :, :3].astype(float) @ np.linalg.inv(now[..., :3].astype(float))
-    return back, before[:, :, 3] - np.einsum("tlij,tlj->tli", back, now[..., 3].astype(float))
+    shift = before[:, :, 3] - np.einsum("tlij,tlj->tli", back, now[..., 3].astype(float))
+    return back.astype(np.float32), shift.astype(np.float32)
 
 
 def _moved(before: Condition, condition: Condition) -> np.ndarray:

@@ -17,6 +17,7 @@ from embodiedreamer_gym.vis_aligner.carry import carry, differs, recall
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, TABLE, Condition, References
 
 NEAR, REACH = 1.0, 0.5  # m; a depth of NEAR +- REACH is -1 .. 1
+EDGE = np.ones((3, 3), np.uint8)
 SLOPE = 20.0 / 128  # per metre from a pixel to the next but one and pixel of width: the channels of the surface's tilt
 
 
@@ -115,58 +116,82 @@ def reference_channels(references: References, inputs: Inputs, width: int | None
     return torch.cat(parts)
 
 
-def background(references: References, condition: Condition, inputs: Inputs) -> tuple[Tensor, Tensor]:
-    """What each frame (T, 3, H, W) would be if nothing new had to be drawn; where (T, 1, H, W) it cannot be that: 1, else 0.
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """What frames can be made of without painting.
 
-    The last frame; but where a thing has left and the plate shows what is behind it, the plate; and what is rigid, where it
-    has moved to. It cannot be where robot or object show a part of themselves that the last frame does not.
+    still (T, 3, H, W): what they would be if nothing new had to be drawn; known (T, S, 3, H, W): what true pictures of other
+    moments tell, S is Inputs.known; stale (T, 1, H, W): 1 where a part of robot or object shows that no picture shows.
     """
-    still = _colours(references.last).expand(len(condition), -1, -1, -1)
-    before = references.last_condition
-    if inputs.plate:
-        left = references.seen & (before.classes[0] >= ROBOT)
-        uncovered = torch.from_numpy(left & (condition.classes < ROBOT))[:, None]
-        still = torch.where(uncovered, _colours(references.plate), still)
-    colours, carried = carry(references.last, before, condition)
-    stale = differs(before, condition) & (condition.classes >= ROBOT) & ~carried
-    return _with(still, colours, carried), torch.from_numpy(stale)[:, None].float()
+
+    still: Tensor
+    known: Tensor
+    stale: Tensor
 
 
-def _with(still: Tensor, colours: np.ndarray, carried: np.ndarray) -> Tensor:
-    """Frames (T, 3, H, W), with colours (T, H, W, 3) where something was carried (T, H, W)."""
-    moved = torch.from_numpy(colours.transpose(0, 3, 1, 2) / 127.5 - 1.0)
-    return torch.where(torch.from_numpy(carried)[:, None], moved, still)
+def sources(references: References, condition: Condition, inputs: Inputs) -> Sources:
+    """The sources of each frame.
 
-
-def known(references: References, condition: Condition, inputs: Inputs, still: Tensor) -> Tensor:
-    """What true pictures tell of each frame (T, S, 3, H, W), so that a copy of a copy never has to be made.
-
-    The plate where neither robot nor object is; the anchor where the simulator shows the same as at the anchor, and what is
-    rigid carried from it; the robot's links from the gallery; elsewhere still (T, 3, H, W), as `background` gives it. S is
-    Inputs.known.
+    still is the last frame; but where a thing has left and the plate shows what is behind it, the plate; and what is rigid
+    where it has moved to, from the last frame, else from the anchor, else from the gallery. known are plate, anchor and
+    gallery, as far as each goes, so that a copy of a copy never has to be made; elsewhere still.
     """
-    told = [still[:, None][:, :0]]
+    before, count = references.last_condition, len(condition)
+    thing = condition.classes >= ROBOT
+    still = np.repeat(references.last[None], count, axis=0)
     if inputs.plate:
-        free = torch.from_numpy(references.seen & (condition.classes < ROBOT))[:, None]
-        told.append(torch.where(free, _colours(references.plate), still)[:, None])
+        left = references.seen & _left(before.classes[0] >= ROBOT, thing)
+        _put(still, references.plate, left)
+    colours, there = carry(references.last, before, condition)
+    _put(still, colours, there)
+    stale = differs(before, condition) & thing & ~there
+    told = []
     if inputs.anchor:
-        same = torch.from_numpy(~differs(references.anchor_condition, condition))[:, None]
-        one = torch.where(same, _colours(references.anchor), still)
-        one = _with(one, *carry(references.anchor, references.anchor_condition, condition))
-        told.append(one[:, None])
+        colours, there = carry(references.anchor, references.anchor_condition, condition)
+        same = ~differs(references.anchor_condition, condition)
+        _put(colours, references.anchor, same)
+        told.append((colours, there | same))
     if inputs.gallery:
-        told.append(_with(still, *recall(references.gallery, condition))[:, None])
-    return torch.cat(told, 1)
+        told.append(recall(references.gallery, condition))
+    for colours, there in told:
+        _put(still, colours, stale & there)
+        stale &= ~there
+    if inputs.plate:
+        told.insert(0, (references.plate, references.seen & ~thing))
+    known = [still.copy() for _ in told]
+    for one, (colours, there) in zip(known, told, strict=True):
+        _put(one, colours, there)
+    stacked = np.stack(known, 1) if known else still[:, None][:, :0]
+    return Sources(to_tensor(still), to_tensor(stacked), torch.from_numpy(stale)[:, None].float())
+
+
+def _put(frames: np.ndarray, colours: np.ndarray, there: np.ndarray) -> None:
+    """Colours (T, H, W, 3) or (H, W, 3) into frames (T, H, W, 3) in some places (T, H, W)."""
+    tall = (-1, *frames.shape[2:])  # OpenCV takes pictures, and is ten times as fast as indexing
+    source = np.ascontiguousarray(np.broadcast_to(colours, frames.shape)).reshape(tall)
+    cv2.copyTo(source, there.astype(np.uint8).reshape(tall[:2]), frames.reshape(tall))
+
+
+def _left(before: np.ndarray, now: np.ndarray) -> np.ndarray:
+    """Pixels (T, H, W) that a thing (H, W) has left; its edge too, which may be a pixel wider in a real picture."""
+    wide = cv2.dilate(before.astype(np.uint8), EDGE) > 0
+    return np.stack([(before & ~one) | (wide & (cv2.dilate(one.astype(np.uint8), EDGE) == 0)) for one in now])
 
 
 def _colours(frame: np.ndarray) -> Tensor:
     """A frame (H, W, 3) uint8 as (3, H, W) in -1 .. 1."""
-    return torch.from_numpy(frame.astype(np.float32).transpose(2, 0, 1) / 127.5 - 1.0)
+    return to_tensor(np.ascontiguousarray(frame))
 
 
 def to_tensor(frames: np.ndarray) -> Tensor:
-    """Frames (T, H, W, 3) uint8 as (T, 3, H, W) in -1 .. 1."""
-    return torch.from_numpy(np.ascontiguousarray(frames.astype(np.float32).transpose(0, 3, 1, 2) / 127.5 - 1.0))
+    """Frames (..., H, W, 3) uint8 as (..., 3, H, W) in -1 .. 1."""
+    return (
+        torch.from_numpy(frames)
+        .movedim(-1, -3)
+        .to(torch.float32, memory_format=torch.contiguous_format)
+        .div_(127.5)
+        .sub_(1.0)
+    )
 
 
 def to_frames(clip: Tensor) -> np.ndarray:

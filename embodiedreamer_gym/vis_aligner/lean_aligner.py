@@ -13,10 +13,9 @@ from torch import Generator, Tensor
 from embodiedreamer_gym.vis_aligner.aligner import Made, check_batch
 from embodiedreamer_gym.vis_aligner.channels import (
     allowed,
-    background,
     frame_channels,
-    known,
     reference_channels,
+    sources,
     to_frames,
     to_tensor,
 )
@@ -97,9 +96,9 @@ class LeanAligner:
         start = [r.crop(w) for r, w in zip(references, places, strict=True)]
         frame = [frame_channels(view, self.inputs, width) for view in views]
         clip = [reference_channels(one, self.inputs, width) for one in start]
-        still, old = zip(*(background(r, v, self.inputs) for r, v in zip(start, views, strict=True)), strict=True)
-        true = [known(r, v, self.inputs, s) for r, v, s in zip(start, views, still, strict=True)]
-        return tuple(torch.stack(part) for part in (frame, clip, still, true, old))
+        made = [sources(r, v, self.inputs) for r, v in zip(start, views, strict=True)]
+        parts = (frame, clip, *([getattr(one, key) for one in made] for key in ("still", "known", "stale")))
+        return tuple(torch.stack(part) for part in parts)
 
 
 def _lasting(references: Sequence[References], conditions: Sequence[Condition]) -> list[np.ndarray]:

@@ -9,7 +9,7 @@ import pytest
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.carry import carry, differs, recall
-from embodiedreamer_gym.vis_aligner.channels import Inputs, allowed, background, known, to_frames
+from embodiedreamer_gym.vis_aligner.channels import Inputs, allowed, sources, to_frames
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, Gallery, References
 
 HEIGHT, WIDTH, FOCAL = 48, 64, 60.0
@@ -59,7 +59,7 @@ def test_a_moved_part_looks_as_it_did(place) -> None:
     found, carried = carry(photo(clip, 0), clip.part(0, 1), clip.part(1, 2))
     there = clip.parts[1] > 0
     assert carried[0][there].mean() > 0.9 and not carried[0][~there].any()
-    error = np.abs(found[0] - photo(clip, 1))[carried[0]]
+    error = np.abs(found[0].astype(float) - photo(clip, 1))[carried[0]]
     still = np.abs(photo(clip, 0).astype(float) - photo(clip, 1))[carried[0]]
     assert np.median(error) < 3 and error.mean() < 0.25 * still.mean()
 
@@ -86,16 +86,16 @@ def test_carried_parts_are_what_a_frame_is_made_of() -> None:
     """From the last frame, and from the anchor though the last frame is spoilt; a window of the picture says the same."""
     clip = board([(0.0, 0.0, 1.0, 0.0), (0.06, 0.0, 1.0, 0.3)])
     references = References.start(photo(clip, 0), clip.part(0, 1))
-    still, stale = background(references, clip.part(1, 2), Inputs())
+    found = sources(references, clip.part(1, 2), Inputs())
     there = carry(photo(clip, 0), clip.part(0, 1), clip.part(1, 2))[1][0]
-    error = np.abs(to_frames(still)[0].astype(float) - photo(clip, 1))
-    assert error[there].mean() < 5 and not stale[0, 0].numpy()[there].any()
+    error = np.abs(to_frames(found.still)[0].astype(float) - photo(clip, 1))
+    assert error[there].mean() < 5 and not found.stale[0, 0].numpy()[there].any()
     spoilt = replace(references, last=np.zeros_like(references.last))
-    _, anchor, _ = to_frames(known(spoilt, clip.part(1, 2), Inputs(), still))[0]
+    _, anchor, _ = to_frames(sources(spoilt, clip.part(1, 2), Inputs()).known)[0]
     assert np.abs(anchor.astype(float) - photo(clip, 1))[there].mean() < 5
     window = (slice(8, 40), slice(16, 56))
-    small, _ = background(references.crop(window), clip.part(1, 2).crop(window), Inputs())
-    same = there[window] & ((small[0] - still[0][:, *window]).abs().amax(0).numpy() < 1e-3)
+    small = sources(references.crop(window), clip.part(1, 2).crop(window), Inputs()).still
+    same = there[window] & ((small[0] - found.still[0][:, *window]).abs().amax(0).numpy() < 1e-3)
     assert same.sum() > 0.9 * there[window].sum()
 
 
@@ -105,14 +105,19 @@ def test_a_gallery_shows_a_part_from_the_side_that_is_seen() -> None:
     photos = np.stack([photo(clip, 0), photo(clip, 1)])
     found, carried = recall(Gallery(photos, clip.part(0, 2)), clip.part(2, 3))
     there = clip.parts[2] > 0
-    error = np.abs(found[0] - photo(clip, 2))[carried[0]]
+    error = np.abs(found[0].astype(float) - photo(clip, 2))[carried[0]]
     assert carried[0][there].mean() > 0.9 and not carried[0][~there].any() and np.median(error) < 4
     away = replace(clip.part(0, 2), projections=clip.projections[:2].copy())
     away.projections[0, 0, 2, :3] *= -1  # the first photo shows its back
     spoilt = np.stack([np.zeros_like(photos[0]), photos[1]])
     assert (recall(Gallery(spoilt, away), clip.part(2, 3))[0][0][carried[0]].mean(axis=1) > 20).mean() > 0.9
     hidden = replace(clip.part(0, 2), parts=clip.parts[:2] * np.array([0, 1], np.uint8)[:, None, None])
-    assert np.median(np.abs(recall(Gallery(spoilt, hidden), clip.part(2, 3))[0][0] - photo(clip, 2))[carried[0]]) < 5
+    assert (
+        np.median(
+            np.abs(recall(Gallery(spoilt, hidden), clip.part(2, 3))[0][0].astype(float) - photo(clip, 2))[carried[0]]
+        )
+        < 5
+    )
     assert not recall(None, clip.part(2, 3))[1].any()
     with pytest.raises(VisionError, match="a gallery needs photos"):
         Gallery(photos, clip.part(0, 2).without_parts())

@@ -10,7 +10,7 @@ import torch
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.aligner import dream
-from embodiedreamer_gym.vis_aligner.channels import Inputs, background, known, to_frames
+from embodiedreamer_gym.vis_aligner.channels import Inputs, sources, to_frames
 from embodiedreamer_gym.vis_aligner.clip import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
@@ -50,13 +50,13 @@ def test_any_size_and_length(size: tuple[int, int], frames: int) -> None:
 def test_a_shut_gate_leaves_pixels_exactly_as_they_were() -> None:
     one = episode()
     references, condition = one.references(0), one.condition.part(8, 9)
-    found, stale = background(references, condition, Inputs())
-    still = to_frames(found)[0]
+    found = sources(references, condition, Inputs())
+    still = to_frames(found.still)[0]
     shut, opened, whole = (
         aligner(replace(SMALL, gate=gate), bias=bias).render([references], [condition])[0][0]
         for gate, bias in ((True, -50.0), (True, 50.0), (False, -50.0))
     )
-    kept = stale[0, 0].numpy() == 0
+    kept = found.stale[0, 0].numpy() == 0
     assert np.array_equal(shut[kept], still[kept]) and 0.5 < kept.mean() < 1
     assert 0.1 < (opened != still).any(axis=2).mean() < (whole != still).any(axis=2).mean()
 
@@ -67,16 +67,15 @@ def test_what_true_pictures_tell_can_be_chosen() -> None:
     references, condition = replace(one.references(8), last=np.zeros_like(one.frames[0])), one.condition.part(0, 1)
     made = aligner(bias=-50.0, choice=50.0).render([references], [condition])[0][0]
     rows, columns = windows([references], [condition])[0]
-    still, stale = background(references, condition, Inputs())
-    old = stale[0, 0].numpy() > 0
+    found = sources(references, condition, Inputs())
+    old = found.stale[0, 0].numpy() > 0
     assert np.array_equal(made[rows, columns][~old[rows, columns]], one.frames[0][rows, columns][~old[rows, columns]])
-    plate, anchor, gallery = to_frames(known(references, condition, Inputs(), still))[0]
+    plate, anchor, gallery = to_frames(found.known)[0]
     free = (condition.classes[0] < 2) & references.seen
     assert np.array_equal(plate[free], references.plate[free]) and not plate[(condition.classes[0] == 2) & ~free].any()
-    assert np.array_equal(anchor, one.frames[0]) and np.array_equal(gallery, to_frames(still)[0])  # there is none
-    assert (
-        known(references, condition, replace(Inputs(), anchor=False, plate=False, gallery=False), still).shape[1] == 0
-    )
+    assert np.array_equal(anchor, one.frames[0]) and np.array_equal(gallery, to_frames(found.still)[0])  # there is none
+    least = replace(Inputs(), anchor=False, plate=False, gallery=False)
+    assert sources(references, condition, least).known.shape[1] == 0
 
 
 def test_only_what_moves_is_drawn() -> None:
