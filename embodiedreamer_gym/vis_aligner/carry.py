@@ -126,9 +126,9 @@ def _moved(before: Condition, condition: Condition) -> np.ndarray:
 
 def _of_parts(which: np.ndarray, parts: np.ndarray) -> np.ndarray:
     """Pixels (T, H, W) of these parts (T, L); a part beyond the last is none of them."""
-    table = np.zeros((len(which), 256), bool)
+    table = np.zeros((len(which), 256), np.uint8)
     table[:, 1 : which.shape[1] + 1] = which
-    return np.take_along_axis(table, parts.reshape(len(parts), -1).astype(np.intp), 1).reshape(parts.shape)
+    return np.stack([cv2.LUT(part, row) for part, row in zip(parts, table, strict=True)]).astype(bool)
 
 
 def _depth(condition: Condition) -> np.ndarray:

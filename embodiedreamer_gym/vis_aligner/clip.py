@@ -124,7 +124,7 @@ class Bench:
     def __post_init__(self) -> None:
         if self.picture.dtype != np.uint8 or self.picture.shape != (*self.seen.shape, 3):
             raise VisionError(
-                f"a backdrop must be (H, W, 3) uint8 with (H, W) of where it is known, not {self.picture.shape} "
+                f"a bench's picture must be (H, W, 3) uint8 with (H, W) of where it is known, not {self.picture.shape} "
                 f"{self.picture.dtype} with {self.seen.shape}."
             )
 
@@ -134,7 +134,7 @@ class Bench:
         Raises: VisionError where the sizes differ.
         """
         if self.seen.shape != seen.shape:
-            raise VisionError(f"the backdrop is {self.seen.shape}, the frames {seen.shape}; they must agree.")
+            raise VisionError(f"the bench's picture is {self.seen.shape}, the frames {seen.shape}; they must agree.")
         return np.where(self.seen[..., None], self.picture, plate), self.seen | seen
 
 

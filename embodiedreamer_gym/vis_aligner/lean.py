@@ -61,8 +61,9 @@ class Lean(nn.Module):
         fine, a, b, c = config.widths
         cell = PAIR * PAIR
         self.embed = nn.Sequential(nn.Linear(16, LEVEL), nn.SiLU(), nn.Linear(LEVEL, LEVEL))
-        self.frame_in = nn.Conv2d((3 + 3 + 1 + 3 * config.inputs.known + config.inputs.per_frame) * cell, fine, 1)
-        self.clip_in = nn.Conv2d(config.inputs.per_clip * cell, fine, 1)
+        inside = 3 + 3 + 1 + 3 * config.inputs.known + config.inputs.per_frame
+        self.frame_in = nn.Conv2d(inside, fine, PAIR, stride=PAIR)
+        self.clip_in = nn.Conv2d(config.inputs.per_clip, fine, PAIR, stride=PAIR)
         self.down0 = nn.Conv2d(fine, a, 2, stride=2)
         self.down1 = Block(a, a)
         self.down2 = Block(a, b, over_time=True)
@@ -90,9 +91,10 @@ class Lean(nn.Module):
         pad = (0, -size[1] % DEEPEST, 0, -size[0] % DEEPEST)
         if any(pad):
             seen, clip = F.pad(seen, pad), F.pad(clip, pad)
+        seen, clip = (x.contiguous(memory_format=torch.channels_last) for x in (seen, clip))  # a tenth faster
         level = self.embed(_waves(time))
-        given = self.clip_in(F.pixel_unshuffle(clip, PAIR)).repeat_interleave(frames, 0)
-        x0 = F.relu_(self.frame_in(F.pixel_unshuffle(seen, PAIR)) + given)
+        given = self.clip_in(clip).repeat_interleave(frames, 0)
+        x0 = F.relu_(self.frame_in(seen) + given)
         x1 = self.down1(self.down0(x0), level, frames)
         x2 = self.down2(F.avg_pool2d(x1, 2), level, frames)
         x3 = self.middle(self.down3(F.avg_pool2d(x2, 2), level, frames), level, frames)

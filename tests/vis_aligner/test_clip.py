@@ -47,7 +47,7 @@ def test_a_backdrop_shows_what_this_episode_never_uncovered() -> None:
     assert np.array_equal(started.plate, found.plate) and np.array_equal(started.seen, found.seen)
     with pytest.raises(VisionError, match="must agree"):
         one.references(0, Bench(bench.picture[::2], seen[::2]))
-    with pytest.raises(VisionError, match="a backdrop must be"):
+    with pytest.raises(VisionError, match="a bench's picture must be"):
         Bench(bench.picture, seen[::2])
 
 
