@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from embodiedreamer_gym.recordings import Recordings
 
 SHARED = Path(os.environ.get("EMBODIEDREAMER_SHARED_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
@@ -13,6 +17,20 @@ SHARED = Path(os.environ.get("EMBODIEDREAMER_SHARED_DATA", Path(__file__).parent
 def data_folder(name: str) -> Path:
     """Folder of a real data set, which is not shipped."""
     return SHARED / name
+
+
+def folder(text: str) -> Path:
+    """A folder given on the command line, or by default. Raises: ArgumentTypeError where it is missing."""
+    if not Path(text).is_dir():
+        raise argparse.ArgumentTypeError(f"{text} is no folder; the real recordings are not shipped, give theirs.")
+    return Path(text)
+
+
+def times(text: str) -> int:
+    """How often, at least once. Raises: ArgumentTypeError for anything else."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not allowed; give a whole number of at least 1.")
+    return int(text)
 
 
 def pin_threads() -> None:
@@ -36,3 +54,11 @@ def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
     low = beta.ppf(0.025, hits, trials - hits + 1) if hits else 0.0
     high = beta.ppf(0.975, hits + 1, trials - hits) if hits < trials else 1.0
     return float(low), float(high)
+
+
+def redrawn(recordings: Recordings, seed: int) -> tuple[Recordings, Recordings]:
+    """Train and held-out part, dealt in turn within each kind after shuffling."""
+    import numpy as np
+
+    order = np.random.default_rng(seed).permutation(len(recordings))
+    return type(recordings)(recordings[int(i)] for i in order).split()

@@ -1,9 +1,10 @@
 """Real servo: 68 runs of a Miuzei hobby servo; which effect is missing, and how far does the held-out error fall?
 
-python -m benchmarks.real_servo [--data ../shared/data/servo_miuzei] [--kinds] [--out FILE.json]
+python -m benchmarks.real_servo [--data ../shared/data/servo_miuzei] [--kinds] [--redraw N] [--out FILE.json]
 
 Data: github.com/mauicv/servo-sysid, commit e4a4840 (BSD-3-Clause), not shipped. Alternate runs within each kind are
-held out; --kinds leaves out one kind of motion at a time. Errors are in 1e-3 pi rad, the unit of the source.
+held out; --kinds leaves out one kind of motion at a time, too; --redraw deals the runs anew N times instead. Errors are in
+1e-3 pi rad, the unit of the source.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import data_folder, pin_threads, save
+from benchmarks.common import data_folder, folder, pin_threads, redrawn, save, times
 from embodiedreamer_gym.diagnosis import add_effect, diagnose
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.recordings import Recording, Recordings
@@ -65,12 +66,16 @@ def study(label: str, train: Recordings, test: Recordings) -> dict:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, default=data_folder("servo_miuzei"))
+    parser.add_argument("--data", type=folder, default=str(data_folder("servo_miuzei")))
     parser.add_argument("--kinds", action="store_true", help="leave out one kind of motion at a time, too")
+    parser.add_argument("--redraw", type=times, metavar="N", help="deal the runs anew N times instead")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
     pin_threads()
     runs = load(arguments.data)
+    if arguments.redraw:
+        save([study(f"dealt anew, {seed}", *redrawn(runs, seed)) for seed in range(arguments.redraw)], arguments.out)
+        return
     train, test = runs.split()
     raw = np.concatenate([(r.position - r.command).ravel() for r in test])
     print(f"{len(runs)} runs; held-out position minus command: {np.sqrt(np.mean(raw**2)) / UNIT:.1f} (1e-3 pi rad)")

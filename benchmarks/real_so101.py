@@ -1,6 +1,7 @@
 """Real SO-101: 38 motions of a six-servo arm; what does the simulator lack, and what can it not explain?
 
-python -m benchmarks.real_so101 [--data ../shared/data/so101_sage] [--model so101] [--swap] [--ladder] [--out FILE.json]
+python -m benchmarks.real_so101 [--data ../shared/data/so101_sage] [--model so101] [--swap | --redraw N] [--ladder]
+                                [--out FILE.json]
 
 --ladder adds effects by hand and prints each joint's held-out error: how much a delay explains once the servo's own
 damping brings a lag. Data: github.com/isaac-sim2real/sage, commit 4ffd262 (Apache-2.0), not shipped. Every other motion is held out.
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import data_folder, pin_threads, save
+from benchmarks.common import data_folder, folder, pin_threads, redrawn, save, times
 from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose
 from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight
 from embodiedreamer_gym.robot import RobotModel
@@ -36,17 +37,33 @@ def ladder(model: RobotModel, train: Recordings, test: Recordings) -> list[dict]
     return rows
 
 
+def dealt(model: RobotModel, logs: Recordings, seed: int) -> dict:
+    """The verdict on another half of the motions."""
+    found = diagnose(model, *redrawn(logs, seed))
+    error = {key: None if value is None else round(1e3 * value, 2) for key, value in found.error.items()}
+    print(
+        f"dealt anew, {seed}: {found.verdict} {', '.join(found.effects)}; mrad: {error}; {found.seconds:.0f} s",
+        flush=True,
+    )
+    return found.as_dict()
+
+
 def main() -> None:
     """Print the staircase, and what is left unexplained."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, default=data_folder("so101_sage"))
+    parser.add_argument("--data", type=folder, default=str(data_folder("so101_sage")))
     parser.add_argument("--model", default="so101")
-    parser.add_argument("--swap", action="store_true", help="exchange the training and the held-out motions")
+    halves = parser.add_mutually_exclusive_group()
+    halves.add_argument("--swap", action="store_true", help="exchange the training and the held-out motions")
+    halves.add_argument("--redraw", type=times, metavar="N", help="deal the motions anew N times instead")
     parser.add_argument("--ladder", action="store_true", help="add effects by hand instead of a diagnosis")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
     pin_threads()
     logs = Recordings([preflight(r).recording for r in load_recordings(arguments.data / "*.hdf5")])
+    if arguments.redraw:
+        save([dealt(RobotModel.load(arguments.model), logs, seed) for seed in range(arguments.redraw)], arguments.out)
+        return
     train, test = logs.split()
     if arguments.swap:
         train, test = test, train

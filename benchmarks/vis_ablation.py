@@ -22,6 +22,7 @@ import torch
 from benchmarks.common import pin_threads
 from embodiedreamer_gym.robot.files import write_json
 from embodiedreamer_gym.vis_aligner import load_episodes
+from embodiedreamer_gym.vis_aligner.bench import make_bench
 from embodiedreamer_gym.vis_aligner.channels import Inputs
 from embodiedreamer_gym.vis_aligner.judging import AFTER_TRUE, CLOSED, judge
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
@@ -36,10 +37,12 @@ def variants(steps: int) -> dict[str, tuple[LeanConfig, TrainingConfig]]:
     """Network and training of each variant."""
     config, training = LeanConfig(), TrainingConfig(steps=steps)
     without = {"masks": "no masks", "depth": "no depth", "anchor": "no anchor", "plate": "no memory of the background",
-               "at_reference": "no view at the reference"}  # fmt: skip
+               "at_reference": "no view at the reference", "carry": "nothing carried along",
+               "gallery": "no gallery of the robot"}  # fmt: skip
     found = {FULL: (config, training)}
     for name, label in without.items():
         found[label] = replace(config, inputs=replace(Inputs(), **{name: False})), training
+    found["nothing known of the bench in training"] = config, replace(training, told=0.0)
     found["no gate"] = replace(config, gate=False), training
     found["no own outputs in training"] = config, replace(training, own=0.0)
     return found
@@ -54,10 +57,12 @@ def run(name: str, config: LeanConfig, training: TrainingConfig, a: argparse.Nam
         if step % 500 == 0:
             print(f"{name}: step {step} of {training.steps}, loss {loss:.4f}", flush=True)
 
-    train(aligner, load_episodes([a.train]), training, a.out / name, said)
+    episodes = load_episodes([a.train])
+    train(aligner, episodes, training, a.out / name, said)
+    bench = make_bench(episodes)
     rows = []
     for episode in load_episodes([a.test]):
-        found = judge(aligner, episode, a.chunks).measures
+        found = judge(aligner, episode, a.chunks, bench).measures
         rows.append({clip: {c: measured[c] for c in COLUMNS} for clip, measured in found.items()})
     return {"name": name, "steps": training.steps, "episodes": rows}
 

@@ -2,8 +2,8 @@
 
 python -m benchmarks.vis_speed [--gpu]
 
-Medians of repeated runs side by side in one process: physics alone, physics and TinyRenderer (colour, depth, classes), and
-the lean model's chunk from arrays to frames. With --gpu, where there is one: the full-size network of Stable Video Diffusion
+Over a whole episode, in one process: physics alone, physics and TinyRenderer (colour, depth, parts), and the shipped model's
+chunk from arrays to frames. With --gpu, where there is one: the full-size network of Stable Video Diffusion
 and a 30 M one at 640 x 480, 25 frames, untrained (timing needs no weights), with peak memory.
 """
 
@@ -11,62 +11,60 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 
-import gymnasium as gym
 import numpy as np
 import torch
 
 from benchmarks.common import pin_threads
-from embodiedreamer_gym.vis_aligner.clip import Condition, References
-from embodiedreamer_gym.vis_aligner.lean import Lean
-from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
+from embodiedreamer_gym.envs.aloha import AlohaEnv
+from embodiedreamer_gym.envs.experts import ScriptedExpert
+from embodiedreamer_gym.vis_aligner import Condition, Episode, References, load_aligner, load_bank
+from embodiedreamer_gym.vis_aligner.bench import make_bench
 
-FRAMES, REPEATS = 8, 9
-
-
-def median(work: Callable[[], object]) -> float:
-    """Median processor seconds, after one run to warm up."""
-    work()
-    times = []
-    for _ in range(REPEATS):
-        begun = time.process_time()
-        work()
-        times.append(time.process_time() - begun)
-    return float(np.median(times))
+FRAMES, REPEATS, STEPS = 8, 9, 201
 
 
 def on_processor() -> None:
     """Print the table."""
     torch.set_num_threads(1)
-    env = gym.make("embodiedreamer_gym:EmbodieDreamer/PutCupOnMat-v0", obs_type="state", disable_env_checker=True)
-    env.reset(seed=0)
-    aloha, action = env.unwrapped, env.action_space.sample()
-    aligner = LeanAligner(Lean())
-    print(
-        f"{FRAMES} frames, ms on one core, median of {REPEATS}\n{'':<12}{'physics':>10}{'and render':>12}{'dream':>10}"
-    )
+    print(f"{FRAMES} frames of an expert's episode, ms of one core\n{'':<12}{'physics':>10}{'and render':>12}{'dream, median':>15}"
+          f"{'mean':>8}{'slowest':>10}")  # fmt: skip
     for size in ((128, 96), (320, 240)):
+        physics, _ = episode(None)
+        both, condition = episode(size)
+        assert condition is not None
+        aligner = load_aligner("lean")
+        bench = load_bank("lab").bench
+        if bench is None or bench.seen.shape != size[::-1]:  # any will do
+            bench = make_bench([Episode("any", condition.rgb, condition)])
+        references, times = [References.start(condition.rgb[0], condition.part(0, 1), bench)], []
+        for start in range(1, len(condition) - FRAMES, FRAMES):
+            part = condition.part(start, start + FRAMES)
+            begun = time.process_time()
+            frames = aligner.render(references, [part])
+            references = [references[0].after(frames[0], part)]
+            times.append(1e3 * (time.process_time() - begun))
+        print(f"{size[0]} x {size[1]:<6}{physics:>10.1f}{both:>12.1f}{np.median(times):>15.1f}{np.mean(times):>8.1f}"
+              f"{max(times[1:]):>10.1f}")  # fmt: skip
 
-        def steps(look: bool, size: tuple[int, int] = size) -> Condition:
-            views = []
-            for _ in range(FRAMES):
-                aloha.step(action)
-                views.append(aloha.capture("head", size) if look else None)
-            if not look:
-                return None  # pyright: ignore[reportReturnType]
-            return Condition(*(np.stack([getattr(v, k) for v in views]) for k in ("rgb", "segmentation", "depth")))
 
-        condition = steps(True)
-        references = References.start(condition.rgb[0], condition.part(0, 1))
-        costs = [median(lambda: steps(False)), median(lambda: steps(True)),
-                 median(partial(aligner.render, [references], [condition]))]  # fmt: skip
-        print(
-            f"{size[0]} x {size[1]:<6}"
-            + "".join(f"{1e3 * c:>{w}.1f}" for c, w in zip(costs, (10, 12, 10), strict=True))
-        )
+def episode(size: tuple[int, int] | None) -> tuple[float, Condition | None]:
+    """Milliseconds per chunk of an expert's episode with or without its pictures, and these."""
+    env = AlohaEnv("PutCupOnMat", obs_type="state", renderer="tiny")
+    env.reset(seed=0)
+    expert, views, spent = ScriptedExpert(env), [], 0.0
+    for _ in range(STEPS):
+        action = expert.act()
+        begun = time.process_time()
+        env.step(action)
+        if size is not None:
+            views.append(env.capture("head", size))
+        spent += time.process_time() - begun
     env.close()
+    keys = ("rgb", "segmentation", "depth", "parts", "projections")
+    seen = Condition(*(np.stack([getattr(v, k) for v in views]) for k in keys)) if views else None
+    return 1e3 * spent / STEPS * FRAMES, seen
 
 
 def on_gpu() -> None:

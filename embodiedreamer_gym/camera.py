@@ -98,12 +98,12 @@ class Camera:
 
         Raises: SimulationError when the camera sits on a link and its pose is not given.
         """
-        position, rotation = np.array(self.position), _rotation(self.rotation)
+        position, rotation = np.array(self.position), rotation_matrix(self.rotation)
         if self.link is None:
             return position, rotation
         if pose_of_link is None:
             raise SimulationError(f"camera {self.name} sits on {self.link}; give the pose of that link.")
-        mount = _rotation(pose_of_link[1])
+        mount = rotation_matrix(pose_of_link[1])
         return np.asarray(pose_of_link[0], float) + mount @ position, mount @ rotation
 
     def view(self, pose_of_link: Pose | None = None) -> tuple[float, ...]:
@@ -165,7 +165,7 @@ def _projection(camera: Camera, size: tuple[int, int], shift: float) -> tuple[fl
     return tuple(rows.T.ravel().tolist())
 
 
-def _rotation(quaternion: Sequence[float] | np.ndarray) -> np.ndarray:
+def rotation_matrix(quaternion: Sequence[float] | np.ndarray) -> np.ndarray:
     """Rotation matrix (3, 3) of a unit quaternion (4,) xyzw."""
     x, y, z, w = quaternion
     return np.array([

@@ -15,7 +15,7 @@ LOWER = 0.3  # of the learning rate, for a model that has learnt already
 
 
 def add_vis(verbs: Any) -> Any:
-    """Add the verb and its actions; returns them, for more to be added."""
+    """Add the verb and its actions; returns the latter, for more of them."""
     text = "the video model that gives simulated frames a real face"
     actions = verbs.add_parser("vis", help=text, description=text).add_subparsers(required=True, metavar="ACTION")
     for name, function, text in (
@@ -37,6 +37,11 @@ def add_vis(verbs: Any) -> Any:
                 "--aligner", default="lean", metavar="A", help="lean, a file or folder (default %(default)s)"
             )
             one.add_argument("--diffusion-steps", type=int, default=1, metavar="N", help="default %(default)s")
+        if name == "bank":
+            text = "more episodes of the same bench, from anywhere in them"
+            one.add_argument("--more", nargs="+", default=[], metavar="EPISODES", help=text)
+        if name in ("evaluate", "render"):
+            one.add_argument("--bank", metavar="B", help="what is known of the bench: lab, or a file")
         if name == "evaluate":
             one.add_argument("--chunks", type=int, metavar="N", help="of each episode (default: all)")
             one.add_argument("--json", type=Path, metavar="FILE", help="write the measures as JSON")
@@ -119,10 +124,10 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
     from embodiedreamer_gym.vis_aligner.judging import judge, tables
 
-    aligner, judged = _aligner(a), []
+    aligner, judged, bench = _aligner(a), [], _bench(a)
     episodes = load_episodes(a.episodes)
     for number, episode in enumerate(episodes):
-        judged.append(judge(aligner, episode, a.chunks))
+        judged.append(judge(aligner, episode, a.chunks, bench))
         if not a.quiet:
             progress("evaluating", number + 1, judged[-1].measures["closed loop"]["psnr"])
         if a.strips is not None:
@@ -147,18 +152,19 @@ def _render(a: argparse.Namespace, progress: Any) -> None:
     if len(episodes) != 1:
         raise EmbodieDreamerError(f"vis render takes one episode, not {len(episodes)}.")
     one = episodes[0]
-    frames, _ = dream(_aligner(a), [one.references(0)], [one.condition.part(1, len(one))])
+    frames, _ = dream(_aligner(a), [one.references(0, _bench(a))], [one.condition.part(1, len(one))])
     write_video(np.concatenate([one.frames[:1], frames[0]]), a.out)
     print(a.out)
 
 
 def _bank(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.vis_aligner import make_bank, save_bank
-    from embodiedreamer_gym.vis_aligner.episodes import expand, load_episode, load_scene
+    from embodiedreamer_gym.vis_aligner.episodes import expand, load_episode, load_episodes, load_scene
 
     paths: Sequence[Path] = expand(a.episodes)
     scenes = [load_scene(path) for path in paths]
-    bank = make_bank([load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes])
+    more = load_episodes(a.more) if a.more else []
+    bank = make_bank([load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes], more)
     save_bank(bank, a.out)
     print(f"{a.out}: {bank!r}")
 
@@ -202,6 +208,12 @@ def _masks(a: argparse.Namespace) -> Callable[[str], Any]:
         by_words = grounded(a.detector, a.segmenter, words)
         return lambda name: by_words
     return lambda name: no_masks if a.masks is None else masks_in(a.masks / name)
+
+
+def _bench(a: argparse.Namespace) -> Any:
+    from embodiedreamer_gym.vis_aligner import load_bank
+
+    return None if a.bank is None else load_bank(a.bank).bench
 
 
 def _aligner(a: argparse.Namespace) -> Any:

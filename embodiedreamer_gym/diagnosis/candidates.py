@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -14,6 +13,7 @@ from embodiedreamer_gym.diagnosis.screen import Screened
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, fit_at, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.starts import piecewise_start
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
@@ -44,28 +44,31 @@ class Candidate:
 
 def refit(
     base: RobotModel, screened: Screened, problem: Problem, train: Sequence[Recording], test: Sequence[Recording],
-    both_rules: bool, rival: float = np.inf, known: Known | None = None,
+    both_rules: bool, rival: float = np.inf, known: Known | None = None, by_pieces: bool = False,
 ) -> Candidate:  # fmt: skip
     """Fit base + effect from where the screening found it; under both rules between commands where none is known.
 
     problem: the base model's own, whose weights per joint and rule are kept, so that costs compare; rival: cost of another
-    refit, far above which this one is given up; known: where this refit ended once before.
+    refit, far above which this one is given up; known: where this refit ended once before; by_pieces: begin with fits to
+    pieces of the motion, also from nominal gains, where a fit to the whole would end in a wrong valley.
     """
     trial = base.with_effect(screened.kind, screened.joints)
     options = RULES if both_rules and screened.kind.stage == "command" else (problem.hold,)
     if known is not None:
         options = (known.hold,)
     found: list[Candidate] = []
-    for hold, start in itertools.product(options, _starts(screened) if known is None else [screened.start]):
+    starts = _starts(screened) if known is None else [screened.start]
+    for hold in options:
         new = Problem(trial, train, hold=hold)
-        if known is not None:
-            fit = fit_at(new, known.x)
-        else:
-            fit = minimise(new, start_of(new, start), ITERATIONS, TOLERANCE, rival=rival)
-        model = new.model_at(fit.x)
-        found.append(Candidate(screened.kind, model, new, fit, evaluate(model, test, hold), new.rollouts))
+        scaled = [start_of(new, start) for start in starts]
+        if by_pieces and known is None:
+            scaled = [piecewise_start(new, [*scaled, start_of(new, screened.start | screened.nominal)])]
+        for x in scaled:
+            fit = fit_at(new, known.x) if known else minimise(new, x, ITERATIONS, TOLERANCE, rival=rival)
+            model = new.model_at(fit.x)
+            found.append(Candidate(screened.kind, model, new, fit, evaluate(model, test, hold), new.rollouts))
     best = min(found, key=lambda c: c.fit.cost)
-    return replace(best, rollouts=sum(c.rollouts for c in found))
+    return replace(best, rollouts=sum({id(c.problem): c.problem.rollouts for c in found}.values()))
 
 
 def _starts(screened: Screened) -> list[dict[str, np.ndarray]]:

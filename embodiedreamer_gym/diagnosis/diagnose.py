@@ -12,7 +12,7 @@ from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, summarise
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.journal import Journal
 from embodiedreamer_gym.diagnosis.null import draw_null
-from embodiedreamer_gym.diagnosis.search import Found, Progress, Search, add_effects, revise, screen_all
+from embodiedreamer_gym.diagnosis.search import Found, Progress, Search, look, screen_all
 from embodiedreamer_gym.diagnosis.verdict import ALARM, convinces
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.errors import CalibrationError
@@ -66,8 +66,7 @@ def diagnose(
     screened = screen_all(search, problem, fit, null, first=True)
     found = Found((calibrated.model, problem, fit), base, null)
     if p_value < ALARM:
-        add_effects(search, found, screened, max_effects)
-        revise(search, found)
+        found = look(search, found, screened, max_effects)
     steps, tie, held, null = found.steps, found.tie, found.held, found.null
     verdict = _verdict(p_value, base, held, null, steps, tie)
     final = finish(found.current[1], found.current[2], 0.0, null.sway)

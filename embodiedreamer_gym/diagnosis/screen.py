@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -68,7 +68,7 @@ class Screened:
     start: group -> (n or arms,) values, of the effect and of the servo's gains; joints: those that have use of the effect,
     None for all; visible: the effect's change of the
     residuals at a typical size that the gains cannot mimic, relative to the calibrated residual of the joint where
-    it is plainest.
+    it is plainest; nominal: group -> the servo's nominal gains, empty where the calibrated ones are near them.
     """
 
     kind: type[Effect]
@@ -77,6 +77,7 @@ class Screened:
     visible: float
     rollouts: int
     joints: tuple[str, ...] | None = None
+    nominal: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem, floor: np.ndarray) -> Screened:
@@ -125,7 +126,8 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
             start[group] = np.clip(chosen if p.shape else chosen * part, low, high)
     for group in {row.group for row in problem.rows if "." not in row.group}:
         start[group] = np.array([getattr(around[g].model, group)[j] for j, g in enumerate(ground_of)])
-    return Screened(kind, score, start, visible, len(fall), joints)
+    nominal = {g: np.array(getattr(ground.model, g)) for ground in around[1:] for g in start if "." not in g}
+    return Screened(kind, score, start, visible, len(fall), joints, nominal)
 
 
 def _change(trial: RobotModel, kind: type[Effect], points: dict[str, np.ndarray], problem: Problem) -> np.ndarray:

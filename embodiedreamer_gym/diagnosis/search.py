@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from embodiedreamer_gym.diagnosis.null import Null, draw_null
 from embodiedreamer_gym.diagnosis.parallel import many
 from embodiedreamer_gym.diagnosis.revise import decided, placed, without_needless
 from embodiedreamer_gym.diagnosis.screen import SEEN_SHARE, Screened, grounds, screen
-from embodiedreamer_gym.diagnosis.verdict import ALARM, contenders, left_over, mends, pays
+from embodiedreamer_gym.diagnosis.verdict import ALARM, contenders, convinces, left_over, mends, pays
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
@@ -29,7 +29,7 @@ Progress = Callable[[str, int, float], None]
 
 @dataclass
 class Search:
-    """A diagnosis under way: what is fixed, and what each step has left behind."""
+    """A diagnosis under way: what is fixed, how refits begin, and what each step has left behind."""
 
     nominal: RobotModel
     train: Sequence[Recording]
@@ -40,6 +40,7 @@ class Search:
     both_rules: bool
     rng: np.random.Generator
     journal: Journal
+    by_pieces: bool = False
     rollouts: int = 0
     ranking: list[Ranked] = field(default_factory=list)
     unobservable: tuple[str, ...] = ()
@@ -73,6 +74,23 @@ class Found:
     def held(self) -> HeldOut:
         """How the model so far does on the held-out recordings."""
         return self.steps[-1].held_out if self.steps else self.base
+
+
+def look(search: Search, found: Found, screened: Sequence[Screened], max_effects: int) -> Found:
+    """Add effects and think again; where that does not convince, once more by pieces, to get out of wrong valleys."""
+    begun = replace(found, steps=[], tie=[])
+    add_effects(search, found, screened, max_effects)
+    revise(search, found)
+    if convinces(found.base, found.held, found.null.chi2):
+        return found
+    first = search.ranking
+    search.by_pieces, search.ranking = True, []
+    add_effects(search, begun, screened, max_effects)
+    revise(search, begun)
+    if begun.held.score < found.held.score:
+        return begun
+    search.ranking = first
+    return found
 
 
 def add_effects(
@@ -137,7 +155,7 @@ def _candidates(
     search: Search, screened: Sequence[Screened], model: RobotModel, problem: Problem, fit: Fit, held: HeldOut
 ) -> list[Candidate]:  # fmt: skip
     """Refit the best of the screening and all that they are confused with."""
-    chosen, step = _shortlist(screened), f"{len(model.effects)} effects"
+    chosen, step = _shortlist(screened), f"{len(model.effects)} effects{', by pieces' * search.by_pieces}"
     candidates: list[Candidate] = []
     for part in (chosen[:LEADERS], chosen[LEADERS:]):  # the others are given up where they fall far behind the leaders
         rival = min((c.fit.cost for c in candidates), default=fit.cost)
@@ -149,7 +167,7 @@ def _candidates(
 
         known = [search.journal.known(f"{step} + {item.kind.name}") for item in part]
         calls = [
-            (model, item, problem, search.train, search.test, search.both_rules, rival, k)
+            (model, item, problem, search.train, search.test, search.both_rules, rival, k, search.by_pieces)
             for item, k in zip(part, known, strict=True)
         ]
         candidates += many(refit, calls, search.jobs, finished)

@@ -18,7 +18,7 @@ RICHER = 0.05  # share of the whole gain that a richer law must bring beyond its
 EXPLAINED = 0.5  # share of the excess error that the effects together must explain, else "unknown"
 USUAL = 1.25  # times the chi2 of all but 5 % of faultless robots, up to which nothing is left to explain
 FAR = 3.0  # the like, beyond which a joint is nowhere near its noise
-NEARLY = 0.95  # share of the excess mean square, of all joints together, whose rest does not speak against the effect
+NEARLY = 0.95  # share of the excess mean square, of all joints together, whose rest does not speak against the effects
 MOSTLY = 0.8  # share of the excess error in logarithms, the like
 NESTED = {  # the simpler effect is a special case of the richer one
     "coulomb_friction": ("stribeck_friction", "direction_dependent_friction", "hysteresis"),
@@ -68,21 +68,21 @@ def _worse(before: HeldOut, best: Candidate, other: Candidate) -> bool:
 def convinces(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
     """Whether effects leave so little that they, and not something like them, are what is missing.
 
-    What a right effect leaves is what faultless robots have, or little more and next to nothing of what there was. Where not one joint
-    comes near its noise, sensors see more than such models say anyway, and a rest does not speak against an effect that
-    explains most.
+    What a right effect leaves is what faultless robots have, or little more and next to nothing of what there was. Where
+    not one joint comes near its noise, sensors see more than such models say anyway, and a rest does not speak against
+    effects that explain most.
     """
     if total_explained(before, after, null) < EXPLAINED:
         return False
-    usual, most = np.median(null, axis=0), np.quantile(null, 0.95, axis=0)
-    beyond = after.chi2 / most
-    if beyond.max() <= USUAL or beyond.min() > FAR:
+    beyond = after.chi2 / np.quantile(null, 0.95, axis=0)
+    if beyond.max() <= USUAL:
         return True
-    if beyond.max() > FAR:
-        return False
+    usual = np.median(null, axis=0)
     was, rest = (np.maximum(h.chi2 - usual, 0.0).sum() for h in (before, after))
+    if beyond.min() > FAR:
+        return bool(rest <= (1 - EXPLAINED) * was)
     was_log, rest_log = (np.log(np.maximum(h.chi2 / usual, 1.0)).sum() for h in (before, after))
-    return bool(rest <= (1 - NEARLY) * was and rest_log <= (1 - MOSTLY) * was_log)
+    return bool(beyond.max() <= FAR and rest <= (1 - NEARLY) * was and rest_log <= (1 - MOSTLY) * was_log)
 
 
 def left_over(held: HeldOut, null: np.ndarray) -> bool:

@@ -177,7 +177,7 @@ class AlohaEnv(gym.Env, EzPickle):
         """
         found = {**CAMERAS, **self.cameras}[check_choice("camera", camera, {**CAMERAS, **self.cameras})]
         size = self.image_size if size is None else check_size("size", size)
-        return self.renderer.capture(found, size, self._mount(found), self.scene.classes)
+        return self.renderer.capture(found, size, self._mount(found), self.scene.classes, self.scene.parts)
 
     def joint_positions(self) -> np.ndarray:
         """What the encoders (14,) read at this instant, in the units of the action."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,11 +13,14 @@ import numpy as np
 import pybullet
 from pybullet_utils.bullet_client import BulletClient
 
-from embodiedreamer_gym.camera import Camera, Pose, whole_size
+from embodiedreamer_gym.camera import Camera, Pose, rotation_matrix, whole_size
 from embodiedreamer_gym.envs import egl
 from embodiedreamer_gym.errors import SimulationError
 
 Drawn = tuple[np.ndarray, np.ndarray, np.ndarray]
+Part = tuple[int, int]  # PyBullet's body and link
+LINK = 24  # bits to the left of which PyBullet's segmentation has the link + 1
+BODY = (1 << LINK) - 1
 
 CHOICES = ("auto", "tiny", "egl")
 SMALL = 128 * 128  # pixels up to which TinyRenderer is as fast as OpenGL on a processor
@@ -40,15 +43,24 @@ class Frame:
     """What a camera sees.
 
     rgb: (H, W, 3) uint8; depth: (H, W) float32, m along the optical axis, the camera's far where nothing is;
-    segmentation: (H, W) uint8, class numbers, 0 where nothing is.
+    segmentation: (H, W) uint8, class numbers, 0 where nothing is; parts: (H, W) uint8, which of the rigid parts asked for,
+    from 1, 0 elsewhere; projections: (L, 3, 4) float32 of those L parts: (u, v, 1) depth = projection (x, y, z, 1), from m in
+    the part's frame to pixels.
     """
 
     rgb: np.ndarray
     depth: np.ndarray
     segmentation: np.ndarray
+    parts: np.ndarray
+    projections: np.ndarray
 
     def __repr__(self) -> str:
         return f"Frame({self.rgb.shape[1]} x {self.rgb.shape[0]})"
+
+    def datasets(self) -> dict[str, np.ndarray]:
+        """All of it, as files have it: depth to a millimetre."""
+        return {"rgb": self.rgb, "depth": self.depth.astype(np.float16), "classes": self.segmentation, "parts": self.parts,
+                "projections": self.projections}  # fmt: skip
 
 
 class Renderer:
@@ -115,16 +127,37 @@ class Renderer:
         return self._draw(camera, size, pose_of_link, pybullet.ER_NO_SEGMENTATION_MASK)[0]
 
     def capture(self, camera: Camera, size: tuple[int, int], pose_of_link: Pose | None = None,
-                classes: Mapping[int, int] | None = None) -> Frame:  # fmt: skip
+                classes: Mapping[int, int] | None = None, parts: Sequence[Part] = ()) -> Frame:  # fmt: skip
         """Colours, depth and classes of a picture of a size (width, height).
 
         pose_of_link: position (3,), m, and quaternion (4,) xyzw of the frame of the camera's link; classes: PyBullet's
-        body -> class number, 0 for those left out.
+        body -> class number, 0 for those left out; parts: PyBullet's body and link (-1: the base) of those to be told apart.
         Raises: SimulationError when the camera's link has no pose, the picture is too large or a class is not 0 .. 255.
         """
         numbers = _lookup(classes or {})
-        rgb, buffer, bodies = self._draw(camera, size, pose_of_link, 0)
-        return Frame(rgb, camera.depth(buffer), numbers[np.clip(bodies, -1, len(numbers) - 2) + 1])
+        flags = pybullet.ER_SEGMENTATION_MASK_OBJECT_AND_LINKINDEX if parts else 0
+        rgb, buffer, drawn = self._draw(camera, size, pose_of_link, flags)
+        bodies = np.where(drawn < 0, -1, drawn & BODY) if parts else drawn
+        found = np.zeros(drawn.shape, np.uint8)
+        for number, (body, link) in enumerate(parts, 1):
+            found[drawn == body + (link + 1 << LINK)] = number
+        return Frame(rgb, camera.depth(buffer), numbers[np.clip(bodies, -1, len(numbers) - 2) + 1], found,
+                     self._projections(camera, size, pose_of_link, parts))  # fmt: skip
+
+    def _projections(self, camera: Camera, size: tuple[int, int], pose_of_link: Pose | None,
+                     parts: Sequence[Part]) -> np.ndarray:  # fmt: skip
+        """Projections (L, 3, 4) of rigid parts."""
+        found = np.zeros((len(parts), 3, 4))
+        here, axes = camera.pose(pose_of_link)
+        matrix = camera.matrix(size) @ axes.T
+        for projection, (body, link) in zip(found, parts, strict=True):
+            if link < 0:
+                position, quaternion = self._client.getBasePositionAndOrientation(body)
+            else:
+                position, quaternion = self._client.getLinkState(body, link, computeForwardKinematics=True)[4:6]
+            projection[:, :3] = matrix @ rotation_matrix(quaternion)
+            projection[:, 3] = matrix @ (np.array(position) - here)
+        return found.astype(np.float32)
 
     def _draw(self, camera: Camera, size: tuple[int, int], pose_of_link: Pose | None, flags: int) -> Drawn:
         """Colours (H, W, 3), depth buffer (H, W) and PyBullet's bodies (H, W; -1: none) of a picture."""

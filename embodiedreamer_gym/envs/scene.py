@@ -30,7 +30,7 @@ class Scene:
 
     props: name -> PyBullet's body; bases: (3,) m, where each arm's first joint is; fingers: for each arm the links
     (body, index) that close on things; classes: PyBullet's body -> number of its segmentation class; class_names: what
-    the numbers mean.
+    the numbers mean; parts: body and link of all that is rigid and may move, the robot's links and the props.
     """
 
     def __init__(
@@ -46,6 +46,7 @@ class Scene:
         self.classes = {self.table: 1, **dict.fromkeys(self.plant.bodies, 2)}
         self.classes |= {body: 3 + i for i, body in enumerate(self.props.values())}
         self.class_names = (*CLASSES, *self.props)
+        self.parts = [*dict.fromkeys(self.plant.links.values()), *((body, -1) for body in self.props.values())]
         self.tips = [self.plant.links[name] for name in model.arms]
         tree = model.tree
         self.bases = [tree.origin[np.flatnonzero(tree.arm[tree.coordinate] == arm)[0]] for arm in range(tree.arms)]

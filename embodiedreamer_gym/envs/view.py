@@ -30,6 +30,7 @@ class RobotView:
         self._renderer = Renderer(self._client, "tiny", size)
         self._plant = BulletPlant(model, self._client)
         self._classes = dict.fromkeys(self._plant.bodies, ROBOT)
+        self._parts = list(dict.fromkeys(self._plant.links.values()))
 
     def __enter__(self) -> RobotView:
         return self
@@ -44,7 +45,7 @@ class RobotView:
             self._client.disconnect()
 
     def at(self, position: np.ndarray) -> Frame:
-        """Picture, depth and classes of the robot at joint positions (n,)."""
+        """Picture, depth, classes and links of the robot at joint positions (n,)."""
         still = np.zeros_like(position)
         self._plant.reset(position, still, position)
-        return self._renderer.capture(self.camera, self.size, classes=self._classes)
+        return self._renderer.capture(self.camera, self.size, classes=self._classes, parts=self._parts)

@@ -74,6 +74,11 @@ def fit_at(problem: Problem, x: np.ndarray) -> Fit:
     return _fit(problem, x, *problem.jacobian(x), True)
 
 
+def cost_of(problem: Problem, r: np.ndarray) -> float:
+    """Mean over joints of log(1 + chi2) of residuals (N,), outliers counting less."""
+    return robust_cost(problem, r, huber_limit(problem, r))
+
+
 def _fit(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray, converged: bool) -> Fit:
     limit = huber_limit(problem, r)
     return Fit(x, robust_cost(problem, r, limit), r, jacobian, robust_weight(problem, r, limit), converged)

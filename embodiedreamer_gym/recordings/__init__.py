@@ -8,7 +8,7 @@ from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum
 from embodiedreamer_gym.recordings.preflight import Preflight, preflight
 from embodiedreamer_gym.recordings.recording import Recording, Recordings
 from embodiedreamer_gym.recordings.smoothing import Motion, smooth_motion, smoothing_gain, smoothing_half
-from embodiedreamer_gym.recordings.windows import thin, window
+from embodiedreamer_gym.recordings.windows import pieces, thin, window
 
 __all__ = [
     "Finding",
@@ -22,6 +22,7 @@ __all__ = [
     "estimate_quantum",
     "load_recordings",
     "noise_floor",
+    "pieces",
     "preflight",
     "save_recording",
     "sensor_sd",

@@ -10,6 +10,7 @@ from embodiedreamer_gym.recordings.recording import Recording, Recordings
 
 SHORTEST = 4.0  # s
 LONGEST = 12.0  # s
+FEWEST = 16  # samples of a piece
 BURN_IN = 0.5  # s at a window's start that are simulated but not judged: what came before is not known there
 
 
@@ -28,6 +29,21 @@ def window(recording: Recording, start: float, end: float) -> Recording:
     optional = {k: None if v is None else v[rows] for k, v in optional.items()}
     name = f"{recording.name} {start:.0f}-{end:.0f} s"
     return recording.with_(**arrays, **optional, usable=usable, frames={}, name=name)
+
+
+def pieces(recordings: Sequence[Recording], seconds: float) -> Recordings:
+    """Recordings cut into consecutive pieces of about `seconds`, of at least 16 samples each; all of them is judged."""
+    result: list[Recording] = []
+    for recording in recordings:
+        count = max(1, int(min(recording.duration / seconds, recording.time.size / FEWEST)))
+        for rows in np.array_split(np.arange(recording.time.size), count):
+            optional = {k: getattr(recording, k) for k in ("command", "velocity", "effort")}
+            optional = {k: None if v is None else v[rows] for k, v in optional.items()}
+            result.append(recording.with_(
+                time=recording.time[rows], position=recording.position[rows], usable=recording.usable[rows], **optional,
+                frames={}, name=f"{recording.name} from {recording.time[rows[0]]:.2f} s",
+            ))  # fmt: skip
+    return Recordings(result)
 
 
 def thin(recordings: Sequence[Recording], seconds: float) -> Recordings:

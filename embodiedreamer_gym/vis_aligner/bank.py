@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +11,13 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, Episode
+from embodiedreamer_gym.vis_aligner.bench import make_bench
+from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, OBJECT, ROBOT, Bench, Condition, Episode, Gallery
 
 MARGIN = 0.06  # of the width: how far around an object its shadow is copied with it
 SLENDER = 1.5  # ratio of an outline's axes from which it is turned, not only stretched
 SMALLEST = 6  # pixels of an object that make an appearance
+UNNAMED = CLASS_NAMES[OBJECT:]
 Array = np.ndarray
 
 
@@ -23,7 +25,7 @@ Array = np.ndarray
 class Entry:
     """A photo with the robot at rest and all objects in view.
 
-    frame (H, W, 3) uint8; classes (H, W) uint8; joints (n,) in the action's units and poses, prop -> position m and
+    props: names of the objects, in the order of their classes; of unnamed ones any will do. frame (H, W, 3) uint8; classes (H, W) uint8; joints (n,) in the action's units and poses, prop -> position m and
     quaternion xyzw (7,), where known: then the simulator can be set to it.
     """
 
@@ -31,6 +33,7 @@ class Entry:
     classes: Array
     joints: Array | None = None
     poses: Mapping[str, Array] | None = None
+    props: tuple[str, ...] = UNNAMED
 
     def options(self) -> dict[str, Any]:
         """What an environment's reset takes to show the same scene.
@@ -44,10 +47,13 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """plate (H, W, 3) uint8: the bench without objects, the robot at rest; entries: photos with objects."""
+    """plate (H, W, 3) uint8: the bench without objects, the robot at rest; entries: photos with objects; bench:
+    what else is known of it, where that was made.
+    """
 
     plate: Array
     entries: tuple[Entry, ...]
+    bench: Bench | None = None
 
     def __post_init__(self) -> None:
         if not self.entries:
@@ -65,6 +71,20 @@ class Bank:
     def size(self) -> tuple[int, int]:
         """Width and height."""
         return self.plate.shape[1], self.plate.shape[0]
+
+    def of(self, props: Sequence[str]) -> Bank:
+        """The bank with those photos only that show these objects.
+
+        Raises: VisionError where no photo does.
+        """
+        fitting = tuple(e for e in self.entries if e.props in (tuple(props), UNNAMED))
+        if not fitting:
+            shown = sorted({" and ".join(e.props) for e in self.entries})
+            raise VisionError(
+                f"no photo of the bank shows {' and '.join(props)}; there are photos of {'; '.join(shown)}. Make a bank of "
+                "your own with `embodiedreamer vis bank`."
+            )
+        return replace(self, entries=fitting)
 
     def entry(self, number: int) -> Entry:
         """Photo number 0, 1, ...
@@ -129,11 +149,12 @@ class Bank:
 
 
 def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] | None] = (),
-              joints: Sequence[Array | None] = ()) -> Bank:  # fmt: skip
+              joints: Sequence[Array | None] = (), more: Sequence[Episode] = ()) -> Bank:  # fmt: skip
     """A bank of the first frames of episodes that begin with the robot in one pose.
 
     The plate is the median of what table and background look like where no object is, and the robot of the first frames;
-    poses, joints: of the props and the robot at the first frames, where known.
+    poses, joints: of the props and the robot at the first frames, where known; more: episodes of the same bench that begin
+    anywhere, to know more of it.
     Raises: VisionError without an episode, or where sizes differ.
     """
     if not episodes:
@@ -144,24 +165,16 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
     plate = np.ma.median(free, axis=0)
     holes = np.ma.getmaskarray(plate)[..., 0]
     filled = np.round(plate.filled(0)).astype(np.uint8)
-    if holes.any():
-        filled = _fill(filled, holes, episodes)
+    bench = make_bench([*episodes, *more])
+    if holes.any():  # an object stood there in every first frame: what is behind it, else a guess
+        known = holes & bench.seen
+        filled[known] = bench.picture[known]
+        filled = cv2.inpaint(filled, (holes & ~known).astype(np.uint8), 3, cv2.INPAINT_TELEA)
     entries = [
-        Entry(frame, seen, joints[i] if joints else None, poses[i] if poses else None)
+        Entry(frame, seen, joints[i] if joints else None, poses[i] if poses else None, episodes[i].class_names[OBJECT:])
         for i, (frame, seen) in enumerate(zip(firsts, classes, strict=True))
     ]
-    return Bank(filled, tuple(entries))
-
-
-def _fill(plate: Array, holes: Array, episodes: Sequence[Episode]) -> Array:
-    """The plate where an object stood in every first frame: later frames in which nothing is there, else a guess."""
-    for episode in episodes:
-        free = episode.condition.classes < ROBOT
-        newly = holes & free.any(axis=0)
-        rows, columns = np.nonzero(newly)
-        plate[newly] = episode.frames[free.argmax(axis=0)[newly], rows, columns]
-        holes = holes & ~newly
-    return cv2.inpaint(plate, holes.astype(np.uint8), 3, cv2.INPAINT_TELEA) if holes.any() else plate
+    return Bank(filled, tuple(entries), bench)
 
 
 # ---- outlines --------------------------------------------------------------------------------------------------
@@ -210,8 +223,14 @@ def save_bank(bank: Bank, path: str | Path) -> None:
     part = path.with_name(f".{path.name}.part.npz")
     data: dict[str, Array] = {
         "plate": bank.plate, "frames": np.stack([e.frame for e in bank.entries]),
-        "classes": np.stack([e.classes for e in bank.entries]),
+        "classes": np.stack([e.classes for e in bank.entries]), "props": np.array(["\n".join(e.props) for e in bank.entries]),
     }  # fmt: skip
+    if bank.bench is not None:
+        data |= {"bench": bank.bench.picture, "bench.seen": bank.bench.seen}
+        if bank.bench.gallery is not None:
+            seen = vars(bank.bench.gallery.condition)
+            data["gallery"] = bank.bench.gallery.frames
+            data |= {f"gallery.{key}": array for key, array in seen.items() if array is not None}
     if all(e.joints is not None for e in bank.entries):
         data["joints"] = np.stack([np.asarray(e.joints) for e in bank.entries])
     for name in sorted({n for e in bank.entries for n in (e.poses or {})}):
@@ -233,7 +252,18 @@ def load_bank(path: str | Path) -> Bank:
         entries = []
         for i, (frame, classes) in enumerate(zip(arrays["frames"], arrays["classes"], strict=True)):
             poses = {n: arrays[f"pose.{n}"][i] for n in names if np.isfinite(arrays[f"pose.{n}"][i]).all()}
-            entries.append(Entry(frame, classes, arrays["joints"][i] if "joints" in arrays else None, poses or None))
-        return Bank(arrays["plate"], tuple(entries))
+            props = tuple(str(arrays["props"][i]).split("\n"))
+            joints = arrays["joints"][i] if "joints" in arrays else None
+            entries.append(Entry(frame, classes, joints, poses or None, props))
+        return Bank(arrays["plate"], tuple(entries), _bench(arrays))
     except (OSError, KeyError, ValueError, EOFError) as error:
         raise VisionError(f"{path} is no reference bank; make one with `embodiedreamer vis bank`.") from error
+
+
+def _bench(arrays: Mapping[str, Array]) -> Bench | None:
+    """What a file knows of the bench."""
+    if "bench" not in arrays:
+        return None
+    seen = {key.removeprefix("gallery."): data for key, data in arrays.items() if key.startswith("gallery.")}
+    gallery = Gallery(arrays["gallery"], Condition(**seen)) if "gallery" in arrays else None
+    return Bench(arrays["bench"], arrays["bench.seen"].astype(bool), gallery)

@@ -6,27 +6,29 @@ picture whose object pixels are blank, which is the same without the sums' ambig
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import torch
 from torch import Tensor
 
+from embodiedreamer_gym.vis_aligner.carry import carry, differs, recall
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, TABLE, Condition, References
 
-LEVELS = 2  # of 255, up to which a simulated colour counts as the same
 NEAR, REACH = 1.0, 0.5  # m; a depth of NEAR +- REACH is -1 .. 1
+EDGE = np.ones((3, 3), np.uint8)
 SLOPE = 20.0 / 128  # per metre from a pixel to the next but one and pixel of width: the channels of the surface's tilt
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """Which inputs a model uses; those switched off are not computed, so that an ablation is one flag.
+    """Which inputs a model uses; what is switched off is not looked at, so that an ablation is one flag.
 
     masks: channels of robot, object and goal (else objects are erased from the picture); depth: depth and its two
     slopes; anchor: the true first frame; plate: what has been seen behind moving things; at_reference: the simulated
-    view at the reference's time.
+    view at the reference's time; carry: links and objects that have moved are taken along from the pictures that show them;
+    gallery: links also from photos of the robot in other poses.
     """
 
     masks: bool = True
@@ -34,11 +36,18 @@ class Inputs:
     anchor: bool = True
     plate: bool = True
     at_reference: bool = True
+    carry: bool = True
+    gallery: bool = True
 
     @property
     def per_frame(self) -> int:
         """Channels of a frame's condition."""
         return 3 + 3 * self.masks + 3 * self.depth
+
+    @property
+    def known(self) -> int:
+        """Pictures of true frames that each frame can be made of."""
+        return self.plate + self.anchor + self.gallery
 
     @property
     def per_clip(self) -> int:
@@ -47,10 +56,14 @@ class Inputs:
         return 3 * frames + self.at_reference * frames * self.per_frame + 4 * self.plate
 
 
+def allowed(condition: Condition, inputs: Inputs) -> Condition:
+    """A condition with that only which a model is to see: without masks no objects, without carrying no parts."""
+    seen = condition if inputs.masks else without_objects(condition)
+    return seen if inputs.carry else seen.without_parts()
+
+
 def frame_channels(condition: Condition, inputs: Inputs, width: int | None = None) -> Tensor:
     """Channels (T, C, H, W), float, of a condition; width: of the whole picture, where this is a window of it."""
-    if not inputs.masks:
-        condition = without_objects(condition)
     thing = condition.classes >= OBJECT
     rgb = np.where(thing[..., None], 0.0, condition.rgb.astype(np.float32) / 127.5 - 1.0)
     parts = [rgb.transpose(0, 3, 1, 2)]
@@ -70,7 +83,8 @@ def without_objects(condition: Condition) -> Condition:
         rgb[number] = cv2.inpaint(rgb[number], thing[number].astype(np.uint8), 3, cv2.INPAINT_TELEA)
         if depth is not None:
             depth[number] = cv2.inpaint(depth[number], thing[number].astype(np.uint8), 3, cv2.INPAINT_TELEA)
-    return Condition(rgb, np.where(thing, TABLE, condition.classes).astype(np.uint8), depth)
+    bare = condition.without_parts(OBJECT) if condition.parts is not None else condition
+    return replace(bare, rgb=rgb, classes=np.where(thing, TABLE, condition.classes).astype(np.uint8), depth=depth)
 
 
 def _depth_channels(condition: Condition, thing: np.ndarray, width: int) -> np.ndarray:
@@ -102,55 +116,82 @@ def reference_channels(references: References, inputs: Inputs, width: int | None
     return torch.cat(parts)
 
 
-def background(references: References, condition: Condition, inputs: Inputs) -> Tensor:
-    """What each frame (T, 3, H, W) would be if nothing new had to be drawn.
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """What frames can be made of without painting.
 
-    The last frame; but where a thing has left and the plate shows what is behind it, the plate.
+    still (T, 3, H, W): what they would be if nothing new had to be drawn; known (T, S, 3, H, W): what true pictures of other
+    moments tell, S is Inputs.known; stale (T, 1, H, W): 1 where a part of robot or object shows that no picture shows.
     """
-    last, plate = _colours(references.last), _colours(references.plate)
-    if not inputs.plate:
-        return last.expand(len(condition), -1, -1, -1)
-    left = references.seen & (references.last_condition.classes[0] >= ROBOT)
-    uncovered = torch.from_numpy(left & (condition.classes < ROBOT))[:, None]
-    return torch.where(uncovered, plate, last)
+
+    still: Tensor
+    known: Tensor
+    stale: Tensor
 
 
-def known(references: References, condition: Condition, inputs: Inputs) -> Tensor:
-    """What true pictures tell of each frame (T, 3, H, W), so that a copy of a copy never has to be made.
+def sources(references: References, condition: Condition, inputs: Inputs) -> Sources:
+    """The sources of each frame.
 
-    The anchor where the simulator shows the same as at the anchor; the plate behind nothing; elsewhere as `background`.
+    still is the last frame; but where a thing has left and the plate shows what is behind it, the plate; and what is rigid
+    where it has moved to, from the last frame, else from the anchor, else from the gallery. known are plate, anchor and
+    gallery, as far as each goes, so that a copy of a copy never has to be made; elsewhere still.
     """
-    still = background(references, condition, inputs)
+    before, count = references.last_condition, len(condition)
+    thing = condition.classes >= ROBOT
+    still = np.repeat(references.last[None], count, axis=0)
     if inputs.plate:
-        free = torch.from_numpy(references.seen & (condition.classes < ROBOT))[:, None]
-        still = torch.where(free, _colours(references.plate), still)
+        left = references.seen & _left(before.classes[0] >= ROBOT, thing)
+        _put(still, references.plate, left)
+    colours, there = carry(references.last, before, condition)
+    _put(still, colours, there)
+    stale = differs(before, condition) & thing & ~there
+    told = []
     if inputs.anchor:
-        same = torch.from_numpy(~differs(references.anchor_condition, condition))[:, None]
-        still = torch.where(same, _colours(references.anchor), still)
-    return still
+        colours, there = carry(references.anchor, references.anchor_condition, condition)
+        same = ~differs(references.anchor_condition, condition)
+        _put(colours, references.anchor, same)
+        told.append((colours, there | same))
+    if inputs.gallery:
+        told.append(recall(references.gallery, condition))
+    for colours, there in told:
+        _put(still, colours, stale & there)
+        stale &= ~there
+    if inputs.plate:
+        told.insert(0, (references.plate, references.seen & ~thing))
+    known = [still.copy() for _ in told]
+    for one, (colours, there) in zip(known, told, strict=True):
+        _put(one, colours, there)
+    stacked = np.stack(known, 1) if known else still[:, None][:, :0]
+    return Sources(to_tensor(still), to_tensor(stacked), torch.from_numpy(stale)[:, None].float())
 
 
-def stale(references: References, condition: Condition) -> Tensor:
-    """Where (T, 1, H, W) robot or object show another part of themselves than at the reference: 1, else 0."""
-    return torch.from_numpy(differs(references.last_condition, condition) & (condition.classes >= ROBOT))[
-        :, None
-    ].float()
+def _put(frames: np.ndarray, colours: np.ndarray, there: np.ndarray) -> None:
+    """Colours (T, H, W, 3) or (H, W, 3) into frames (T, H, W, 3) in some places (T, H, W)."""
+    tall = (-1, *frames.shape[2:])  # OpenCV takes pictures, and is ten times as fast as indexing
+    source = np.ascontiguousarray(np.broadcast_to(colours, frames.shape)).reshape(tall)
+    cv2.copyTo(source, there.astype(np.uint8).reshape(tall[:2]), frames.reshape(tall))
 
 
-def differs(before: Condition, condition: Condition) -> np.ndarray:
-    """Pixels (T, H, W) at which a simulated frame shows something else than another (T = 1)."""
-    colours = np.abs(condition.rgb.astype(np.int16) - before.rgb).max(axis=3) > LEVELS
-    return colours | (condition.classes != before.classes)
+def _left(before: np.ndarray, now: np.ndarray) -> np.ndarray:
+    """Pixels (T, H, W) that a thing (H, W) has left; its edge too, which may be a pixel wider in a real picture."""
+    wide = cv2.dilate(before.astype(np.uint8), EDGE) > 0
+    return np.stack([(before & ~one) | (wide & (cv2.dilate(one.astype(np.uint8), EDGE) == 0)) for one in now])
 
 
 def _colours(frame: np.ndarray) -> Tensor:
     """A frame (H, W, 3) uint8 as (3, H, W) in -1 .. 1."""
-    return torch.from_numpy(frame.astype(np.float32).transpose(2, 0, 1) / 127.5 - 1.0)
+    return to_tensor(np.ascontiguousarray(frame))
 
 
 def to_tensor(frames: np.ndarray) -> Tensor:
-    """Frames (T, H, W, 3) uint8 as (T, 3, H, W) in -1 .. 1."""
-    return torch.from_numpy(np.ascontiguousarray(frames.astype(np.float32).transpose(0, 3, 1, 2) / 127.5 - 1.0))
+    """Frames (..., H, W, 3) uint8 as (..., 3, H, W) in -1 .. 1."""
+    return (
+        torch.from_numpy(frames)
+        .movedim(-1, -3)
+        .to(torch.float32, memory_format=torch.contiguous_format)
+        .div_(127.5)
+        .sub_(1.0)
+    )
 
 
 def to_frames(clip: Tensor) -> np.ndarray:

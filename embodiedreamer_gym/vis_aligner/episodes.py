@@ -17,7 +17,8 @@ from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, Condition, Episode
 def load_episode(path: str | Path, camera: str = "head") -> Episode:
     """An episode of an HDF5 file as `standin film` and `vis prepare` write it.
 
-    `/observations/images/<camera>` are the real frames, `/observations/sim/<camera>/rgb|depth|classes` the simulator's;
+    `/observations/images/<camera>` are the real frames, `/observations/sim/<camera>/rgb|classes|depth|parts|projections` the
+    simulator's (all after classes optional);
     of a real clip, `/observations/masks/<camera>` are the objects' masks, which count instead of the simulator's.
     Raises: VisionError where something is missing or does not fit.
     """
@@ -30,14 +31,18 @@ def load_episode(path: str | Path, camera: str = "head") -> Episode:
                 _read(file, f"observations/{key}", path)
                 for key in (f"images/{camera}", f"sim/{camera}/rgb", f"sim/{camera}/classes")
             )
-            depth = file.get(f"observations/sim/{camera}/depth")
-            depth = None if depth is None else np.asarray(depth, np.float32)
+            depth, parts, projections = (
+                None if (data := file.get(f"observations/sim/{camera}/{key}")) is None else np.asarray(data)
+                for key in ("depth", "parts", "projections")
+            )
+            depth = None if depth is None else depth.astype(np.float32)
             clean = file.get(f"observations/clean/{camera}")
             clean = None if clean is None else np.asarray(clean)
+            look = json.loads(str(file.attrs["look"])).get("name", "") if "look" in file.attrs else ""
             names = tuple(json.loads(str(file.attrs["class_names"]))) if "class_names" in file.attrs else CLASS_NAMES
     except (OSError, ValueError) as error:
         raise VisionError(f"{path}: damaged, cut short or not an HDF5 file; film or copy it again.") from error
-    return Episode(path.stem, frames, Condition(rgb, classes, depth), clean, names)
+    return Episode(path.stem, frames, Condition(rgb, classes, depth, parts, projections), clean, names, str(look))
 
 
 def load_episodes(patterns: Sequence[str | Path], camera: str = "head") -> list[Episode]:

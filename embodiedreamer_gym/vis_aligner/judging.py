@@ -10,7 +10,7 @@ import numpy as np
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner import measures
 from embodiedreamer_gym.vis_aligner.aligner import Aligner, dream
-from embodiedreamer_gym.vis_aligner.clip import Episode
+from embodiedreamer_gym.vis_aligner.clip import Bench, Episode
 
 AFTER_TRUE, CLOSED, CLEAN = "after true frames", "closed loop", "without noise"
 
@@ -24,8 +24,10 @@ class Judged:
     measures: Mapping[str, measures.Measures]
 
 
-def judge(aligner: Aligner, episode: Episode, chunks: int | None = None) -> Judged:
+def judge(aligner: Aligner, episode: Episode, chunks: int | None = None, bench: Bench | None = None) -> Judged:
     """Render an episode's first chunks (default: all whole ones) after true frames, and with its own as references.
+
+    bench: what is known of it, as a bank has it.
 
     Raises: VisionError when the episode is not longer than a chunk.
     """
@@ -35,8 +37,8 @@ def judge(aligner: Aligner, episode: Episode, chunks: int | None = None) -> Judg
         raise VisionError(f"{episode.name} has {len(episode)} frames; a reference and one chunk are {k + 1}.")
     count = k * (most if chunks is None else min(chunks, most))
     part = episode.condition.part
-    after = [aligner.render([episode.references(s)], [part(s + 1, s + 1 + k)])[0] for s in range(0, count, k)]
-    closed, _ = dream(aligner, [episode.references(0)], [part(1, count + 1)])
+    after = [aligner.render([episode.references(s, bench)], [part(s + 1, s + 1 + k)])[0] for s in range(0, count, k)]
+    closed, _ = dream(aligner, [episode.references(0, bench)], [part(1, count + 1)])
     clips = {AFTER_TRUE: np.concatenate(after), CLOSED: closed[0]}
     if episode.clean is not None:
         clips[CLEAN] = episode.clean[1 : count + 1]
@@ -47,11 +49,6 @@ def judge(aligner: Aligner, episode: Episode, chunks: int | None = None) -> Judg
     simulated = episode.condition.rgb[1 : count + 1]
     found = measures.evaluate_all(clips, truth, simulated, chunk=k)
     return Judged(episode, {"simulated": simulated, **clips, "real": truth.frames}, found)
-
-
-def judge_all(aligner: Aligner, episodes: Sequence[Episode], chunks: int | None = None) -> list[Judged]:
-    """Every episode by itself."""
-    return [judge(aligner, episode, chunks) for episode in episodes]
 
 
 def tables(judged: Sequence[Judged], markdown: bool = False) -> str:

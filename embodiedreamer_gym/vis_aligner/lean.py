@@ -61,8 +61,9 @@ class Lean(nn.Module):
         fine, a, b, c = config.widths
         cell = PAIR * PAIR
         self.embed = nn.Sequential(nn.Linear(16, LEVEL), nn.SiLU(), nn.Linear(LEVEL, LEVEL))
-        self.frame_in = nn.Conv2d((3 + 3 + 1 + config.inputs.per_frame) * cell, fine, 1)
-        self.clip_in = nn.Conv2d(config.inputs.per_clip * cell, fine, 1)
+        inside = 3 + 3 + 1 + 3 * config.inputs.known + config.inputs.per_frame
+        self.frame_in = nn.Conv2d(inside, fine, PAIR, stride=PAIR)
+        self.clip_in = nn.Conv2d(config.inputs.per_clip, fine, PAIR, stride=PAIR)
         self.down0 = nn.Conv2d(fine, a, 2, stride=2)
         self.down1 = Block(a, a)
         self.down2 = Block(a, b, over_time=True)
@@ -72,7 +73,7 @@ class Lean(nn.Module):
         self.up1 = Block(b + a, a)
         self.up0 = nn.ConvTranspose2d(a, fine, 2, stride=2)
         self.detail = nn.Conv2d(2 * fine, fine, 3, padding=1)
-        self.out = nn.Conv2d(fine, 5 * cell, 3, padding=1)
+        self.out = nn.Conv2d(fine, (4 + config.inputs.known) * cell, 3, padding=1)
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)  # pyright: ignore[reportArgumentType]
 
@@ -81,18 +82,19 @@ class Lean(nn.Module):
         """The clean clip (B, T, 3, H, W).
 
         noisy (B, T, 3, H, W); time (B,); frame (B, T, C, H, W): each frame's condition; clip (B, R, H, W): the
-        references; still (B, T, 3, H, W): what the frames would be if nothing new had to be drawn; known (B, T, 3, H, W): the
-        same from true pictures, of another time; stale (B, T, 1, H, W): 1 where neither can be, because something else is
+        references; still (B, T, 3, H, W): what the frames would be if nothing new had to be drawn; known (B, T, S, 3, H, W):
+        the same from true pictures of other times; stale (B, T, 1, H, W): 1 where neither can be, because something else is
         there by now, and the gate is open.
         """
         frames, size = noisy.shape[1], noisy.shape[-2:]
-        seen = torch.cat([noisy, frame, still, stale], 2).flatten(0, 1)
+        seen = torch.cat([noisy, frame, still, known.flatten(2, 3), stale], 2).flatten(0, 1)
         pad = (0, -size[1] % DEEPEST, 0, -size[0] % DEEPEST)
         if any(pad):
             seen, clip = F.pad(seen, pad), F.pad(clip, pad)
+        seen, clip = (x.contiguous(memory_format=torch.channels_last) for x in (seen, clip))  # a tenth faster
         level = self.embed(_waves(time))
-        given = self.clip_in(F.pixel_unshuffle(clip, PAIR)).repeat_interleave(frames, 0)
-        x0 = F.relu_(self.frame_in(F.pixel_unshuffle(seen, PAIR)) + given)
+        given = self.clip_in(clip).repeat_interleave(frames, 0)
+        x0 = F.relu_(self.frame_in(seen) + given)
         x1 = self.down1(self.down0(x0), level, frames)
         x2 = self.down2(F.avg_pool2d(x1, 2), level, frames)
         x3 = self.middle(self.down3(F.avg_pool2d(x2, 2), level, frames), level, frames)
@@ -103,8 +105,10 @@ class Lean(nn.Module):
         new = out[:, :, :3]
         if not self.config.gate:
             return new
-        gate, choice = ((torch.sigmoid(out[:, :, 3:]) - SHUT) / (OPEN - SHUT)).clamp(0.0, 1.0).split(1, 2)
-        return torch.lerp(torch.lerp(still, known, choice), new, torch.maximum(gate, stale))
+        gates = ((torch.sigmoid(out[:, :, 3:]) - SHUT) / (OPEN - SHUT)).clamp(0.0, 1.0)
+        for number in range(known.shape[2]):
+            still = torch.lerp(still, known[:, :, number], gates[:, :, 1 + number : 2 + number])
+        return torch.lerp(still, new, torch.maximum(gates[:, :, :1], stale))
 
 
 def _twice(x: Tensor) -> Tensor:

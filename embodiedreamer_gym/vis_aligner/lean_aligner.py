@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -11,11 +12,10 @@ from torch import Generator, Tensor
 
 from embodiedreamer_gym.vis_aligner.aligner import Made, check_batch
 from embodiedreamer_gym.vis_aligner.channels import (
-    background,
+    allowed,
     frame_channels,
-    known,
     reference_channels,
-    stale,
+    sources,
     to_frames,
     to_tensor,
 )
@@ -46,26 +46,25 @@ class LeanAligner:
         Raises: VisionError when sizes or lengths differ.
         """
         check_batch(references, conditions)
-        still = [background(r, c, self.inputs) for r, c in zip(references, conditions, strict=True)]
-        out = [to_frames(clip).copy() for clip in still]
-        places = windows(references, conditions) if self.network.config.gate else [WHOLE] * len(out)
+        references, conditions = self._allowed(references, conditions)
+        places = windows(references, conditions) if self.network.config.gate else [WHOLE] * len(conditions)
         if places is None:
-            return out
-        given = self._stack(references, conditions, still, places)
+            return _lasting(references, conditions)
+        given = self._stack(references, conditions, places)
         noise = torch.randn(given[2].shape[1:], generator=Generator().manual_seed(self.seed)).expand_as(given[2])
         training = self.network.training
         self.network.eval()
         with torch.inference_mode():
             made = sample(lambda x, time: self.network(x, time, *given), noise, self.steps)
         self.network.train(training)
-        return _pasted(out, made, places)
+        return _pasted(_lasting(references, conditions), made, places)
 
     def attempt(self, references: Sequence[References], conditions: Sequence[Condition], truth: Sequence[np.ndarray],
                 generator: Generator) -> tuple[Tensor, Made]:  # fmt: skip
         """Charbonnier loss of pixels and of their differences, things weighing more, at drawn noise levels; the frames."""
-        still = [background(r, c, self.inputs) for r, c in zip(references, conditions, strict=True)]
+        references, conditions = self._allowed(references, conditions)
         places = windows(references, conditions) or [WHOLE] * len(truth)
-        given = self._stack(references, conditions, still, places)
+        given = self._stack(references, conditions, places)
         true = torch.stack([to_tensor(t[:, rows, columns]) for t, (rows, columns) in zip(truth, places, strict=True)])
         time = draw_times(len(true), generator)
         made = self.network(add_noise(true, time, torch.randn(true.shape, generator=generator)), time, *given)
@@ -76,21 +75,35 @@ class LeanAligner:
         across, down = error.diff(dim=-1), error.diff(dim=-2)
         edges = _size(across, weight[..., 1:]) + _size(down, weight[..., 1:, :])
         loss = _size(error, weight) + EDGES * edges
-        return loss, lambda: _pasted([to_frames(clip).copy() for clip in still], made.detach(), places)
+        return loss, lambda: _pasted(_lasting(references, conditions), made.detach(), places)
+
+    def _allowed(
+        self, references: Sequence[References], conditions: Sequence[Condition]
+    ) -> tuple[list[References], list[Condition]]:
+        """What the network's inputs let it see."""
+        started = [
+            replace(r, last_condition=allowed(r.last_condition, self.inputs),
+                    anchor_condition=allowed(r.anchor_condition, self.inputs)) for r in references
+        ]  # fmt: skip
+        return started, [allowed(c, self.inputs) for c in conditions]
 
     def _stack(
-        self, references: Sequence[References], conditions: Sequence[Condition], still: Sequence[Tensor],
-        places: Sequence[Window],
-    ) -> tuple[Tensor, ...]:  # fmt: skip
+        self, references: Sequence[References], conditions: Sequence[Condition], places: Sequence[Window]
+    ) -> tuple[Tensor, ...]:
         """What the network takes beside noise and time, in windows: conditions, references, still, known, stale."""
         width = conditions[0].size[0]
-        frame = [frame_channels(c.crop(w), self.inputs, width) for c, w in zip(conditions, places, strict=True)]
-        clip = [reference_channels(r.crop(w), self.inputs, width) for r, w in zip(references, places, strict=True)]
-        base = [s[..., rows, columns] for s, (rows, columns) in zip(still, places, strict=True)]
-        cropped = [(r.crop(w), c.crop(w)) for r, c, w in zip(references, conditions, places, strict=True)]
-        true = [known(r, c, self.inputs) for r, c in cropped]
-        old = [stale(r, c) for r, c in cropped]
-        return tuple(torch.stack(part) for part in (frame, clip, base, true, old))
+        views = [c.crop(w) for c, w in zip(conditions, places, strict=True)]
+        start = [r.crop(w) for r, w in zip(references, places, strict=True)]
+        frame = [frame_channels(view, self.inputs, width) for view in views]
+        clip = [reference_channels(one, self.inputs, width) for one in start]
+        made = [sources(r, v, self.inputs) for r, v in zip(start, views, strict=True)]
+        parts = (frame, clip, *([getattr(one, key) for one in made] for key in ("still", "known", "stale")))
+        return tuple(torch.stack(part) for part in parts)
+
+
+def _lasting(references: Sequence[References], conditions: Sequence[Condition]) -> list[np.ndarray]:
+    """The last frame of each, as often as its clip is long: beyond the windows nothing happens."""
+    return [np.repeat(r.last[None], len(c), axis=0) for r, c in zip(references, conditions, strict=True)]
 
 
 def _pasted(whole: list[np.ndarray], clips: Tensor, places: Sequence[Window]) -> list[np.ndarray]:

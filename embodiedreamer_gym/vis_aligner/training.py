@@ -14,7 +14,8 @@ from torch import Tensor, nn
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.aligner import Trainable
-from embodiedreamer_gym.vis_aligner.clip import Episode, References
+from embodiedreamer_gym.vis_aligner.bench import with_benches
+from embodiedreamer_gym.vis_aligner.clip import OBJECT, Condition, Episode, References
 
 CHECKPOINT = "checkpoint.pt"
 SAVED_EVERY = 250  # steps
@@ -26,14 +27,15 @@ Progress = Callable[[str, int, float], None]
 class TrainingConfig:
     """How a model is trained.
 
-    steps: of the optimiser; batch: clips; rate: peak learning rate; own: how likely a clip is followed by the next one of
-    its episode, with the model's own last frame as reference (1 / (1 - own) clips in a row on average); average: of the
-    weights, per step.
+    steps: of the optimiser; batch: clips; rate: peak learning rate; told: share of walks that know their bench and how
+    the objects move, the others only what a real clip tells; own: how likely a clip is followed by the next one of its episode, with the model's own last frame as reference
+    (1 / (1 - own) clips in a row on average); average: of the weights, per step.
     """
 
     steps: int = 4000
     batch: int = 2
     rate: float = 1e-3
+    told: float = 0.7
     own: float = 0.8
     average: float = 0.998
     seed: int = 0
@@ -41,19 +43,32 @@ class TrainingConfig:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Where training is in an episode: its number, the frame the references show; pictures of the model's own, if any."""
+    """Where training is in an episode: its number, the frame the references show; whether bench and objects' poses are known; pictures
+    of the model's own, if any.
+    """
 
     episode: int
     at: int
+    told: bool
     last: Tensor | None = None
     plate: Tensor | None = None
 
     def references(self, episodes: Sequence[Episode]) -> References:
         """References of the chunk that follows."""
-        true = episodes[self.episode].references(self.at)
+        one = episodes[self.episode]
+        true = self._known(one).references(self.at, one.bench if self.told else None)
         if self.last is None or self.plate is None:
             return true
         return replace(true, last=self.last.numpy(), plate=self.plate.numpy())
+
+    def condition(self, episodes: Sequence[Episode], frames: int) -> Condition:
+        """The condition of the chunk that follows."""
+        return self._known(episodes[self.episode]).condition.part(self.at + 1, self.at + 1 + frames)
+
+    def _known(self, one: Episode) -> Episode:
+        """The episode as this walk knows it."""
+        parts = one.condition.parts
+        return one if self.told or parts is None else replace(one, condition=one.condition.without_parts(OBJECT))
 
 
 class Training:
@@ -100,7 +115,7 @@ class Training:
             group["lr"] = self.config.rate * _share(step, self.config.steps)
         walks = [self._begin(episodes, rng) if walk is None else walk for walk in self.walks]
         chosen = [(episodes[w.episode], w.at) for w in walks]
-        conditions = [e.condition.part(at + 1, at + 1 + k) for e, at in chosen]
+        conditions = [walk.condition(episodes, k) for walk in walks]
         truth = [e.frames[at + 1 : at + 1 + k] for e, at in chosen]
         references = [w.references(episodes) for w in walks]
         loss, made = self.aligner.attempt(references, conditions, truth, generator)
@@ -114,15 +129,17 @@ class Training:
         if any(going):
             for i, (frames, condition) in enumerate(zip(made(), conditions, strict=True)):
                 after = references[i].after(frames, condition)
-                walk = Walk(walks[i].episode, walks[i].at + k, torch.tensor(after.last), torch.tensor(after.plate))
-                self.walks[i] = walk if going[i] else None
+                if going[i]:
+                    pictures = torch.tensor(after.last), torch.tensor(after.plate)
+                    self.walks[i] = Walk(walks[i].episode, walks[i].at + k, walks[i].told, *pictures)
         return float(loss.detach())
 
     def _begin(self, episodes: Sequence[Episode], rng: np.random.Generator) -> Walk:
-        """A walk from a true frame, anywhere."""
-        number = int(rng.integers(len(episodes)))
-        at = int(rng.integers(len(episodes[number]) - self.aligner.chunk))
-        return Walk(number, at)
+        """A walk from a true frame, anywhere: each of all episodes' frames is as likely as any other."""
+        starts = np.cumsum([len(e) - self.aligner.chunk for e in episodes])
+        drawn = int(rng.integers(starts[-1]))
+        number = int(np.searchsorted(starts, drawn, side="right"))
+        return Walk(number, int(starts[number]) - 1 - drawn, bool(rng.random() < self.config.told))
 
     def _average(self, keep: float) -> None:
         with torch.no_grad():
@@ -169,7 +186,7 @@ def train(aligner: Trainable, episodes: Sequence[Episode], config: TrainingConfi
 
     Raises: VisionError without long enough episodes, or where the checkpoint is of other settings.
     """
-    training = Training(aligner, config)
+    training, episodes = Training(aligner, config), with_benches(episodes)
     checkpoint = None if folder is None else Path(folder) / CHECKPOINT
     if checkpoint is not None:
         checkpoint.parent.mkdir(parents=True, exist_ok=True)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from embodiedreamer_gym.vis_aligner.channels import differs
+from embodiedreamer_gym.vis_aligner.carry import differs
 from embodiedreamer_gym.vis_aligner.clip import Condition, References, Window
 
 MARGIN = 0.12  # of the picture's width around what moves, for its shadow

@@ -11,7 +11,7 @@ from gymnasium import spaces
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.errors import SimulationError
 
-CLIP = ("rgb", "depth", "classes")
+CLIP = ("rgb", "classes", "depth", "parts", "projections")
 
 
 class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
@@ -20,7 +20,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
     The reward is the sum of the k rewards, observation and info are those after the last action; info["rewards"] (k,)
     holds each reward and info["steps"] their number, which is less than k where the episode was cut, and 0 after a reset.
     With `camera`, info["clip"] holds what it saw after each action: rgb (k, H, W, 3) uint8, depth (k, H, W) m and classes
-    (k, H, W). What is not there repeats the last instant (of rewards: is 0), so that shapes never change.
+    (k, H, W), and what is rigid: parts (k, H, W), projections (k, L, 3, 4), see `Frame`. What is not there repeats the last instant (of rewards: is 0), so that shapes never change.
 
     camera: name of a camera, or None; size: its picture's width and height, the environment's own where None.
     Raises: SimulationError for k below 1, an action space that is no box, or a camera without an ALOHA environment.
@@ -72,7 +72,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         if self.camera is None or not isinstance(aloha, AlohaEnv):
             return ()
         frame = aloha.capture(self.camera, self.size)
-        return frame.rgb, frame.depth, frame.segmentation
+        return frame.rgb, frame.segmentation, frame.depth, frame.parts, frame.projections
 
     def _told(self, rewards: list[float], looks: list[tuple[np.ndarray, ...]]) -> dict[str, Any]:
         """What info says of a chunk."""

@@ -34,21 +34,22 @@ def prepare(
         raise VisionError(
             f"{recording.name} has no video of camera '{camera.name}'; it has {', '.join(recording.frames) or 'none'}."
         )
-    video, real, rgb, classes, depth = recording.frames[camera.name], [], [], [], []
+    video, real, seen = recording.frames[camera.name], [], []
     size = size or (video[0].shape[1], video[0].shape[0])
     with RobotView(model, camera, size) as view:
         for number, position in enumerate(recording.only(model.joints).position):
             frame = video[number]
             things = masks(frame, number)
-            seen = view.at(position)
+            robot = view.at(position)
             real.append(cv2.resize(frame, size, interpolation=cv2.INTER_AREA))
             things = cv2.resize(things, size, interpolation=cv2.INTER_NEAREST)
-            rgb.append(seen.rgb)
-            depth.append(seen.depth)
-            classes.append(np.where(things > ROBOT, things, seen.segmentation))
+            classes = np.where(things > ROBOT, things, robot.segmentation)
+            parts = np.where(things > ROBOT, 0, robot.parts)
+            seen.append((robot.rgb, classes, robot.depth, parts, robot.projections))
             if progress is not None:
                 progress("simulated view", number + 1, 0.0)
-    return Episode(recording.name, np.stack(real), Condition(np.stack(rgb), np.stack(classes), np.stack(depth)))
+    condition = Condition(*(np.stack(column) for column in zip(*seen, strict=True)))
+    return Episode(recording.name, np.stack(real), condition)
 
 
 def write_episode(episode: Episode, path: str | Path, camera: str = "head") -> None:
@@ -62,11 +63,10 @@ def write_episode(episode: Episode, path: str | Path, camera: str = "head") -> N
         with h5py.File(part, "w") as file:
             packed = {"compression": "gzip", "compression_opts": 1}
             file.create_dataset(f"observations/images/{camera}", data=episode.frames, **packed)
-            file.create_dataset(f"observations/sim/{camera}/rgb", data=episode.condition.rgb, **packed)
-            file.create_dataset(f"observations/sim/{camera}/classes", data=episode.condition.classes, **packed)
-            if episode.condition.depth is not None:
-                data = episode.condition.depth.astype(np.float16)
-                file.create_dataset(f"observations/sim/{camera}/depth", data=data, **packed)
+            for key, data in vars(episode.condition).items():
+                if data is not None:
+                    data = data.astype(np.float16) if key == "depth" else data
+                    file.create_dataset(f"observations/sim/{camera}/{key}", data=data, **packed)
         part.replace(path)
     except OSError as error:
         raise VisionError(f"{path} cannot be written: {error.strerror or error}.") from error

@@ -10,10 +10,11 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import VectorEnv, VectorWrapper
 
+from embodiedreamer_gym.envs.tasks.task import Task
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, Condition, References, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.bank import Entry
-from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
+from embodiedreamer_gym.wrappers.action_chunk import CLIP, ActionChunk
 
 SHOWING = ("pixels", "pixels_agent_pos")
 
@@ -36,8 +37,9 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
 
     def __init__(self, env: gym.Env, aligner: str = "lean", bank: str = "lab", chunk: int | None = None) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, aligner=aligner, bank=bank, chunk=chunk)
-        self.aligner, self.bank = load_aligner(aligner), load_bank(bank)
-        gym.Wrapper.__init__(self, filmed(env, self.bank, chunk or self.aligner.chunk))
+        self.aligner, photos = load_aligner(aligner), load_bank(bank)
+        gym.Wrapper.__init__(self, filmed(env, photos, chunk or self.aligner.chunk))
+        self.bank = photos.of(_props(env.unwrapped.task))  # pyright: ignore[reportAttributeAccessIssue]
         self._picture = picture(self.bank)
         self.observation_space = _with_picture(self.env.observation_space, self._picture)
         self.references: References | None = None
@@ -82,12 +84,13 @@ class VisAlignerVectorWrapper(VectorWrapper):
     def __init__(self, env: VectorEnv, aligner: str = "lean", bank: str = "lab") -> None:
         super().__init__(env)
         self.aligner: Aligner = load_aligner(aligner)
-        self.bank: Bank = load_bank(bank)
-        one = picture(self.bank)
+        photos = load_bank(bank)
+        one = picture(photos)
         pixels = _pixels(env.single_observation_space)
         if pixels is None or pixels.shape != one.shape:
             raise VisionError(f"the environments must show pictures {one.shape}, as the bank's photos; make them with "
-                              f"image_size={self.bank.size} and obs_type='pixels_agent_pos'.")  # fmt: skip
+                              f"image_size={photos.size} and obs_type='pixels_agent_pos'.")  # fmt: skip
+        self.bank: Bank = photos.of(_props(env.get_attr("task")[0]))  # pyright: ignore[reportAttributeAccessIssue]
         self.references: list[References | None] = [None] * env.num_envs
 
     def reset(
@@ -127,8 +130,7 @@ class VisAlignerVectorWrapper(VectorWrapper):
     def _views(self, info: Mapping[str, Any]) -> list[Condition]:
         if "clip" not in info:
             raise SimulationError('each environment must be wrapped in ActionChunk(env, k, camera="head").')
-        clip = info["clip"]
-        return [Condition(*parts) for parts in zip(clip["rgb"], clip["classes"], clip["depth"], strict=True)]
+        return [Condition(*seen) for seen in zip(*(info["clip"][key] for key in CLIP), strict=True)]
 
     def _seen(self, observation: Any) -> Any:
         return _shown(observation, np.stack([self._reference(i).last for i in range(len(self.references))]))
@@ -170,14 +172,13 @@ def picture(bank: Bank) -> spaces.Box:
 
 def conditions(info: Mapping[str, Any]) -> Condition:
     """The simulator's view of a chunk."""
-    clip = info["clip"]
-    return Condition(clip["rgb"], clip["classes"], clip["depth"])
+    return Condition(*(info["clip"][key] for key in CLIP))
 
 
 def first(bank: Bank, condition: Condition, entry: Entry | None) -> References:
     """The references of an episode's beginning: a photo, or one painted."""
     frame = entry.frame if entry is not None else bank.paint(condition)
-    return References.start(frame, condition.part(0, 1))
+    return References.start(frame, condition.part(0, 1), bank.bench)
 
 
 def _chosen(bank: Bank, options: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, Entry | None]:
@@ -187,6 +188,11 @@ def _chosen(bank: Bank, options: Mapping[str, Any] | None) -> tuple[dict[str, An
         return options or None, None
     entry = bank.entry(options.pop("reference"))
     return options | entry.options(), entry
+
+
+def _props(task: Task) -> list[str]:
+    """Names of the objects in a task's scene."""
+    return [prop.name for prop in task.props]
 
 
 def _pixels(space: spaces.Space | None) -> spaces.Space | None:

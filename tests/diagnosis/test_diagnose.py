@@ -226,6 +226,9 @@ def faultless_null() -> np.ndarray:
     [
         pytest.param([40.0, 1.0, 1.0], [1.1, 1.0, 1.0], True, id="nothing left"),
         pytest.param([40.0, 1.0, 1.0], [2.0, 1.0, 1.0], True, id="a fortieth left"),
+        pytest.param(
+            [900.0, 400.0, 90.0], [800.0, 10.0, 4.0], False, id="no joint near the noise, the worst hardly better"
+        ),
         pytest.param([9.0, 1.0, 1.0], [2.5, 1.0, 1.0], False, id="a fifth left, and others reach the noise"),
         pytest.param([9.0, 9.0, 1.0], [1.0, 8.0, 1.0], False, id="one joint mended of two"),
         pytest.param([900.0, 400.0, 90.0], [200.0, 60.0, 20.0], True, id="no joint near the noise, most explained"),

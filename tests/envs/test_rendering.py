@@ -65,6 +65,20 @@ def test_a_point_is_drawn_where_the_lens_says(world: World, size: tuple[int, int
         assert frame.depth[round(v), round(u)] == pytest.approx(front, abs=0.002)
 
 
+def test_a_part_is_drawn_where_its_projection_says(world: World) -> None:
+    """Each body as a rigid part: its middle, m in its own frame, at its pixels and its depth."""
+    parts = [(body, -1) for body in world.spheres]
+    frame = world.renderer.capture(CAMERA, SIZES[0], None, {body: 3 for body in world.spheres}, parts)
+    assert np.array_equal(frame.parts > 0, frame.segmentation == 3)
+    for number, projection in enumerate(frame.projections, 1):
+        u, v, depth = projection @ (0.0, 0.0, 0.0, 1.0)
+        rows, columns = np.nonzero(frame.parts == number)
+        assert np.hypot(columns.mean() - u / depth, rows.mean() - v / depth) < 0.4
+        assert frame.depth[round(v / depth), round(u / depth)] == pytest.approx(depth, abs=2 * RADIUS)
+    without = world.renderer.capture(CAMERA, SIZES[0], None, {body: 3 for body in world.spheres})
+    assert np.array_equal(without.segmentation, frame.segmentation) and not without.parts.any()
+
+
 def test_what_comes_back_has_its_type(world: World) -> None:
     frame = world.renderer.capture(CAMERA, (160, 120), None, {world.spheres[0]: 7})
     assert [(a.shape, a.dtype) for a in (frame.rgb, frame.depth, frame.segmentation)] == [

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.bank import Bank, Entry, load_bank, make_bank, save_bank
+from embodiedreamer_gym.vis_aligner.bank import UNNAMED, Bank, Entry, load_bank, make_bank, save_bank
+from embodiedreamer_gym.vis_aligner.clip import Episode
 from tests.vis_aligner.scenes import episode, texture
+from tests.vis_aligner.test_carry import board
 
 
 @pytest.fixture(scope="module")
@@ -36,13 +40,38 @@ def test_a_new_scene_gets_its_objects_painted_in(bank: Bank) -> None:
     assert np.array_equal(painted, bank.paint(one.condition))
 
 
+def test_a_scene_is_painted_from_photos_of_its_objects(bank: Bank) -> None:
+    """A cup of another task is another cup."""
+    others = tuple(replace(e, props=("pen", "box")) for e in bank.entries[:2])
+    both = replace(bank, entries=bank.entries + others)
+    assert both.of(["cup", "mat"]).entries == bank.entries and both.of(["pen", "box"]).entries == others
+    unnamed = replace(bank, entries=(replace(bank.entries[0], props=UNNAMED),))
+    assert unnamed.of(["pen", "box"]).entries == unnamed.entries
+    with pytest.raises(VisionError, match=r"no photo of the bank shows can and box.*cup and mat; pen and box"):
+        both.of(["can", "box"])
+
+
 def test_a_bank_survives_its_file(bank: Bank, tmp_path) -> None:
     save_bank(bank, tmp_path / "bank.npz")
     again = load_bank(tmp_path / "bank.npz")
     assert np.array_equal(again.plate, bank.plate) and len(again.entries) == 6
+    assert np.array_equal(again.bench.picture, bank.bench.picture)
+    assert np.array_equal(again.bench.seen, bank.bench.seen)
     assert np.array_equal(again.entry(2).frame, bank.entry(2).frame)
+    assert again.entry(2).props == ("cup", "mat")
     assert again.entry(2).options()["object_poses"]["cup"].tolist() == list(range(7))
     assert [p.name for p in tmp_path.iterdir()] == ["bank.npz"]
+
+
+def test_a_gallery_survives_its_file(tmp_path) -> None:
+    clip = board([(0.0, 0.0, 1.0, 0.0), (0.1, 0.05, 1.1, 0.4)])
+    one = Episode("turning", clip.rgb, clip)
+    save_bank(make_bank([one]), tmp_path / "bank.npz")
+    again, made = load_bank(tmp_path / "bank.npz").bench.gallery, make_bank([one]).bench.gallery
+    assert np.array_equal(again.frames, made.frames)
+    assert all(
+        np.array_equal(a, b) for a, b in zip(vars(again.condition).values(), vars(made.condition).values(), strict=True)
+    )
 
 
 def test_bad_banks_are_refused(bank: Bank, tmp_path) -> None:

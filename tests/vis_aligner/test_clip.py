@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.clip import ROBOT, Condition, Episode, References
+from embodiedreamer_gym.vis_aligner.clip import ROBOT, Bench, Condition, Episode, References
 from tests.vis_aligner.scenes import episode
 
 
@@ -32,6 +32,23 @@ def test_what_was_seen_is_not_redrawn() -> None:
     assert new.any() and (after.plate[new] == 255).all()
     assert not (after.seen & (one.condition.classes[:5] >= ROBOT).all(axis=0)).any()
     assert (after.anchor == one.frames[0]).all() and (after.last == 255).all()
+
+
+def test_a_backdrop_shows_what_this_episode_never_uncovered() -> None:
+    """And goes before what the episode showed itself; what neither knows stays unknown."""
+    one = episode(2)
+    seen = np.zeros((48, 64), bool)
+    seen[:, 20:] = True
+    bench = Bench(np.full((48, 64, 3), 99, np.uint8), seen)
+    without, found = one.references(0), one.references(0, bench)
+    assert (found.plate[seen] == 99).all() and np.array_equal(found.plate[~seen], without.plate[~seen])
+    assert np.array_equal(found.seen, seen | without.seen) and (found.seen & ~without.seen).any()
+    started = References.start(one.frames[0], one.condition.part(0, 1), bench)
+    assert np.array_equal(started.plate, found.plate) and np.array_equal(started.seen, found.seen)
+    with pytest.raises(VisionError, match="must agree"):
+        one.references(0, Bench(bench.picture[::2], seen[::2]))
+    with pytest.raises(VisionError, match="a bench's picture must be"):
+        Bench(bench.picture, seen[::2])
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import torch
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.aligner import dream
-from embodiedreamer_gym.vis_aligner.channels import Inputs, background, known, stale, to_frames
+from embodiedreamer_gym.vis_aligner.channels import Inputs, sources, to_frames
 from embodiedreamer_gym.vis_aligner.clip import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
@@ -21,13 +21,14 @@ SMALL = LeanConfig((8, 8, 8, 16))
 
 
 def aligner(config: LeanConfig = SMALL, bias: float = 0.0, choice: float = -50.0, **options) -> LeanAligner:
-    """Untrained, but with weights in its last layer; bias: of the gate; choice: of the known picture, not the last."""
+    """Untrained, but with weights in its last layer; bias: of the gate; choice: of plate and anchor, not the last frame."""
     torch.manual_seed(0)
     network = Lean(config)
     torch.nn.init.normal_(network.out.weight, std=0.1)
     with torch.no_grad():
         network.out.bias[12:16] = bias
-        network.out.bias[16:] = choice
+        network.out.bias[16:24] = choice
+        network.out.bias[24:] = -50.0
     return LeanAligner(network, **options)
 
 
@@ -41,19 +42,21 @@ def test_any_size_and_length(size: tuple[int, int], frames: int) -> None:
     network, inputs = Lean(SMALL), SMALL.inputs
     picture = torch.zeros(1, frames, 3, *size)
     made = network(picture, torch.ones(1), torch.zeros(1, frames, inputs.per_frame, *size),
-                   torch.zeros(1, inputs.per_clip, *size), picture, picture, picture[:, :, :1])  # fmt: skip
+                   torch.zeros(1, inputs.per_clip, *size), picture, torch.zeros(1, frames, inputs.known, 3, *size),
+                   picture[:, :, :1])  # fmt: skip
     assert made.shape == picture.shape
 
 
 def test_a_shut_gate_leaves_pixels_exactly_as_they_were() -> None:
     one = episode()
     references, condition = one.references(0), one.condition.part(8, 9)
-    still = to_frames(background(references, condition, Inputs()))[0]
+    found = sources(references, condition, Inputs())
+    still = to_frames(found.still)[0]
     shut, opened, whole = (
         aligner(replace(SMALL, gate=gate), bias=bias).render([references], [condition])[0][0]
         for gate, bias in ((True, -50.0), (True, 50.0), (False, -50.0))
     )
-    kept = stale(references, condition)[0, 0].numpy() == 0
+    kept = found.stale[0, 0].numpy() == 0
     assert np.array_equal(shut[kept], still[kept]) and 0.5 < kept.mean() < 1
     assert 0.1 < (opened != still).any(axis=2).mean() < (whole != still).any(axis=2).mean()
 
@@ -64,11 +67,15 @@ def test_what_true_pictures_tell_can_be_chosen() -> None:
     references, condition = replace(one.references(8), last=np.zeros_like(one.frames[0])), one.condition.part(0, 1)
     made = aligner(bias=-50.0, choice=50.0).render([references], [condition])[0][0]
     rows, columns = windows([references], [condition])[0]
-    old = stale(references, condition)[0, 0].numpy() > 0
+    found = sources(references, condition, Inputs())
+    old = found.stale[0, 0].numpy() > 0
     assert np.array_equal(made[rows, columns][~old[rows, columns]], one.frames[0][rows, columns][~old[rows, columns]])
-    told = to_frames(known(references, condition, replace(Inputs(), anchor=False)))[0]
+    plate, anchor, gallery = to_frames(found.known)[0]
     free = (condition.classes[0] < 2) & references.seen
-    assert np.array_equal(told[free], references.plate[free]) and not told[(condition.classes[0] == 2) & ~free].any()
+    assert np.array_equal(plate[free], references.plate[free]) and not plate[(condition.classes[0] == 2) & ~free].any()
+    assert np.array_equal(anchor, one.frames[0]) and np.array_equal(gallery, to_frames(found.still)[0])  # there is none
+    least = replace(Inputs(), anchor=False, plate=False, gallery=False)
+    assert sources(references, condition, least).known.shape[1] == 0
 
 
 def test_only_what_moves_is_drawn() -> None:
@@ -109,7 +116,7 @@ def test_windows_of_a_batch_have_one_size(seed: int) -> None:
         assert not (moving(reference, condition) & ~inside).any()
 
 
-@pytest.mark.parametrize("inputs", [Inputs(), Inputs(False, False, False, False, False)], ids=["all", "least"])
+@pytest.mark.parametrize("inputs", [Inputs(), Inputs(*[False] * 7)], ids=["all", "least"])
 def test_a_batch_gives_what_each_alone_gives(inputs: Inputs) -> None:
     ones = [episode(seed) for seed in range(3)]
     model = aligner(replace(SMALL, inputs=inputs), steps=2)

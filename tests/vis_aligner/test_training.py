@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.vis_aligner.bench import with_benches
 from embodiedreamer_gym.vis_aligner.judging import AFTER_TRUE, CLOSED, judge, tables
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
@@ -49,7 +50,7 @@ def test_the_tables_name_every_row(learnt: LeanAligner) -> None:
 
 
 def test_an_interrupted_training_goes_on_to_the_same_weights(tmp_path) -> None:
-    episodes = [episode(seed) for seed in range(3)]
+    episodes = with_benches([episode(seed) for seed in range(3)])
     whole = fresh()
     train(whole, episodes, CONFIG)
     first = Training(fresh(), CONFIG)
@@ -79,12 +80,33 @@ def test_a_walk_goes_on_from_own_frames() -> None:
     found, true = walk.references([clip]), clip.references(walk.at)
     assert not np.array_equal(found.last, true.last)
     assert np.array_equal(found.anchor, clip.frames[0])
+    assert [w.told for w in walking.walks if w] == [walk.told]
     at = walk.at
     walking.run([clip], until=2)
     assert walking.walks[0] is None or walking.walks[0].at == at + 4
     never = Training(fresh(), TrainingConfig(steps=8, batch=1, own=0.0))
     never.run([clip], until=3)
     assert never.walks == [None]
+
+
+@pytest.mark.parametrize("told", [0.0, 1.0])
+def test_a_walk_knows_the_backdrop_or_not(told: float) -> None:
+    """All along, so that models work for those who have one and for those who have none."""
+    clip = with_benches([episode(seed) for seed in range(3)])[0]
+    walking = Training(fresh(), TrainingConfig(steps=8, batch=1, own=1.0, told=told))
+    walking.run([clip], until=1)
+    (walk,) = walking.walks
+    assert walk is not None and clip.bench is not None
+    behind = clip.bench.seen & ~clip.references(walk.at).seen
+    assert behind.any() and (walk.references([clip]).seen[behind] == bool(told)).all()
+
+
+def test_every_frame_is_as_likely_a_start() -> None:
+    """Also where episodes differ in length; none starts too late for a chunk."""
+    episodes = [episode(0, frames=6), episode(1, frames=17)]
+    begin = Training(fresh(), CONFIG)._begin
+    drawn = [begin(episodes, np.random.default_rng(seed)) for seed in range(400)]
+    assert {(w.episode, w.at) for w in drawn} == {(0, at) for at in range(2)} | {(1, at) for at in range(13)}
 
 
 def test_progress_counts_the_steps() -> None:

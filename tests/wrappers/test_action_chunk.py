@@ -45,7 +45,8 @@ def test_the_clip_is_what_the_camera_sees_after_each_action() -> None:
     env = ActionChunk(make(), k=3, camera="head", size=(64, 48))
     _, info = env.reset(seed=1)
     assert {k: v.shape for k, v in info["clip"].items()} == {
-        "rgb": (3, 48, 64, 3), "depth": (3, 48, 64), "classes": (3, 48, 64)
+        "rgb": (3, 48, 64, 3), "classes": (3, 48, 64), "depth": (3, 48, 64), "parts": (3, 48, 64),
+        "projections": (3, len(env.unwrapped.scene.parts), 3, 4),
     }  # fmt: skip
     assert info["steps"] == 0 and not info["rewards"].any()
     *_, info = env.step(actions(3))
@@ -53,6 +54,7 @@ def test_the_clip_is_what_the_camera_sees_after_each_action() -> None:
     assert len(info["clip"]["rgb"]) == 3
     assert np.array_equal(info["clip"]["rgb"][-1], last.rgb)
     assert np.array_equal(info["clip"]["classes"][-1], last.segmentation)
+    assert np.array_equal(info["clip"]["parts"][-1], last.parts) and last.parts.any()
     assert not np.array_equal(info["clip"]["rgb"][0], info["clip"]["rgb"][-1])
     env.close()
 

@@ -70,7 +70,7 @@ def _simulate(stage: Stage, seed: int, steps: np.ndarray, optics: Optics) -> lis
         if step in steps:
             frame = stage.capture(optics.camera, optics.size)
             fine = stage.capture(optics.wide, (FINER * width, FINER * height)).segmentation
-            found.append(Simulated(frame.rgb, frame.depth, frame.segmentation, optics.bend_classes(fine)))
+            found.append(Simulated(frame, optics.bend_classes(fine)))
 
     stage.play(seed, int(steps[-1]) + 1, watch)
     return found

@@ -81,7 +81,7 @@ class Stage:
 
     def capture(self, camera: Camera, size: tuple[int, int]) -> Frame:
         """What the simulator draws of this instant for a camera that stands in the world; size: width, height."""
-        return self.env.renderer.capture(camera, size, None, self.env.scene.classes)
+        return self.env.renderer.capture(camera, size, None, self.env.scene.classes, self.env.scene.parts)
 
     def close(self) -> None:
         """Close the environment."""

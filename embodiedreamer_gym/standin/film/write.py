@@ -12,6 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from embodiedreamer_gym.envs.rendering import Frame
 from embodiedreamer_gym.errors import RecordingError
 
 CAMERA = "head"
@@ -30,11 +31,9 @@ class Real:
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """The simulator's picture: rgb (H, W, 3) uint8, depth (H, W) m, classes (H, W) uint8; masks: classes of the real one."""
+    """What the simulator sees; masks (H, W) uint8: classes of the real picture."""
 
-    rgb: np.ndarray
-    depth: np.ndarray
-    classes: np.ndarray
+    frame: Frame
     masks: np.ndarray
 
 
@@ -90,9 +89,11 @@ def is_filmed(path: Path, settings: Mapping[str, Any]) -> bool:
 def _datasets(real: Real, simulated: Simulated) -> dict[str, np.ndarray]:
     """Pictures by their place in a file; depth to a millimetre."""
     return {
-        REAL: real.noisy, CLEAN: real.clean, MASKS: simulated.masks, f"{SIMULATED}/rgb": simulated.rgb,
-        f"{SIMULATED}/depth": simulated.depth.astype(np.float16), f"{SIMULATED}/classes": simulated.classes,
-    }  # fmt: skip
+        REAL: real.noisy,
+        CLEAN: real.clean,
+        MASKS: simulated.masks,
+        **{f"{SIMULATED}/{key}": array for key, array in simulated.frame.datasets().items()},
+    }
 
 
 def _room(file: h5py.File, key: str, count: int, picture: np.ndarray) -> h5py.Dataset:

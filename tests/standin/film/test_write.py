@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
+from embodiedreamer_gym.envs.rendering import Frame
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.recordings.aloha_hdf5 import ALOHA_JOINTS
@@ -41,8 +42,9 @@ def pictures(count: int = COUNT) -> Iterator[tuple[Real, Simulated]]:
     rng = np.random.default_rng(1)
     for _ in range(count):
         colour = [rng.integers(0, 255, (6, 8, 3)).astype(np.uint8) for _ in range(3)]
-        flat = [rng.integers(0, 5, (6, 8)).astype(np.uint8) for _ in range(2)]
-        yield Real(*colour[:2]), Simulated(colour[2], rng.uniform(0.3, 2.0, (6, 8)).astype(np.float32), *flat)
+        classes, masks, parts = (rng.integers(0, 5, (6, 8)).astype(np.uint8) for _ in range(3))
+        depth, projections = (rng.uniform(0.3, 2.0, shape).astype(np.float32) for shape in ((6, 8), (4, 3, 4)))
+        yield Real(*colour[:2]), Simulated(Frame(colour[2], depth, classes, parts, projections), masks)
 
 
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
@@ -57,8 +59,10 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
             np.testing.assert_array_equal(file["observations/images/head"][k], real.noisy)
             np.testing.assert_array_equal(file["observations/clean/head"][k], real.clean)
             np.testing.assert_array_equal(file["observations/masks/head"][k], simulated.masks)
-            np.testing.assert_array_equal(file["observations/sim/head/classes"][k], simulated.classes)
-            np.testing.assert_allclose(file["observations/sim/head/depth"][k], simulated.depth, atol=1e-3)
+            np.testing.assert_array_equal(file["observations/sim/head/classes"][k], simulated.frame.segmentation)
+            np.testing.assert_array_equal(file["observations/sim/head/parts"][k], simulated.frame.parts)
+            np.testing.assert_array_equal(file["observations/sim/head/projections"][k], simulated.frame.projections)
+            np.testing.assert_allclose(file["observations/sim/head/depth"][k], simulated.frame.depth, atol=1e-3)
         assert json.loads(file.attrs["film"]) == SETTINGS and file.attrs["side"] == "left"
         assert json.loads(file.attrs["class_names"]) == ["table", "cup"]
     log = load_recordings(tmp_path)[0]

@@ -1,0 +1,154 @@
+"""VisAligner from nothing: films, the shipped weights and photos, and the figures of docs/vis_aligner.md, in one command.
+
+python -m benchmarks.vis_aligner --out DIR [--only films|weights|figures] [--aligner A] [--strips DIR]
+
+Films (Blender's Cycles; a Python with bpy): about an hour on two cores; weights: about an hour on one; figures: 15 minutes.
+Everything is kept in DIR and goes on where it was. The lab's held-out episodes, and the looks of `looks_test`, are in no
+training set. --aligner: a model other than the shipped one for the figures.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.common import pin_threads
+from embodiedreamer_gym.cli import main as embodiedreamer
+from embodiedreamer_gym.robot.files import write_json
+from embodiedreamer_gym.vis_aligner import Aligner, Episode, load_aligner, load_bank, load_episodes, measures
+from embodiedreamer_gym.vis_aligner.clip import Bench, Condition
+from embodiedreamer_gym.vis_aligner.judging import AFTER_TRUE, CLOSED, Judged, judge, tables
+
+CUP = "PutCupOnMat"
+FILMS: dict[str, Mapping[str, Any]] = {
+    "cup_train": {"task": CUP, "look": "lab", "episodes": 25, "frames": 49, "seed": 100},
+    "looks": {"task": CUP, "look": "many", "episodes": 40, "frames": 25, "every": 2, "seed": 3000},
+    "looks_all": {"task": "all", "look": "many", "episodes": 8, "frames": 25, "every": 2, "seed": 5000},
+    "bank": {"task": "all", "look": "lab", "episodes": 8, "every": 25, "seed": 800},
+    "cup_test": {"task": CUP, "look": "lab", "episodes": 10, "frames": 81, "seed": 900},
+    "cup_full": {"task": CUP, "look": "lab", "episodes": 4, "seed": 950},
+    "looks_test": {"task": CUP, "look": "many", "episodes": 8, "frames": 49, "seed": 7000},
+}
+LEARNT = ("cup_train", "looks", "looks_all")
+STEPS = 5000
+TUNED = 1500  # steps of the fine-tuning on the lab
+
+
+def films(out: Path) -> None:
+    """Film what is missing."""
+    for name, film in FILMS.items():
+        options = [text for key, value in film.items() for text in (f"--{key}", str(value))]
+        _run(["standin", "film", "--size", "128x96", "--out", str(out / name), *options])
+
+
+def weights(out: Path) -> None:
+    """Train the network and make the bank."""
+    _run(["vis", "train", *(str(out / name) for name in LEARNT), "--steps", str(STEPS), "--out", str(out / "model")])
+    _run(["vis", "bank", str(out / "bank"), "--more", str(out / "cup_train"), "--out", str(out / "lab.npz")])
+
+
+def figures(out: Path, aligner: str, strips: Path | None) -> None:
+    """Hold a model against the films that it was not trained on."""
+    model, bench = load_aligner(aligner), load_bank("lab").bench
+    tuned = out / "tuned" / "lean.pt"
+    if aligner == "lean":
+        _run(["vis", "fine-tune", str(out / "cup_train"), "--steps", str(TUNED), "--out", str(tuned.parent)])
+    for title, name, one, behind in (
+        ("held-out episodes of the lab", "cup_test", model, bench),
+        (f"the same, fine-tuned on the lab for {TUNED} steps", "cup_test", tuned, bench),
+        ("the same, nothing known of the bench", "cup_test", model, None),
+        ("looks that were never seen, no fine-tuning, nothing known of the bench", "looks_test", model, None),
+        ("whole episodes of the lab, there and back", "cup_full", model, bench),
+    ):
+        if isinstance(one, Path) and not one.is_file():
+            continue
+        episodes = load_episodes([out / name])
+        if name == "cup_full":
+            episodes = [there_and_back(e) for e in episodes]
+        judged = report(title, episodes, load_aligner(one) if isinstance(one, Path) else one, behind)
+        if strips is not None and one is model and (behind is None) == (name == "looks_test"):
+            write_strips(judged, strips)
+        if name == "cup_full":
+            drift(judged)
+
+
+def report(title: str, episodes: Sequence[Episode], aligner: Aligner, bench: Bench | None) -> list[Judged]:
+    """Print the tables of some episodes."""
+    judged = [judge(aligner, episode, bench=bench) for episode in episodes]
+    print(f"\n## {title}: {len(judged)} episodes\n\n{tables(judged, markdown=True)}", flush=True)
+    return judged
+
+
+def there_and_back(episode: Episode) -> Episode:
+    """An episode, and then the same backwards: long enough to see what a closed loop comes to."""
+    order = [*range(len(episode)), *range(len(episode) - 2, -1, -1)]
+    condition = Condition(*(None if x is None else x[order] for x in vars(episode.condition).values()))  # pyright: ignore[reportArgumentType]
+    clean = None if episode.clean is None else episode.clean[order]
+    return replace(episode, frames=episode.frames[order], condition=condition, clean=clean)
+
+
+def drift(judged: Sequence[Judged]) -> None:
+    """Print how far the closed loop is from true references after 10 and after most chunks."""
+    print(
+        "\n| chunks | closed loop less after true frames, dB | IoU of objects | colour shift, 1/255 |\n|---|---|---|---|"
+    )
+    for count in (10, min(40, *(len(j.measures[CLOSED].drift["psnr"]) for j in judged))):
+        rows = []
+        for j in judged:
+            closed, true = j.measures[CLOSED].drift, j.measures[AFTER_TRUE].drift
+            here = slice(count - 2, count)
+            values = [_mean(closed["psnr"][here]) - _mean(true["psnr"][here]), _mean(closed["iou.objects"][here]),
+                      _mean(closed["colour_shift"][here])]  # fmt: skip
+            rows.append(values)
+        mean = np.nanmean(rows, axis=0)
+        print(f"| {count} | {mean[0]:+.2f} | {mean[1]:.2f} | {mean[2]:.2f} |")
+
+
+def write_strips(judged: Sequence[Judged], folder: Path) -> None:
+    """Eight frames of every episode: simulated, closed loop, real."""
+    import cv2
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, j in enumerate(judged):
+        rows = {name: j.clips[name] for name in ("simulated", CLOSED, "real")}
+        picture = measures.strip(rows, columns=6, zoom=1)
+        cv2.imwrite(str(folder / f"{j.episode.look.split()[0]}_{number}.png"), picture[..., ::-1])
+    write_json(
+        {j.episode.name: {k: m.as_dict() for k, m in j.measures.items()} for j in judged}, folder / "measures.json"
+    )
+
+
+def _mean(values: Sequence[float | None]) -> float:
+    return float(np.mean([v for v in values if v is not None])) if any(v is not None for v in values) else float("nan")
+
+
+def _run(command: list[str]) -> None:
+    print("embodiedreamer " + " ".join(command), flush=True)
+    if code := embodiedreamer(command):
+        raise SystemExit(code)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Do all of it, or one stage."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.vis_aligner", description=str(__doc__).splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--only", choices=("films", "weights", "figures"))
+    parser.add_argument("--aligner", default="lean", help="of the figures (default: the shipped one)")
+    parser.add_argument("--strips", type=Path, metavar="DIR", help="write picture strips of every episode")
+    a = parser.parse_args(arguments)
+    pin_threads()
+    if a.only in (None, "films"):
+        films(a.out)
+    if a.only in (None, "weights"):
+        weights(a.out)
+    if a.only in (None, "figures"):
+        figures(a.out, a.aligner, a.strips)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""What many pictures of a bench tell of it: what is behind robot and objects, and how the robot looks in other poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.vis_aligner.carry import facings
+from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Bench, Condition, Episode, Gallery
+
+PICTURES = 240  # of which a pixel's median is taken; more tell no more
+EDGE = 1.0 / 128  # of the width: how near to a thing a pixel may be partly that thing
+PHOTOS = 40  # of the robot in different poses
+
+
+def make_bench(episodes: Sequence[Episode]) -> Bench:
+    """What episodes before one bench tell of it.
+
+    Each pixel of the picture is the median over those in which neither robot nor object is there: the median, because
+    shadows pass over every place now and then. The gallery, where the robot's parts are known, has poses that differ.
+    Raises: VisionError without an episode, or where sizes differ.
+    """
+    if len({e.condition.size for e in episodes}) != 1:
+        raise VisionError("a bench is known from at least one episode, and from episodes of one size.")
+    frames = np.concatenate([e.frames for e in episodes])
+    free = np.concatenate([_free(e) for e in episodes])
+    some = np.unique(np.linspace(0, len(frames) - 1, PICTURES).round().astype(int))
+    picture = np.zeros(frames.shape[1:], np.uint8)
+    for row in range(len(picture)):
+        pixels, known = frames[some, row].astype(np.float32), free[some, row]
+        pixels[~known] = np.nan
+        there = known.any(axis=0)
+        picture[row, there] = np.nanmedian(pixels[:, there], axis=0).round().astype(np.uint8)
+    rare = free.any(axis=0) & ~free[some].any(axis=0)  # only in pictures that were left out
+    rows, columns = np.nonzero(rare)
+    picture[rare] = frames[free.argmax(axis=0)[rare], rows, columns]
+    return Bench(picture, np.asarray(free.any(axis=0)), make_gallery(episodes))
+
+
+def make_gallery(episodes: Sequence[Episode], photos: int = PHOTOS) -> Gallery | None:
+    """Pictures in which the robot's parts face the camera in ways that differ most; None where the parts are not known.
+
+    Objects are left out: their numbers mean other things in other tasks.
+    """
+    known = [e for e in episodes if e.condition.parts is not None and (e.condition.classes == ROBOT).any()]
+    if not known:
+        return None
+    links = max(int(np.max(e.condition.parts[e.condition.classes == ROBOT])) for e in known)  # pyright: ignore[reportOptionalSubscript]
+    where = [(e, at) for e in known for at in range(len(e))]
+    facing = np.concatenate([facings(e.condition)[:, :links].reshape(len(e), -1) for e in known])
+    chosen = [0]
+    away = np.linalg.norm(facing - facing[0], axis=1)
+    while len(chosen) < min(photos, len(where)):
+        chosen.append(int(away.argmax()))
+        away = np.minimum(away, np.linalg.norm(facing - facing[chosen[-1]], axis=1))
+    taken = [where[k] for k in sorted(chosen)]
+    views = [e.condition.part(at, at + 1).without_parts(OBJECT) for e, at in taken]
+    views = [replace(view, projections=view.projections[:, :links]) for view in views]  # pyright: ignore[reportOptionalSubscript]
+    columns = zip(*(vars(view).values() for view in views), strict=True)
+    return Gallery(np.stack([e.frames[at] for e, at in taken]), Condition(*map(np.concatenate, columns)))
+
+
+def with_benches(episodes: Sequence[Episode]) -> list[Episode]:
+    """The episodes, each with what those before its bench tell of it; its gallery is of others, not of itself."""
+    looks: dict[str, list[Episode]] = {}
+    for e in episodes:
+        looks.setdefault(e.look, []).append(e)
+    made = {look: make_bench(those) for look, those in looks.items()}
+    others = {look: (make_gallery(those[1::2]), make_gallery(those[::2])) for look, those in looks.items()}
+    number = {id(e): k for those in looks.values() for k, e in enumerate(those)}
+    return [replace(e, bench=replace(made[e.look], gallery=others[e.look][number[id(e)] % 2])) for e in episodes]
+
+
+def _free(episode: Episode) -> np.ndarray:
+    """Pixels (T, H, W) that show table or background, and no edge of a thing."""
+    side = 2 * max(1, round(EDGE * episode.condition.size[0])) + 1
+    kernel = np.ones((side, side), np.uint8)
+    things = (episode.condition.classes >= ROBOT).astype(np.uint8)
+    return np.stack([cv2.dilate(t, kernel) == 0 for t in things])

@@ -1,0 +1,135 @@
+"""A picture's rigid parts carried to where the simulator has moved them: what a link looked like, it looks like again."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from embodiedreamer_gym.vis_aligner.clip import Condition, Gallery
+
+LEVELS = 2  # of 255, up to which a simulated colour counts as the same
+STILL = 0.05  # pixels by which a part may move and still count as standing
+PROBE = 0.1  # m from a part's origin to the points by which its motion is told
+NEAR = 0.015  # m between two depths of one point of a part
+CHOICES = 2  # photos of a gallery that are tried for each part, the second where the first does not show it
+FEWEST = 4  # pixels of a part that make a photo of it
+MOST = 30000  # places that OpenCV looks up at once
+Carried = tuple[np.ndarray, np.ndarray]  # colours (T, H, W, 3) uint8, where there are any (T, H, W)
+
+
+def differs(before: Condition, condition: Condition) -> np.ndarray:
+    """Pixels (T, H, W) at which a simulated frame shows something else than another (T = 1), or the same elsewhere."""
+    apart = np.maximum(condition.rgb, before.rgb) - np.minimum(condition.rgb, before.rgb) > LEVELS
+    found = apart[..., 0] | apart[..., 1] | apart[..., 2] | (condition.classes != before.classes)
+    if condition.parts is not None and before.parts is not None:
+        found |= (condition.parts != before.parts) | _of_parts(_moved(before, condition), condition.parts)
+    return found
+
+
+def carry(picture: np.ndarray, before: Condition, condition: Condition) -> Carried:
+    """Colours of parts that have moved, from a picture (H, W, 3) of another instant.
+
+    before (T = 1): what the simulator showed at that instant. A pixel is carried where its point of the part was in view.
+    """
+    out = _nothing(condition)
+    if condition.parts is not None and before.parts is not None and before.projections is not None:
+        wanted = _of_parts(_moved(before, condition), condition.parts)
+        numbers = np.zeros(before.projections.shape[1], int)
+        _take(picture[None], before, before.projections[0], numbers, condition, wanted, out)
+    return out
+
+
+def recall(gallery: Gallery | None, condition: Condition) -> Carried:
+    """Colours of the robot's parts, each from the photo of a gallery that shows it most nearly from the same side."""
+    out = _nothing(condition)
+    if gallery is None or condition.parts is None or gallery.condition.projections is None:
+        return out
+    now = facings(condition).mean(axis=0)[: gallery.condition.projections.shape[1]]
+    count = len(now)
+    alike = np.einsum("klc,lc->kl", facings(gallery.condition)[:, :count], now)
+    alike[gallery.visible[:, :count] < FEWEST] = -np.inf
+    order = np.argsort(-alike, axis=0, kind="stable")
+    for numbers in order[:CHOICES]:
+        usable = np.isfinite(alike[numbers, np.arange(count)])
+        wanted = _of_parts(np.broadcast_to(usable, (len(condition), count)), condition.parts) & ~out[1]
+        projections = gallery.condition.projections[numbers, np.arange(count)]
+        _take(gallery.frames, gallery.condition, projections, numbers, condition, wanted, out)
+    return out
+
+
+def facings(condition: Condition) -> np.ndarray:
+    """The camera's axis (T, L, 3) in the frame of each part: which side of it is seen."""
+    axes = np.asarray(condition.projections, np.float32)[:, :, 2, :3]
+    return axes / np.linalg.norm(axes, axis=2, keepdims=True)
+
+
+def _take(pictures: np.ndarray, before: Condition, projections: np.ndarray, numbers: np.ndarray, condition: Condition,
+          wanted: np.ndarray, out: Carried) -> None:  # fmt: skip
+    """Fill in the colours of wanted pixels (T, H, W).
+
+    pictures (K, H, W, 3) and before (K frames): of which each part (L) is looked for in the one of its number, where it has
+    the projection (L, 3, 4).
+    """
+    times, rows, columns = np.nonzero(wanted)
+    if not len(times):
+        return
+    parts = condition.parts[times, rows, columns].astype(int) - 1  # pyright: ignore[reportOptionalSubscript]
+    turn, shift = _between(projections, np.asarray(condition.projections)[:, : len(projections)])
+    depths = _depth(condition)[times, rows, columns]
+    rays = np.stack([columns * depths, rows * depths, depths], 1).astype(np.float32)
+    points = np.einsum("nij,nj->ni", turn[times, parts], rays) + shift[times, parts]
+    away = np.maximum(points[:, 2], 1e-3)
+    u, v, photo = points[:, 0] / away, points[:, 1] / away, numbers[parts]
+    height, width = pictures.shape[1:3]
+    i, j = np.round(v).clip(0, height - 1).astype(int), np.round(u).clip(0, width - 1).astype(int)
+    seen = (np.abs(u - j) <= 0.51) & (np.abs(v - i) <= 0.51)
+    seen &= before.parts[photo, i, j] == parts + 1  # pyright: ignore[reportOptionalSubscript]
+    seen &= np.abs(_depth(before)[photo, i, j] - points[:, 2]) < NEAR
+    if seen.any():
+        u, v, photo = u[seen], v[seen].clip(0, height - 1), photo[seen]
+        out[0][times[seen], rows[seen], columns[seen]] = _sampled(pictures, u, v + photo * height)
+        out[1][times[seen], rows[seen], columns[seen]] = True
+
+
+def _sampled(pictures: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Colours (n, 3) between pixels of pictures that lie one below the other."""
+    tall = pictures.reshape(-1, *pictures.shape[2:])
+    places = u.astype(np.float32)[:, None], v.astype(np.float32)[:, None]
+    taken = [
+        cv2.remap(
+            tall, places[0][s : s + MOST], places[1][s : s + MOST], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        for s in range(0, len(u), MOST)
+    ]
+    return np.concatenate(taken)[:, 0]
+
+
+def _nothing(condition: Condition) -> Carried:
+    return np.zeros(condition.rgb.shape, np.uint8), np.zeros(condition.classes.shape, bool)
+
+
+def _between(before: np.ndarray, now: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(T, L, 3, 3) and (T, L, 3): from a ray times depth in a frame to the same point of the part in another picture."""
+    back = before[:, :, :3].astype(float) @ np.linalg.inv(now[..., :3].astype(float))
+    shift = before[:, :, 3] - np.einsum("tlij,tlj->tli", back, now[..., 3].astype(float))
+    return back.astype(np.float32), shift.astype(np.float32)
+
+
+def _moved(before: Condition, condition: Condition) -> np.ndarray:
+    """Whether each part (T, L) stands elsewhere in the picture."""
+    probes = np.concatenate([np.zeros((1, 3)), PROBE * np.eye(3)])
+    probes = np.concatenate([probes, np.ones((4, 1))], 1).T  # (4, 4)
+    then, now = (np.asarray(c.projections, float) @ probes for c in (before, condition))
+    then, now = (p[..., :2, :] / np.maximum(np.abs(p[..., 2:, :]), 1e-3) for p in (then, now))
+    return np.abs(then - now).max(axis=(2, 3)) > STILL
+
+
+def _of_parts(which: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """Pixels (T, H, W) of these parts (T, L); a part beyond the last is none of them."""
+    table = np.zeros((len(which), 256), np.uint8)
+    table[:, 1 : which.shape[1] + 1] = which
+    return np.stack([cv2.LUT(part, row) for part, row in zip(parts, table, strict=True)]).astype(bool)
+
+
+def _depth(condition: Condition) -> np.ndarray:
+    return np.zeros(condition.classes.shape) if condition.depth is None else condition.depth

@@ -1,0 +1,37 @@
+"""What the benchmarks share: halves dealt anew, and what is said of bad arguments."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.common import redrawn
+from embodiedreamer_gym.recordings import Recordings
+from tests.two_joint_arm import load_arm, record, wave
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_other_halves_each_time_and_the_same_for_a_seed(tmp_path: Path) -> None:
+    arm = load_arm(tmp_path)
+    logs = Recordings([record(arm, f"log_{i}", 0.0, wave(0.5, i), i) for i in range(6)])
+    names = [tuple(tuple(sorted(r.name for r in half)) for half in redrawn(logs, seed)) for seed in range(4)]
+    for train, test in names:
+        assert len(train) == len(test) == 3 and sorted(train + test) == [r.name for r in logs]
+    assert len(set(names)) > 1
+    assert names[0] == tuple(tuple(sorted(r.name for r in half)) for half in redrawn(logs, 0))
+
+
+@pytest.mark.parametrize("name", ["real_servo", "real_so101"])
+def test_bad_arguments_are_one_sentence(name: str, tmp_path: Path) -> None:
+    for wrong, sentence in (
+        (["--data", str(tmp_path / "none")], "is no folder"),
+        (["--data", str(tmp_path), "--redraw", "-1"], "at least 1"),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", f"benchmarks.{name}", *wrong], cwd=ROOT, capture_output=True, text=True
+        )
+        assert done.returncode == 2 and sentence in done.stderr and "Traceback" not in done.stderr
