@@ -1,4 +1,4 @@
-"""Draw docs/images/vis/<task>.png, an expert's episode simulated and dreamed: python docs/make_dreams.py."""
+"""Draw docs/images/vis/<task>.jpg, an expert's episode simulated and dreamed: python docs/make_dreams.py."""
 
 from __future__ import annotations
 
@@ -40,4 +40,4 @@ if __name__ == "__main__":
     gym.register_envs(embodiedreamer_gym)
     OUT.mkdir(parents=True, exist_ok=True)
     for name in TASKS:
-        cv2.imwrite(str(OUT / f"{name}.png"), draw(name)[..., ::-1])
+        cv2.imwrite(str(OUT / f"{name}.jpg"), draw(name)[..., ::-1])
