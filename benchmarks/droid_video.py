@@ -103,7 +103,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if a.strips is not None:
             a.strips.mkdir(parents=True, exist_ok=True)
             for j in judged:
-                cv2.imwrite(str(a.strips / f"{j.episode.name}.png"), measures.strip(j.clips, columns=6)[..., ::-1])
+                cv2.imwrite(
+                    str(a.strips / f"droid_{j.episode.name}.jpg"), measures.strip(j.clips, columns=6)[..., ::-1]
+                )
 
 
 if __name__ == "__main__":

@@ -69,12 +69,12 @@ def run(name: str, config: LeanConfig, training: TrainingConfig, a: argparse.Nam
 
 def table(results: Sequence[dict[str, Any]]) -> str:
     """Mean over held-out episodes of every variant, after true frames and in the closed loop, and the baselines."""
-    lines = [f"{'':<30}{'':<20}" + "".join(f"{c.removeprefix('psnr.')[:12]:>13}" for c in COLUMNS)]
+    lines = [f"{'':<42}{'':<20}" + "".join(f"{c.removeprefix('psnr.')[:12]:>13}" for c in COLUMNS)]
     for result in results:
         clips = [AFTER_TRUE, CLOSED] if result["name"] != FULL else list(result["episodes"][0])
         for clip in clips:
             values = [[np.nan if row[clip][c] is None else row[clip][c] for row in result["episodes"]] for c in COLUMNS]
-            lines.append(f"{result['name']:<30}{clip:<20}" + "".join(f"{np.nanmean(v):>13.3f}" for v in values))
+            lines.append(f"{result['name']:<42}{clip:<20}" + "".join(f"{np.nanmean(v):>13.3f}" for v in values))
     return "\n".join(lines)
 
 

@@ -218,7 +218,10 @@ def _distance(mask: Array) -> Array:
 
 
 def save_bank(bank: Bank, path: str | Path) -> None:
-    """Write a bank as npz, beside and renamed."""
+    """Write a bank as npz, beside and renamed.
+
+    Raises: VisionError where it cannot be written.
+    """
     path = Path(path)
     part = path.with_name(f".{path.name}.part.npz")
     data: dict[str, Array] = {
@@ -236,8 +239,13 @@ def save_bank(bank: Bank, path: str | Path) -> None:
     for name in sorted({n for e in bank.entries for n in (e.poses or {})}):
         missing = np.full(7, np.nan)
         data[f"pose.{name}"] = np.stack([np.asarray((e.poses or {}).get(name, missing)) for e in bank.entries])
-    np.savez_compressed(part, **data)  # pyright: ignore[reportArgumentType]
-    part.replace(path)
+    try:
+        np.savez_compressed(part, **data)  # pyright: ignore[reportArgumentType]
+        part.replace(path)
+    except OSError as error:
+        raise VisionError(f"{path} cannot be written: {error.strerror or error}.") from error
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def load_bank(path: str | Path) -> Bank:

@@ -180,7 +180,8 @@ class References:
         plate, seen = self.plate, self.seen
         for frame, classes in zip(frames, condition.classes, strict=True):
             new = ~seen & (classes < ROBOT)
-            plate, seen = np.where(new[..., None], frame, plate), seen | new
+            if new.any():
+                plate, seen = np.where(new[..., None], frame, plate), seen | new
         return replace(
             self,
             last=frames[-1],

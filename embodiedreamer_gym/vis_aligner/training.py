@@ -184,12 +184,15 @@ def train(aligner: Trainable, episodes: Sequence[Episode], config: TrainingConfi
           progress: Progress | None = None) -> None:  # fmt: skip
     """Train an aligner in place; with a folder, a checkpoint is kept there, from which an interrupted training goes on.
 
-    Raises: VisionError without long enough episodes, or where the checkpoint is of other settings.
+    Raises: VisionError without long enough episodes, where the checkpoint is of other settings, or the folder cannot be made.
     """
     training, episodes = Training(aligner, config), with_benches(episodes)
     checkpoint = None if folder is None else Path(folder) / CHECKPOINT
     if checkpoint is not None:
-        checkpoint.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            checkpoint.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise VisionError(f"{folder} cannot be made a folder: {error.strerror}; give another place.") from error
         if checkpoint.is_file():
             training.load(checkpoint)
     while training.step < config.steps:

@@ -79,6 +79,7 @@ def test_bad_banks_are_refused(bank: Bank, tmp_path) -> None:
     for call, says in (
         (lambda: load_bank(tmp_path / "notes.npz"), "no reference bank"),
         (lambda: load_bank(tmp_path / "none.npz"), "no reference bank"),
+        (lambda: save_bank(bank, tmp_path / "no" / "bank.npz"), "cannot be written: No such file"),
         (lambda: bank.entry(6), r"0 \.\. 5, not 6"),
         (lambda: bank.entry(True), "not True"),
         (lambda: make_bank([]), "at least one episode"),

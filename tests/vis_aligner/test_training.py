@@ -134,3 +134,9 @@ def test_a_checkpoint_of_something_else_is_refused(damage: str, tmp_path) -> Non
 def test_episodes_must_be_longer_than_a_chunk() -> None:
     with pytest.raises(VisionError, match="longer than 20 frames"):
         train(fresh(chunk=20), [episode()], CONFIG)
+
+
+def test_a_folder_that_cannot_be_made_is_said(tmp_path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(VisionError, match="cannot be made a folder"):
+        train(fresh(), [episode()], CONFIG, tmp_path / "file" / "model")
