@@ -19,7 +19,8 @@ class ActConfig:
     state_size, action_size: numbers in a state and in an action; cameras: names of one to three; image_size: width and
     height of a picture, to which others are scaled; chunk: actions predicted at once (k); widths: channels of the
     ResNet's stages, two blocks each, the last of 1 / 2^(stages + 1) of the picture's size; norm: group, or frozen (batch
-    normalisation with fixed statistics, as pretrained weights have it); width, heads, feedforward: of the transformer;
+    normalisation with fixed statistics, as pretrained weights have it); keypoints: places in each picture that are a token
+    beside the ResNet's, 0 for none; width, heads, feedforward: of the transformer;
     encoders, decoders: its layers; latent: numbers in the CVAE's z, 0 without a CVAE; latent_encoders: layers of the
     CVAE's encoder; dropout: share; pre_norm: normalise before attention, not after; placed: tokens of
     pictures carry where they are, which otherwise only queries and keys do; source_size: width and height of the
@@ -35,6 +36,7 @@ class ActConfig:
     chunk: int = 100
     widths: tuple[int, ...] = (16, 32, 64)
     norm: str = "group"
+    keypoints: int = 32
     width: int = 128
     heads: int = 8
     feedforward: int = 256
@@ -52,6 +54,7 @@ class ActConfig:
         for name in ("state_size", "action_size", "chunk", "width", "heads", "feedforward", "encoders", "decoders"):
             _at_least(name, getattr(self, name), 1)
         _at_least("latent", self.latent, 0)
+        _at_least("keypoints", self.keypoints, 0)
         _at_least("latent_encoders", self.latent_encoders, 1)
         for value in (*self.image_size, *(self.source_size or ()), *self.widths):
             _at_least("one of image_size, source_size and widths", value, 1)
@@ -78,7 +81,7 @@ class ActConfig:
         One decoder layer: upstream asks for seven, but returns the first one's output (tonyzhaozh/act, issue 25).
         """
         return self.with_(
-            chunk=100, widths=(64, 128, 256, 512), norm="frozen", width=512, heads=8, feedforward=3200, encoders=4,
+            chunk=100, widths=(64, 128, 256, 512), norm="frozen", keypoints=0, width=512, heads=8, feedforward=3200, encoders=4,
             decoders=1, latent=32, latent_encoders=4, dropout=0.1, placed=False,
         )  # fmt: skip
 

@@ -11,6 +11,7 @@ from torch import nn
 
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.act.config import ActConfig
+from embodiedreamer_gym.policies.act.keypoints import Keypoints
 from embodiedreamer_gym.policies.act.pictures import scaled
 from embodiedreamer_gym.policies.act.resnet import ResNet
 from embodiedreamer_gym.policies.act.statistics import Statistics
@@ -44,9 +45,11 @@ class Act(nn.Module):
         """Make the layers."""
         self.backbone = ResNet(c.widths, c.norm)
         self.picture = nn.Conv2d(c.widths[-1], c.width, 1)
+        self.keypoints = nn.ModuleList([Keypoints(c.keypoints) for _ in c.cameras]) if c.keypoints else None
+        self.places = nn.Linear(2 * c.keypoints * len(c.cameras), c.width) if c.keypoints else None
         self.state = nn.Linear(c.state_size, c.width)
         self.latent = nn.Linear(c.latent, c.width) if c.latent else None
-        self.own_positions = nn.Embedding(2 if c.latent else 1, c.width)
+        self.own_positions = nn.Embedding(1 + bool(c.latent) + bool(c.keypoints), c.width)
         self.encoder, self.decoder = Encoder(c, c.encoders), Decoder(c)
         self.queries = nn.Embedding(c.chunk, c.width)
         self.head = nn.Linear(c.width, c.action_size)
@@ -143,6 +146,9 @@ class Act(nn.Module):
         if self.latent is not None:
             z = torch.zeros(len(state), self.config.latent, device=state.device) if z is None else z
             tokens.insert(0, self.latent(z)[:, None])
+        if self.keypoints is not None and self.places is not None:
+            found = [points(one) for points, one in zip(self.keypoints, pictures, strict=True)]
+            tokens.append(self.places(torch.cat(found, 1))[:, None])
         features = self.picture(self.backbone(torch.cat(pictures))).flatten(2).transpose(1, 2)
         if self.config.placed:
             features = features + self.positions

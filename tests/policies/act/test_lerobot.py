@@ -19,7 +19,7 @@ from embodiedreamer_gym.policies.act.lerobot import MEASURED, NAMES, is_lerobot,
 from tests.policies.act.test_network import a_batch
 from tests.policies.act.test_safetensors import write
 
-OURS = ActConfig(3, 2, ("top", "wrist"), (32, 24), chunk=4, widths=(8, 8, 16, 16), norm="frozen", width=16, heads=2,
+OURS = ActConfig(3, 2, ("top", "wrist"), (32, 24), chunk=4, widths=(8, 8, 16, 16), norm="frozen", keypoints=0, width=16, heads=2,
                  feedforward=16, encoders=1, latent=4, latent_encoders=1, dropout=0.1, placed=False)  # fmt: skip
 SAVED = {
     "type": "act", "n_obs_steps": 1, "chunk_size": 4, "n_action_steps": 4, "vision_backbone": "resnet18",
