@@ -9,10 +9,11 @@ import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.camera_calibration.body import Body
-from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Footage, spread
+from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Footage
 from embodiedreamer_gym.vis_aligner.camera_calibration.keypoints import Keypoints
 from embodiedreamer_gym.vis_aligner.camera_calibration.raster import draw_parts
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
+from embodiedreamer_gym.vis_aligner.spread import spread
 
 WIDE = 480  # pixels, of one frame in the picture
 COLUMNS = 3
