@@ -41,8 +41,9 @@ from embodiedreamer_gym.vis_aligner.camera_calibration import (  # noqa: E402
     calibrate_camera,
     fit_keypoints,
 )
-from embodiedreamer_gym.vis_aligner.camera_calibration.overlay import overlay, save_picture  # noqa: E402
+from embodiedreamer_gym.vis_aligner.camera_calibration.overlay import overlay  # noqa: E402
 from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames  # noqa: E402
+from embodiedreamer_gym.vis_aligner.video import save_picture  # noqa: E402
 
 POINTS = Path(__file__).with_name("droid_points.json")
 JOINTS = tuple(f"panda_joint{k}" for k in range(1, 8))

@@ -26,7 +26,7 @@ import torch  # noqa: E402
 
 from benchmarks.droid_camera import EPISODES, JOINTS, joint_angles  # noqa: E402
 from embodiedreamer_gym.camera import Camera  # noqa: E402
-from embodiedreamer_gym.envs.rendering import Renderer  # noqa: E402
+from embodiedreamer_gym.envs.rendering import Renderer, stacked  # noqa: E402
 from embodiedreamer_gym.simulation.world import World  # noqa: E402
 from embodiedreamer_gym.vis_aligner import Condition, Episode, load_aligner, measures  # noqa: E402
 from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames  # noqa: E402
@@ -34,6 +34,7 @@ from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner  # noqa: E402
 from embodiedreamer_gym.vis_aligner.clip import ROBOT  # noqa: E402
 from embodiedreamer_gym.vis_aligner.judging import judge, tables  # noqa: E402
 from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train  # noqa: E402
+from embodiedreamer_gym.vis_aligner.video import save_picture  # noqa: E402
 
 SIZE = (160, 96)
 HELD = EPISODES[-2:]
@@ -64,11 +65,8 @@ def episodes(data: Path, number: int, found: dict[str, Camera]) -> dict[str, Epi
             seen.append(renderer.capture(camera, SIZE, classes={robot: ROBOT}, parts=parts))
         video = VideoFrames(data / "videos" / episode / f"{number}.mp4", len(angles))
         frames = np.stack([cv2.resize(video[k], SIZE, interpolation=cv2.INTER_AREA) for k in range(len(angles))])
-        shown = (
-            np.stack([getattr(s, k) for s in seen]) for k in ("rgb", "segmentation", "depth", "parts", "projections")
-        )
         name = f"{episode}_camera{number}"
-        made[episode] = Episode(name, frames, Condition(*shown), look=name)
+        made[episode] = Episode(name, frames, Condition(**stacked(seen)), look=name)
     renderer.close()
     client.disconnect()
     return made
@@ -103,9 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if a.strips is not None:
             a.strips.mkdir(parents=True, exist_ok=True)
             for j in judged:
-                cv2.imwrite(
-                    str(a.strips / f"droid_{j.episode.name}.jpg"), measures.strip(j.clips, columns=6)[..., ::-1]
-                )
+                save_picture(measures.strip(j.clips, columns=6), a.strips / f"droid_{j.episode.name}.jpg")
 
 
 if __name__ == "__main__":

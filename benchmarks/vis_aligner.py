@@ -23,6 +23,7 @@ from embodiedreamer_gym.cli import main as embodiedreamer
 from embodiedreamer_gym.vis_aligner import Aligner, Episode, load_aligner, load_bank, load_episodes, measures
 from embodiedreamer_gym.vis_aligner.clip import Bench, Condition
 from embodiedreamer_gym.vis_aligner.judging import AFTER_TRUE, CLOSED, Judged, judge, tables
+from embodiedreamer_gym.vis_aligner.video import save_picture
 
 CUP = "PutCupOnMat"
 FILMS: dict[str, Mapping[str, Any]] = {
@@ -104,13 +105,11 @@ def drift(judged: Sequence[Judged]) -> None:
 
 def write_strips(judged: Sequence[Judged], folder: Path, name: str) -> None:
     """Six frames of every episode: simulated, closed loop, real."""
-    import cv2
-
     folder.mkdir(parents=True, exist_ok=True)
     for number, j in enumerate(judged):
         rows = {row: j.clips[row] for row in ("simulated", CLOSED, "real")}
         picture = measures.strip(rows, columns=6, zoom=1)
-        cv2.imwrite(str(folder / f"{name}_{number}.jpg"), picture[..., ::-1])
+        save_picture(picture, folder / f"{name}_{number}.jpg")
 
 
 def _mean(values: Sequence[float | None]) -> float:

@@ -19,6 +19,7 @@ import torch
 from benchmarks.common import pin_threads
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts import ScriptedExpert
+from embodiedreamer_gym.envs.rendering import stacked
 from embodiedreamer_gym.vis_aligner import Condition, Episode, References, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.bench import make_bench
 
@@ -62,9 +63,7 @@ def episode(size: tuple[int, int] | None) -> tuple[float, Condition | None]:
             views.append(env.capture("head", size))
         spent += time.process_time() - begun
     env.close()
-    keys = ("rgb", "segmentation", "depth", "parts", "projections")
-    seen = Condition(*(np.stack([getattr(v, k) for v in views]) for k in keys)) if views else None
-    return 1e3 * spent / STEPS * FRAMES, seen
+    return 1e3 * spent / STEPS * FRAMES, Condition(**stacked(views)) if views else None
 
 
 def on_gpu() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import gymnasium as gym
 import numpy as np
 
@@ -12,6 +11,7 @@ import embodiedreamer_gym
 from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.vis_aligner import measures
+from embodiedreamer_gym.vis_aligner.video import save_picture
 from embodiedreamer_gym.wrappers import VisAlignerObservationWrapper
 
 OUT = Path(__file__).parent / "images" / "vis"
@@ -40,4 +40,4 @@ if __name__ == "__main__":
     gym.register_envs(embodiedreamer_gym)
     OUT.mkdir(parents=True, exist_ok=True)
     for name in TASKS:
-        cv2.imwrite(str(OUT / f"{name}.jpg"), draw(name)[..., ::-1])
+        save_picture(draw(name), OUT / f"{name}.jpg")

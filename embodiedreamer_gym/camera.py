@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from embodiedreamer_gym.errors import ModelError, SimulationError
+from embodiedreamer_gym.errors import EmbodieDreamerError, ModelError, SimulationError
 
 Pose = tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]  # position (3,) m, quaternion (4,) xyzw
 
@@ -173,6 +174,17 @@ def rotation_matrix(quaternion: Sequence[float] | np.ndarray) -> np.ndarray:
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ])  # fmt: skip
+
+
+def read_size(text: str) -> tuple[int, int]:
+    """Width and height of a text such as 128x96.
+
+    Raises: EmbodieDreamerError for another text.
+    """
+    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
+    if found is None:
+        raise EmbodieDreamerError(f"--size {text} is no width and height; give two numbers such as 128x96.")
+    return int(found[1]), int(found[2])
 
 
 def whole_size(size: Any) -> tuple[int, int]:

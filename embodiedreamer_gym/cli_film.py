@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +35,7 @@ def add_film(actions: Any) -> None:
 
 
 def _film(a: argparse.Namespace, progress: Any) -> None:
+    from embodiedreamer_gym.camera import read_size
     from embodiedreamer_gym.envs.tasks import TASKS  # PyBullet prints a line when it is loaded
     from embodiedreamer_gym.standin.film.run import film_episodes
     from embodiedreamer_gym.standin.film.settings import Film
@@ -43,13 +43,8 @@ def _film(a: argparse.Namespace, progress: Any) -> None:
     for name in ("episodes", "jobs"):
         if getattr(a, name) < 1:
             raise EmbodieDreamerError(f"--{name} is {getattr(a, name)}, but must be at least 1.")
-    size = re.fullmatch(r"(\d{1,5})x(\d{1,5})", a.size)
-    if size is None:
-        raise EmbodieDreamerError(f"--size {a.size} is no width and height; give two numbers such as 128x96.")
+    size = read_size(a.size)
     tasks = list(TASKS) if a.task == ["all"] else [name.removesuffix("-v0") for name in a.task]
-    films = [
-        Film(task, a.look, (int(size[1]), int(size[2])), a.seed, a.frames, a.every, a.samples)
-        for task in dict.fromkeys(tasks)
-    ]
+    films = [Film(task, a.look, size, a.seed, a.frames, a.every, a.samples) for task in dict.fromkeys(tasks)]
     paths = film_episodes(films, a.episodes, a.out, a.jobs, a.blender, a.quiet)
     print(f"{len(paths)} episodes in {a.out}")

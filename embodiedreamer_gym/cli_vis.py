@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -117,12 +116,11 @@ def _fit(a: argparse.Namespace, aligner: Any, share: float, progress: Any) -> No
 
 
 def _evaluate(a: argparse.Namespace, progress: Any) -> None:
-    import cv2
-
     from embodiedreamer_gym.robot.files import write_json
     from embodiedreamer_gym.vis_aligner import measures
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
     from embodiedreamer_gym.vis_aligner.judging import judge, tables
+    from embodiedreamer_gym.vis_aligner.video import save_picture
 
     aligner, judged, bench = _aligner(a), [], _bench(a)
     episodes = load_episodes(a.episodes)
@@ -132,7 +130,7 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
             progress("evaluating", number + 1, judged[-1].measures["closed loop"]["psnr"])
         if a.strips is not None:
             a.strips.mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(a.strips / f"{episode.name}.png"), measures.strip(judged[-1].clips, zoom=2)[..., ::-1])
+            save_picture(measures.strip(judged[-1].clips, zoom=2), a.strips / f"{episode.name}.png")
     print(tables(judged))
     if a.json is not None:
         rows = [
@@ -170,14 +168,13 @@ def _bank(a: argparse.Namespace, progress: Any) -> None:
 
 
 def _prepare(a: argparse.Namespace, progress: Any) -> None:
+    from embodiedreamer_gym.camera import read_size
     from embodiedreamer_gym.envs.cameras import CAMERAS, load_cameras
     from embodiedreamer_gym.recordings import load_recordings
     from embodiedreamer_gym.robot import RobotModel
     from embodiedreamer_gym.wrappers.prepare import prepare, write_episode
 
-    size = re.fullmatch(r"(\d{1,5})x(\d{1,5})", a.size)
-    if size is None:
-        raise EmbodieDreamerError(f"--size {a.size} is no width and height; give two numbers such as 128x96.")
+    size = read_size(a.size)
     cameras = CAMERAS if a.cameras is None else load_cameras(a.cameras)
     if a.camera not in cameras:
         raise EmbodieDreamerError(f"there is no camera '{a.camera}'; there are {', '.join(cameras)}.")
@@ -186,9 +183,7 @@ def _prepare(a: argparse.Namespace, progress: Any) -> None:
     a.out.mkdir(parents=True, exist_ok=True)
     for recording in recordings:
         said = None if a.quiet else progress
-        episode = prepare(
-            recording, model, cameras[a.camera], (int(size[1]), int(size[2])), masks(recording.name), said
-        )
+        episode = prepare(recording, model, cameras[a.camera], size, masks(recording.name), said)
         write_episode(episode, a.out / f"{recording.name}.hdf5")
     print(f"{len(recordings)} episodes in {a.out}")
 

@@ -51,7 +51,8 @@ def _camera(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.envs.cameras import save_cameras  # PyBullet prints a line when it is loaded
     from embodiedreamer_gym.robot.surface import Surface
     from embodiedreamer_gym.vis_aligner.camera_calibration import calibrate_camera
-    from embodiedreamer_gym.vis_aligner.camera_calibration.overlay import overlay, save_picture
+    from embodiedreamer_gym.vis_aligner.camera_calibration.overlay import overlay
+    from embodiedreamer_gym.vis_aligner.video import save_picture
 
     _check_outputs(a)
     surface = _surface(a, Surface)

@@ -74,6 +74,10 @@ def test_a_bank_is_made_of_first_frames(bench: Path, tmp_path: Path, capsys) -> 
     assert code == 0 and "b.npz" in out
     bank = load_bank(tmp_path / "b.npz")
     assert bank.size == (64, 48)
+    cut = tmp_path / "cut.hdf5"
+    cut.write_bytes(sorted((bench / "train").iterdir())[0].read_bytes()[:5000])
+    code, _, error = run(capsys, "vis", "bank", cut, "--out", tmp_path / "c.npz")
+    assert code == 2 and "damaged, cut short" in error and not (tmp_path / "c.npz").exists()
 
 
 @pytest.mark.parametrize(

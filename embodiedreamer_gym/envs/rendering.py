@@ -57,10 +57,16 @@ class Frame:
     def __repr__(self) -> str:
         return f"Frame({self.rgb.shape[1]} x {self.rgb.shape[0]})"
 
-    def datasets(self) -> dict[str, np.ndarray]:
-        """All of it, as files have it: depth to a millimetre."""
-        return {"rgb": self.rgb, "depth": self.depth.astype(np.float16), "classes": self.segmentation, "parts": self.parts,
+    def as_dict(self) -> dict[str, np.ndarray]:
+        """All of it, by the names that files, `info["clip"]` and a `Condition` have for it."""
+        return {"rgb": self.rgb, "classes": self.segmentation, "depth": self.depth, "parts": self.parts,
                 "projections": self.projections}  # fmt: skip
+
+
+def stacked(frames: Sequence[Frame]) -> dict[str, np.ndarray]:
+    """Frames (at least one) one after the other: arrays (T, ...) by the names of `Frame.as_dict`."""
+    seen = [frame.as_dict() for frame in frames]
+    return {key: np.stack([one[key] for one in seen]) for key in seen[0]}
 
 
 class Renderer:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.carry import facings
-from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Bench, Condition, Episode, Gallery
+from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Bench, Condition, Episode, Gallery, facings
+from embodiedreamer_gym.vis_aligner.spread import spread
 
 PICTURES = 240  # of which a pixel's median is taken; more tell no more
 EDGE = 1.0 / 128  # of the width: how near to a thing a pixel may be partly that thing
@@ -26,6 +27,11 @@ def make_bench(episodes: Sequence[Episode]) -> Bench:
     """
     if len({e.condition.size for e in episodes}) != 1:
         raise VisionError("a bench is known from at least one episode, and from episodes of one size.")
+    return Bench(*_behind(episodes), make_gallery(episodes))
+
+
+def _behind(episodes: Sequence[Episode]) -> tuple[np.ndarray, np.ndarray]:
+    """Picture (H, W, 3) of what is behind robot and objects, and where (H, W) that was ever seen."""
     frames = np.concatenate([e.frames for e in episodes])
     free = np.concatenate([_free(e) for e in episodes])
     some = np.unique(np.linspace(0, len(frames) - 1, PICTURES).round().astype(int))
@@ -38,7 +44,7 @@ def make_bench(episodes: Sequence[Episode]) -> Bench:
     rare = free.any(axis=0) & ~free[some].any(axis=0)  # only in pictures that were left out
     rows, columns = np.nonzero(rare)
     picture[rare] = frames[free.argmax(axis=0)[rare], rows, columns]
-    return Bench(picture, np.asarray(free.any(axis=0)), make_gallery(episodes))
+    return picture, np.asarray(free.any(axis=0))
 
 
 def make_gallery(episodes: Sequence[Episode], photos: int = PHOTOS) -> Gallery | None:
@@ -51,13 +57,8 @@ def make_gallery(episodes: Sequence[Episode], photos: int = PHOTOS) -> Gallery |
         return None
     links = max(int(np.max(e.condition.parts[e.condition.classes == ROBOT])) for e in known)  # pyright: ignore[reportOptionalSubscript]
     where = [(e, at) for e in known for at in range(len(e))]
-    facing = np.concatenate([facings(e.condition)[:, :links].reshape(len(e), -1) for e in known])
-    chosen = [0]
-    away = np.linalg.norm(facing - facing[0], axis=1)
-    while len(chosen) < min(photos, len(where)):
-        chosen.append(int(away.argmax()))
-        away = np.minimum(away, np.linalg.norm(facing - facing[chosen[-1]], axis=1))
-    taken = [where[k] for k in sorted(chosen)]
+    facing = np.concatenate([facings(e.condition)[:, :links] for e in known])
+    taken = [where[k] for k in spread(facing, photos, np.ones(len(where)))]
     views = [e.condition.part(at, at + 1).without_parts(OBJECT) for e, at in taken]
     views = [replace(view, projections=view.projections[:, :links]) for view in views]  # pyright: ignore[reportOptionalSubscript]
     columns = zip(*(vars(view).values() for view in views), strict=True)
@@ -66,13 +67,12 @@ def make_gallery(episodes: Sequence[Episode], photos: int = PHOTOS) -> Gallery |
 
 def with_benches(episodes: Sequence[Episode]) -> list[Episode]:
     """The episodes, each with what those before its bench tell of it; its gallery is of others, not of itself."""
-    looks: dict[str, list[Episode]] = {}
-    for e in episodes:
-        looks.setdefault(e.look, []).append(e)
-    made = {look: make_bench(those) for look, those in looks.items()}
-    others = {look: (make_gallery(those[1::2]), make_gallery(those[::2])) for look, those in looks.items()}
-    number = {id(e): k for those in looks.values() for k, e in enumerate(those)}
-    return [replace(e, bench=replace(made[e.look], gallery=others[e.look][number[id(e)] % 2])) for e in episodes]
+    looks = {look: [e for e in episodes if e.look == look] for look in dict.fromkeys(e.look for e in episodes)}
+    made: dict[str, Iterator[Bench]] = {}
+    for look, those in looks.items():
+        behind, halves = _behind(those), (make_gallery(those[1::2]), make_gallery(those[::2]))
+        made[look] = itertools.cycle([Bench(*behind, gallery) for gallery in halves])
+    return [replace(e, bench=next(made[e.look])) for e in episodes]
 
 
 def _free(episode: Episode) -> np.ndarray:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import cv2
 import numpy as np
 
-from embodiedreamer_gym.vis_aligner.clip import Condition, Gallery
+from embodiedreamer_gym.vis_aligner.clip import Condition, Gallery, facings
 
 LEVELS = 2  # of 255, up to which a simulated colour counts as the same
 STILL = 0.05  # pixels by which a part may move and still count as standing
@@ -17,26 +20,38 @@ MOST = 30000  # places that OpenCV looks up at once
 Carried = tuple[np.ndarray, np.ndarray]  # colours (T, H, W, 3) uint8, where there are any (T, H, W)
 
 
-def differs(before: Condition, condition: Condition) -> np.ndarray:
-    """Pixels (T, H, W) at which a simulated frame shows something else than another (T = 1), or the same elsewhere."""
-    apart = np.maximum(condition.rgb, before.rgb) - np.minimum(condition.rgb, before.rgb) > LEVELS
-    found = apart[..., 0] | apart[..., 1] | apart[..., 2] | (condition.classes != before.classes)
-    if condition.parts is not None and before.parts is not None:
-        found |= (condition.parts != before.parts) | _of_parts(_moved(before, condition), condition.parts)
-    return found
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What is elsewhere in a condition of T frames than the simulator showed before (T = 1)."""
 
+    before: Condition
+    condition: Condition
 
-def carry(picture: np.ndarray, before: Condition, condition: Condition) -> Carried:
-    """Colours of parts that have moved, from a picture (H, W, 3) of another instant.
+    @cached_property
+    def moved(self) -> np.ndarray:
+        """Pixels (T, H, W) of parts that stand elsewhere; none where parts are not known."""
+        if self.condition.parts is None or self.before.parts is None:
+            return np.zeros(self.condition.classes.shape, bool)
+        return _of_parts(_moved(self.before, self.condition), self.condition.parts)
 
-    before (T = 1): what the simulator showed at that instant. A pixel is carried where its point of the part was in view.
-    """
-    out = _nothing(condition)
-    if condition.parts is not None and before.parts is not None and before.projections is not None:
-        wanted = _of_parts(_moved(before, condition), condition.parts)
-        numbers = np.zeros(before.projections.shape[1], int)
-        _take(picture[None], before, before.projections[0], numbers, condition, wanted, out)
-    return out
+    @cached_property
+    def differs(self) -> np.ndarray:
+        """Pixels (T, H, W) that show something else, or the same elsewhere."""
+        before, now = self.before, self.condition
+        apart = np.maximum(now.rgb, before.rgb) - np.minimum(now.rgb, before.rgb) > LEVELS
+        found = apart[..., 0] | apart[..., 1] | apart[..., 2] | (now.classes != before.classes) | self.moved
+        return found if now.parts is None or before.parts is None else found | (now.parts != before.parts)
+
+    def carry(self, picture: np.ndarray) -> Carried:
+        """Colours of parts that have moved, from a picture (H, W, 3) of the instant before.
+
+        A pixel is carried where its point of the part was in view.
+        """
+        out = _nothing(self.condition)
+        if self.before.projections is not None:
+            numbers = np.zeros(self.before.projections.shape[1], int)
+            _take(picture[None], self.before, self.before.projections[0], numbers, self.condition, self.moved, out)
+        return out
 
 
 def recall(gallery: Gallery | None, condition: Condition) -> Carried:
@@ -46,7 +61,7 @@ def recall(gallery: Gallery | None, condition: Condition) -> Carried:
         return out
     now = facings(condition).mean(axis=0)[: gallery.condition.projections.shape[1]]
     count = len(now)
-    alike = np.einsum("klc,lc->kl", facings(gallery.condition)[:, :count], now)
+    alike = np.einsum("klc,lc->kl", gallery.facings[:, :count], now)
     alike[gallery.visible[:, :count] < FEWEST] = -np.inf
     order = np.argsort(-alike, axis=0, kind="stable")
     for numbers in order[:CHOICES]:
@@ -55,12 +70,6 @@ def recall(gallery: Gallery | None, condition: Condition) -> Carried:
         projections = gallery.condition.projections[numbers, np.arange(count)]
         _take(gallery.frames, gallery.condition, projections, numbers, condition, wanted, out)
     return out
-
-
-def facings(condition: Condition) -> np.ndarray:
-    """The camera's axis (T, L, 3) in the frame of each part: which side of it is seen."""
-    axes = np.asarray(condition.projections, np.float32)[:, :, 2, :3]
-    return axes / np.linalg.norm(axes, axis=2, keepdims=True)
 
 
 def _take(pictures: np.ndarray, before: Condition, projections: np.ndarray, numbers: np.ndarray, condition: Condition,

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from embodiedreamer_gym.vis_aligner.carry import carry, differs, recall
+from embodiedreamer_gym.vis_aligner.carry import Change, recall
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, TABLE, Condition, References
 
 NEAR, REACH = 1.0, 0.5  # m; a depth of NEAR +- REACH is -1 .. 1
@@ -83,7 +83,7 @@ def without_objects(condition: Condition) -> Condition:
         rgb[number] = cv2.inpaint(rgb[number], thing[number].astype(np.uint8), 3, cv2.INPAINT_TELEA)
         if depth is not None:
             depth[number] = cv2.inpaint(depth[number], thing[number].astype(np.uint8), 3, cv2.INPAINT_TELEA)
-    bare = condition.without_parts(OBJECT) if condition.parts is not None else condition
+    bare = condition.without_parts(OBJECT)
     return replace(bare, rgb=rgb, classes=np.where(thing, TABLE, condition.classes).astype(np.uint8), depth=depth)
 
 
@@ -103,14 +103,14 @@ def _depth_channels(condition: Condition, thing: np.ndarray, width: int) -> np.n
 
 def reference_channels(references: References, inputs: Inputs, width: int | None = None) -> Tensor:
     """Channels (C, H, W), float, of the references; width: of the whole picture, where this is a window of it."""
-    parts = [_colours(references.last)]
+    parts = [to_tensor(references.last)]
     views = [references.last_condition]
     if inputs.anchor:
-        parts.append(_colours(references.anchor))
+        parts.append(to_tensor(references.anchor))
         views.append(references.anchor_condition)
     if inputs.plate:
         seen = torch.from_numpy(references.seen.astype(np.float32))[None]
-        parts += [_colours(references.plate) * seen, seen]
+        parts += [to_tensor(references.plate) * seen, seen]
     if inputs.at_reference:
         parts += [frame_channels(view, inputs, width)[0] for view in views]
     return torch.cat(parts)
@@ -142,13 +142,15 @@ def sources(references: References, condition: Condition, inputs: Inputs) -> Sou
     if inputs.plate:
         left = references.seen & _left(before.classes[0] >= ROBOT, thing)
         _put(still, references.plate, left)
-    colours, there = carry(references.last, before, condition)
+    since = Change(before, condition)
+    colours, there = since.carry(references.last)
     _put(still, colours, there)
-    stale = differs(before, condition) & thing & ~there
+    stale = since.differs & thing & ~there
     told = []
     if inputs.anchor:
-        colours, there = carry(references.anchor, references.anchor_condition, condition)
-        same = ~differs(references.anchor_condition, condition)
+        since = Change(references.anchor_condition, condition)
+        colours, there = since.carry(references.anchor)
+        same = ~since.differs
         _put(colours, references.anchor, same)
         told.append((colours, there | same))
     if inputs.gallery:
@@ -176,11 +178,6 @@ def _left(before: np.ndarray, now: np.ndarray) -> np.ndarray:
     """Pixels (T, H, W) that a thing (H, W) has left; its edge too, which may be a pixel wider in a real picture."""
     wide = cv2.dilate(before.astype(np.uint8), EDGE) > 0
     return np.stack([(before & ~one) | (wide & (cv2.dilate(one.astype(np.uint8), EDGE) == 0)) for one in now])
-
-
-def _colours(frame: np.ndarray) -> Tensor:
-    """A frame (H, W, 3) uint8 as (3, H, W) in -1 .. 1."""
-    return to_tensor(np.ascontiguousarray(frame))
 
 
 def to_tensor(frames: np.ndarray) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -80,6 +81,12 @@ class Condition:
         return replace(self, parts=np.where(self.classes >= smallest, 0, self.parts))
 
 
+def facings(condition: Condition) -> Array:
+    """The camera's axis (T, L, 3) in the frame of each part: which side of it is seen."""
+    axes = np.asarray(condition.projections, np.float32)[:, :, 2, :3]
+    return axes / np.linalg.norm(axes, axis=2, keepdims=True)
+
+
 @dataclass(frozen=True, eq=False)
 class Gallery:
     """True pictures of moments at which the robot stood in different poses.
@@ -99,6 +106,11 @@ class Gallery:
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    @cached_property
+    def facings(self) -> Array:
+        """Which side (K, L, 3) of each part each photo shows."""
+        return facings(self.condition)
 
     @cached_property
     def visible(self) -> Array:
@@ -189,6 +201,11 @@ class References:
             plate=plate,
             seen=seen,
         )
+
+    def viewed(self, change: Callable[[Condition], Condition]) -> References:
+        """The references with the simulator's views changed."""
+        views = {key: change(getattr(self, key)) for key in ("last_condition", "anchor_condition")}
+        return replace(self, **views)
 
     def crop(self, window: Window) -> References:
         """The part of everything in a window."""

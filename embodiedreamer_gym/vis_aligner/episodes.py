@@ -41,7 +41,7 @@ def load_episode(path: str | Path, camera: str = "head") -> Episode:
             look = json.loads(str(file.attrs["look"])).get("name", "") if "look" in file.attrs else ""
             names = tuple(json.loads(str(file.attrs["class_names"]))) if "class_names" in file.attrs else CLASS_NAMES
     except (OSError, ValueError) as error:
-        raise VisionError(f"{path}: damaged, cut short or not an HDF5 file; film or copy it again.") from error
+        raise VisionError(_damaged(path)) from error
     return Episode(path.stem, frames, Condition(rgb, classes, depth, parts, projections), clean, names, str(look))
 
 
@@ -73,12 +73,22 @@ def expand(patterns: Sequence[str | Path]) -> list[Path]:
 
 
 def load_scene(path: str | Path) -> tuple[np.ndarray | None, dict[str, np.ndarray] | None]:
-    """Joints (n,) and poses of the props (7,) at an episode's first frame, where the file has them."""
-    with h5py.File(path, "r") as file:
-        joints, things = file.get("observations/qpos"), file.get("objects")
-        names = list(things) if isinstance(things, h5py.Group) else None
-        poses = None if names is None else {name: _read(file, f"objects/{name}", Path(path))[0] for name in names}
-        return _read(file, "observations/qpos", Path(path))[0] if joints is not None else None, poses
+    """Joints (n,) and poses of the props (7,) at an episode's first frame, where the file has them.
+
+    Raises: VisionError for a file that cannot be read.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            joints, things = file.get("observations/qpos"), file.get("objects")
+            names = list(things) if isinstance(things, h5py.Group) else None
+            poses = None if names is None else {name: _read(file, f"objects/{name}", Path(path))[0] for name in names}
+            return _read(file, "observations/qpos", Path(path))[0] if joints is not None else None, poses
+    except (OSError, ValueError) as error:
+        raise VisionError(_damaged(path)) from error
+
+
+def _damaged(path: str | Path) -> str:
+    return f"{path}: damaged, cut short or not an HDF5 file; film or copy it again."
 
 
 def _read(file: h5py.File, key: str, path: Path) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -81,11 +81,8 @@ class LeanAligner:
         self, references: Sequence[References], conditions: Sequence[Condition]
     ) -> tuple[list[References], list[Condition]]:
         """What the network's inputs let it see."""
-        started = [
-            replace(r, last_condition=allowed(r.last_condition, self.inputs),
-                    anchor_condition=allowed(r.anchor_condition, self.inputs)) for r in references
-        ]  # fmt: skip
-        return started, [allowed(c, self.inputs) for c in conditions]
+        see = partial(allowed, inputs=self.inputs)
+        return [r.viewed(see) for r in references], [see(c) for c in conditions]
 
     def _stack(
         self, references: Sequence[References], conditions: Sequence[Condition], places: Sequence[Window]

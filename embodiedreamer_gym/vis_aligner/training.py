@@ -28,8 +28,9 @@ class TrainingConfig:
     """How a model is trained.
 
     steps: of the optimiser; batch: clips; rate: peak learning rate; told: share of walks that know their bench and how
-    the objects move, the others only what a real clip tells; own: how likely a clip is followed by the next one of its episode, with the model's own last frame as reference
-    (1 / (1 - own) clips in a row on average); average: of the weights, per step.
+    the objects move, the others only what a real clip tells; own: how likely a clip is followed by the next one of its
+    episode, with the model's own last frame as reference (1 / (1 - own) clips in a row on average); average: of the
+    weights, per step.
     """
 
     steps: int = 4000
@@ -43,8 +44,8 @@ class TrainingConfig:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Where training is in an episode: its number, the frame the references show; whether bench and objects' poses are known; pictures
-    of the model's own, if any.
+    """Where training is in an episode: its number, the frame the references show; whether bench and objects'
+    poses are known; pictures of the model's own, if any.
     """
 
     episode: int
@@ -56,19 +57,18 @@ class Walk:
     def references(self, episodes: Sequence[Episode]) -> References:
         """References of the chunk that follows."""
         one = episodes[self.episode]
-        true = self._known(one).references(self.at, one.bench if self.told else None)
+        true = one.references(self.at, one.bench if self.told else None).viewed(self._known)
         if self.last is None or self.plate is None:
             return true
         return replace(true, last=self.last.numpy(), plate=self.plate.numpy())
 
     def condition(self, episodes: Sequence[Episode], frames: int) -> Condition:
         """The condition of the chunk that follows."""
-        return self._known(episodes[self.episode]).condition.part(self.at + 1, self.at + 1 + frames)
+        return self._known(episodes[self.episode].condition.part(self.at + 1, self.at + 1 + frames))
 
-    def _known(self, one: Episode) -> Episode:
-        """The episode as this walk knows it."""
-        parts = one.condition.parts
-        return one if self.told or parts is None else replace(one, condition=one.condition.without_parts(OBJECT))
+    def _known(self, condition: Condition) -> Condition:
+        """A condition as this walk knows it."""
+        return condition if self.told else condition.without_parts(OBJECT)
 
 
 class Training:

@@ -1,4 +1,4 @@
-"""Frames as a video file."""
+"""Frames as a video file, and a picture as a file."""
 
 from __future__ import annotations
 
@@ -29,3 +29,23 @@ def write_video(frames: np.ndarray, path: str | Path, rate: float = 30.0) -> Non
         writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
     writer.release()
     part.replace(path)
+
+
+def save_picture(picture: np.ndarray, path: str | Path) -> None:
+    """Write a picture (h, w, 3), uint8 RGB, as a file of its suffix, beside it first, then renamed.
+
+    Raises: VisionError when it cannot be written.
+    """
+    path = Path(path)
+    part = path.with_name(f".{path.stem}.part{path.suffix or '.png'}")
+    try:
+        good, data = cv2.imencode(path.suffix or ".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+        if not good:
+            raise VisionError(f"{path} cannot be written: the picture cannot be encoded.")
+        part.write_bytes(data.tobytes())
+        part.replace(path)
+    except cv2.error as error:
+        raise VisionError(f"{path} cannot be written: '{path.suffix}' is no format of pictures; take .png.") from error
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise VisionError(f"{path} cannot be written: {error.strerror}.") from error

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from embodiedreamer_gym.vis_aligner.carry import differs
+from embodiedreamer_gym.vis_aligner.carry import Change
 from embodiedreamer_gym.vis_aligner.clip import Condition, References, Window
 
 MARGIN = 0.12  # of the picture's width around what moves, for its shadow
@@ -15,7 +15,7 @@ GRID = 16  # pixels, of which a window's sides are multiples, where the picture 
 
 def moving(references: References, condition: Condition) -> np.ndarray:
     """Pixels (H, W) at which some simulated frame shows something else than at the reference."""
-    return np.any(differs(references.last_condition, condition), axis=0)
+    return np.any(Change(references.last_condition, condition).differs, axis=0)
 
 
 def windows(references: Sequence[References], conditions: Sequence[Condition]) -> list[Window] | None:

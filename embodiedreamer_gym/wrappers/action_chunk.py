@@ -9,9 +9,8 @@ import numpy as np
 from gymnasium import spaces
 
 from embodiedreamer_gym.envs.aloha import AlohaEnv
+from embodiedreamer_gym.envs.rendering import Frame, stacked
 from embodiedreamer_gym.errors import SimulationError
-
-CLIP = ("rgb", "classes", "depth", "parts", "projections")
 
 
 class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
@@ -20,7 +19,8 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
     The reward is the sum of the k rewards, observation and info are those after the last action; info["rewards"] (k,)
     holds each reward and info["steps"] their number, which is less than k where the episode was cut, and 0 after a reset.
     With `camera`, info["clip"] holds what it saw after each action: rgb (k, H, W, 3) uint8, depth (k, H, W) m and classes
-    (k, H, W), and what is rigid: parts (k, H, W), projections (k, L, 3, 4), see `Frame`. What is not there repeats the last instant (of rewards: is 0), so that shapes never change.
+    (k, H, W), and what is rigid: parts (k, H, W), projections (k, L, 3, 4), see `Frame`. What is not there repeats the
+    last instant (of rewards: is 0), so that shapes never change.
 
     camera: name of a camera, or None; size: its picture's width and height, the environment's own where None.
     Raises: SimulationError for k below 1, an action space that is no box, or a camera without an ALOHA environment.
@@ -66,21 +66,20 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
                 break
         return observation, float(sum(rewards)), terminated, truncated, info | self._told(rewards, looks)
 
-    def _look(self) -> tuple[np.ndarray, ...]:
-        """Colour, depth and classes of this instant; nothing without a camera."""
+    def _look(self) -> Frame | None:
+        """What the camera sees at this instant; nothing without a camera."""
         aloha = self.env.unwrapped
         if self.camera is None or not isinstance(aloha, AlohaEnv):
-            return ()
-        frame = aloha.capture(self.camera, self.size)
-        return frame.rgb, frame.segmentation, frame.depth, frame.parts, frame.projections
+            return None
+        return aloha.capture(self.camera, self.size)
 
-    def _told(self, rewards: list[float], looks: list[tuple[np.ndarray, ...]]) -> dict[str, Any]:
+    def _told(self, rewards: list[float], looks: list[Frame | None]) -> dict[str, Any]:
         """What info says of a chunk."""
         told: dict[str, Any] = {
             "rewards": np.pad(np.array(rewards, float), (0, self.k - len(rewards))),
             "steps": len(rewards),
         }
         if self.camera is not None:
-            looks = looks + looks[-1:] * (self.k - len(looks))
-            told["clip"] = dict(zip(CLIP, (np.stack(part) for part in zip(*looks, strict=True)), strict=True))
+            seen = [look for look in looks if look is not None]
+            told["clip"] = stacked(seen + seen[-1:] * (self.k - len(seen)))
         return told

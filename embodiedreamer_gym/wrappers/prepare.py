@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ import h5py
 import numpy as np
 
 from embodiedreamer_gym.camera import Camera
+from embodiedreamer_gym.envs.rendering import stacked
 from embodiedreamer_gym.envs.view import RobotView
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.recordings import Recording
@@ -45,11 +47,10 @@ def prepare(
             things = cv2.resize(things, size, interpolation=cv2.INTER_NEAREST)
             classes = np.where(things > ROBOT, things, robot.segmentation)
             parts = np.where(things > ROBOT, 0, robot.parts)
-            seen.append((robot.rgb, classes, robot.depth, parts, robot.projections))
+            seen.append(replace(robot, segmentation=classes, parts=parts))
             if progress is not None:
                 progress("simulated view", number + 1, 0.0)
-    condition = Condition(*(np.stack(column) for column in zip(*seen, strict=True)))
-    return Episode(recording.name, np.stack(real), condition)
+    return Episode(recording.name, np.stack(real), Condition(**stacked(seen)))
 
 
 def write_episode(episode: Episode, path: str | Path, camera: str = "head") -> None:

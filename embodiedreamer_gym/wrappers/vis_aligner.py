@@ -14,7 +14,7 @@ from embodiedreamer_gym.envs.tasks.task import Task
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, Condition, References, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.bank import Entry
-from embodiedreamer_gym.wrappers.action_chunk import CLIP, ActionChunk
+from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 
 SHOWING = ("pixels", "pixels_agent_pos")
 
@@ -130,7 +130,8 @@ class VisAlignerVectorWrapper(VectorWrapper):
     def _views(self, info: Mapping[str, Any]) -> list[Condition]:
         if "clip" not in info:
             raise SimulationError('each environment must be wrapped in ActionChunk(env, k, camera="head").')
-        return [Condition(*seen) for seen in zip(*(info["clip"][key] for key in CLIP), strict=True)]
+        clip = {key: seen for key, seen in info["clip"].items() if not key.startswith("_")}  # masks of the vector
+        return [Condition(**{key: seen[i] for key, seen in clip.items()}) for i in range(self.num_envs)]
 
     def _seen(self, observation: Any) -> Any:
         return _shown(observation, np.stack([self._reference(i).last for i in range(len(self.references))]))
@@ -172,7 +173,7 @@ def picture(bank: Bank) -> spaces.Box:
 
 def conditions(info: Mapping[str, Any]) -> Condition:
     """The simulator's view of a chunk."""
-    return Condition(*(info["clip"][key] for key in CLIP))
+    return Condition(**info["clip"])
 
 
 def first(bank: Bank, condition: Condition, entry: Entry | None) -> References:

@@ -9,8 +9,7 @@ import pytest
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.bench import PICTURES, make_bench, make_gallery, with_benches
-from embodiedreamer_gym.vis_aligner.carry import facings
-from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, Episode
+from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, Episode, facings
 from tests.vis_aligner.scenes import episode, texture
 from tests.vis_aligner.test_carry import board
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.carry import carry, differs, recall
+from embodiedreamer_gym.vis_aligner.carry import Change, recall
 from embodiedreamer_gym.vis_aligner.channels import Inputs, allowed, sources, to_frames
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, Gallery, References
 
@@ -56,7 +56,7 @@ MOVES = [(0.05, 0.02, 1.0, 0.0), (-0.1, 0.05, 1.0, 0.7), (0.0, 0.0, 0.8, -0.4), 
 def test_a_moved_part_looks_as_it_did(place) -> None:
     """Shifted, turned, nearer and further: all that was in view, to within what lies between two pixels."""
     clip = board([(0.0, 0.0, 1.0, 0.0), place])
-    found, carried = carry(photo(clip, 0), clip.part(0, 1), clip.part(1, 2))
+    found, carried = Change(clip.part(0, 1), clip.part(1, 2)).carry(photo(clip, 0))
     there = clip.parts[1] > 0
     assert carried[0][there].mean() > 0.9 and not carried[0][~there].any()
     error = np.abs(found[0].astype(float) - photo(clip, 1))[carried[0]]
@@ -66,20 +66,20 @@ def test_a_moved_part_looks_as_it_did(place) -> None:
 
 def test_what_stands_is_not_touched_and_what_was_hidden_is_not_known() -> None:
     clip = board([(0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.2, 0.0, 1.0, 0.0)])
-    assert not carry(photo(clip, 0), clip.part(0, 1), clip.part(1, 2))[1].any()
+    assert not Change(clip.part(0, 1), clip.part(1, 2)).carry(photo(clip, 0))[1].any()
     half = replace(clip.part(0, 1), parts=np.where(np.arange(WIDTH) < 32, clip.parts[:1], 0))
-    carried = carry(photo(clip, 0), half, clip.part(2, 3))[1][0]
+    carried = Change(half, clip.part(2, 3)).carry(photo(clip, 0))[1][0]
     assert 0.3 < carried[clip.parts[2] > 0].mean() < 0.7  # the right half was behind something
     nearer = replace(clip.part(0, 1), depth=clip.depth[:1] - 0.1)
-    assert not carry(photo(clip, 0), nearer, clip.part(2, 3))[1].any()
+    assert not Change(nearer, clip.part(2, 3)).carry(photo(clip, 0))[1].any()
 
 
 def test_a_part_of_one_colour_that_slides_along_itself_differs() -> None:
     """No simulated pixel in its middle changes, but the part is another one there."""
     clip = board([(0.0, 0.0, 1.0, 0.0), (0.05, 0.0, 1.0, 0.0)])
     inside = (clip.parts[0] > 0) & (clip.parts[1] > 0)
-    assert differs(clip.part(0, 1), clip.part(1, 2))[0][inside].all()
-    assert not differs(clip.part(0, 1).without_parts(), clip.part(1, 2).without_parts())[0][inside].any()
+    assert Change(clip.part(0, 1), clip.part(1, 2)).differs[0][inside].all()
+    assert not Change(clip.part(0, 1).without_parts(), clip.part(1, 2).without_parts()).differs[0][inside].any()
 
 
 def test_carried_parts_are_what_a_frame_is_made_of() -> None:
@@ -87,7 +87,7 @@ def test_carried_parts_are_what_a_frame_is_made_of() -> None:
     clip = board([(0.0, 0.0, 1.0, 0.0), (0.06, 0.0, 1.0, 0.3)])
     references = References.start(photo(clip, 0), clip.part(0, 1))
     found = sources(references, clip.part(1, 2), Inputs())
-    there = carry(photo(clip, 0), clip.part(0, 1), clip.part(1, 2))[1][0]
+    there = Change(clip.part(0, 1), clip.part(1, 2)).carry(photo(clip, 0))[1][0]
     error = np.abs(to_frames(found.still)[0].astype(float) - photo(clip, 1))
     assert error[there].mean() < 5 and not found.stale[0, 0].numpy()[there].any()
     spoilt = replace(references, last=np.zeros_like(references.last))
@@ -129,7 +129,7 @@ def test_what_a_model_may_not_see_is_not_carried() -> None:
     for inputs in (replace(Inputs(), carry=False), replace(Inputs(), masks=False)):
         one = allowed(clip.part(1, 2), inputs)
         start = replace(references, last_condition=allowed(clip.part(0, 1), inputs))
-        assert not carry(references.last, start.last_condition, one)[1].any()
+        assert not Change(start.last_condition, one).carry(references.last)[1].any()
     unknown = clip.without_parts(OBJECT)
     assert not unknown.parts.any() and board([MOVES[0]]).without_parts(OBJECT).parts.any()
 

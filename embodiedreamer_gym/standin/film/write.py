@@ -88,12 +88,9 @@ def is_filmed(path: Path, settings: Mapping[str, Any]) -> bool:
 
 def _datasets(real: Real, simulated: Simulated) -> dict[str, np.ndarray]:
     """Pictures by their place in a file; depth to a millimetre."""
-    return {
-        REAL: real.noisy,
-        CLEAN: real.clean,
-        MASKS: simulated.masks,
-        **{f"{SIMULATED}/{key}": array for key, array in simulated.frame.datasets().items()},
-    }
+    seen = {f"{SIMULATED}/{key}": array for key, array in simulated.frame.as_dict().items()}
+    seen[f"{SIMULATED}/depth"] = simulated.frame.depth.astype(np.float16)
+    return {REAL: real.noisy, CLEAN: real.clean, MASKS: simulated.masks, **seen}
 
 
 def _room(file: h5py.File, key: str, count: int, picture: np.ndarray) -> h5py.Dataset:

@@ -13,6 +13,7 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.recordings import FrameSource
 from embodiedreamer_gym.vis_aligner.camera_calibration.body import Body
 from embodiedreamer_gym.vis_aligner.camera_calibration.evidence import moving_evidence, smooth
+from embodiedreamer_gym.vis_aligner.spread import spread
 
 FEWEST = 6  # pictures of one recording
 LOOKED_AT = 24  # pictures that are fitted
@@ -140,21 +141,6 @@ def look(footage: Footage, body: Body, size: tuple[int, int]) -> Scene:
     few = np.searchsorted(rows, spread(marks[rows], LOOKED_AT // 2, np.ones(len(rows)), rows))
     poses = footage.poses[rows]
     return Scene(footage.name, rows, evidence, poses, _drift(footage.poses, rows), moving, working, few)
-
-
-def spread(places: np.ndarray, count: int, weight: np.ndarray, labels: np.ndarray | None = None) -> np.ndarray:
-    """Rows (at most count), in order, of places (T, M, 3) far from each other; weight (T,): which are preferred."""
-    flat = places.reshape(len(places), -1)
-    chosen = [int(np.argmax(weight))]
-    away = np.linalg.norm(flat - flat[chosen[0]], axis=1)
-    while len(chosen) < min(count, len(flat)):
-        best = int(np.argmax(away * weight))
-        if away[best] <= 0.0:
-            break
-        chosen.append(best)
-        away = np.minimum(away, np.linalg.norm(flat - flat[best], axis=1))
-    rows = np.sort(chosen)
-    return rows if labels is None else labels[rows]
 
 
 def _marks(body: Body) -> Body:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.camera_calibration.body import Body
-from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Footage, spread
+from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Footage
 from embodiedreamer_gym.vis_aligner.camera_calibration.keypoints import Keypoints
 from embodiedreamer_gym.vis_aligner.camera_calibration.raster import draw_parts
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
+from embodiedreamer_gym.vis_aligner.spread import spread
 
 WIDE = 480  # pixels, of one frame in the picture
 COLUMNS = 3
@@ -66,26 +65,6 @@ def draw_marks(picture: np.ndarray, marks: Keypoints, view: View) -> np.ndarray:
         for x, y in np.rint((pixels + 0.5) * factor - 0.5).astype(int):
             cv2.drawMarker(shown, (int(x), int(y)), colour, cv2.MARKER_CROSS, 9, 1)
     return shown
-
-
-def save_picture(picture: np.ndarray, path: str | Path) -> None:
-    """Write a picture (h, w, 3), uint8 RGB, as a file of its suffix, beside it first, then renamed.
-
-    Raises: VisionError when it cannot be written.
-    """
-    path = Path(path)
-    part = path.with_name(f".{path.stem}.part{path.suffix or '.png'}")
-    try:
-        good, data = cv2.imencode(path.suffix or ".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-        if not good:
-            raise VisionError(f"{path} cannot be written: the picture cannot be encoded.")
-        part.write_bytes(data.tobytes())
-        part.replace(path)
-    except cv2.error as error:
-        raise VisionError(f"{path} cannot be written: '{path.suffix}' is no format of pictures; take .png.") from error
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise VisionError(f"{path} cannot be written: {error.strerror}.") from error
 
 
 def _edges(code: np.ndarray) -> np.ndarray:

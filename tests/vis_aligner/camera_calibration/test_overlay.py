@@ -18,8 +18,8 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.overlay import (
     draw_marks,
     draw_outlines,
     overlay,
-    save_picture,
 )
+from embodiedreamer_gym.vis_aligner.video import save_picture
 from tests.vis_aligner.camera_calibration.conftest import TRUTH, Bench, marks_of, surface
 
 
