@@ -35,6 +35,8 @@ def _train_parser(actions: Any) -> None:
     one.add_argument("--chunk", type=_count, default=100, metavar="K", help="actions predicted (default %(default)s)")
     one.add_argument("--cameras", nargs="+", metavar="NAME", help="one to three (default: all of the data)")
     one.add_argument("--size", metavar="WxH", help="to which pictures are scaled (default: as they are)")
+    one.add_argument("--mirror", metavar="M", help="learn each demonstration's mirror image too, of the other arm of this robot:"
+                     " JSON file or built-in robot, symmetric as its cameras")  # fmt: skip
     one.add_argument("--preset", choices=PRESETS, default="small", help="sizes of the network (default %(default)s)")
     one.add_argument("--device", default="cpu", metavar="D", help="cpu or cuda (default %(default)s)")
     one.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
@@ -50,7 +52,7 @@ def _evaluate_parser(actions: Any) -> None:
     one.add_argument("--task", required=True, metavar="ID", help="such as PutCupOnMat-v0")
     one.add_argument("--episodes", type=_count, default=50, metavar="N", help="default: %(default)s")
     one.add_argument("--seed", type=int, default=FIRST_SEED, metavar="S", help="of the first one (default %(default)s)")
-    one.add_argument("--execute", type=_count, metavar="N", help="actions executed of each chunk (default: 25, or all)")
+    one.add_argument("--execute", type=_count, metavar="N", help="actions executed of each chunk (default: all)")
     one.add_argument("--ensemble", type=float, metavar="K", help="temporal ensembling; the paper's k is 0.01")
     one.add_argument("--robot", default="aloha", metavar="M", help="JSON file or built-in robot (default %(default)s)")
     one.add_argument("--size", metavar="WxH", help="of the pictures (default: as the policy learnt, or 128x96)")
@@ -78,12 +80,20 @@ def _train(a: argparse.Namespace, progress: Any) -> None:
     config = _config(a, episodes)
     said = Progress(a.quiet)
     rate = PRESETS[a.preset] if a.rate is None else a.rate
-    settings = TrainingConfig(a.steps, a.batch, rate, seed=a.seed)
+    mirror = () if a.mirror is None else _mirror(a.mirror)
+    settings = TrainingConfig(a.steps, a.batch, rate, mirror=mirror, seed=a.seed)
     try:
         policy = train(episodes, config, settings, a.out, said, lambda text: print(text, file=sys.stderr), a.device)
     finally:
         said.close()
     print(f"{a.out}: {policy!r}")
+
+
+def _mirror(robot: str) -> tuple[int, ...]:
+    from embodiedreamer_gym.envs.robots import load_robot
+    from embodiedreamer_gym.robot.mirror import mirrored_joints
+
+    return mirrored_joints(load_robot(robot))
 
 
 def _config(a: argparse.Namespace, episodes: Any) -> Any:

@@ -37,7 +37,7 @@ def add_prefer(actions: Any) -> None:
         "--dream", nargs="?", const="lean", metavar="ALIGNER", help="see through VisAligner (default: lean)"
     )
     one.add_argument("--bank", default="lab", metavar="B", help="references to dream from (default %(default)s)")
-    one.add_argument("--execute", type=_count, metavar="K", help="actions executed of each chunk (default: 25, or all)")
+    one.add_argument("--execute", type=_count, metavar="K", help="actions executed of each chunk (default: all)")
     one.add_argument("--envs", type=_count, default=1, metavar="E", help="episodes at once (default %(default)s)")
     one.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
     one.add_argument("--quiet", action="store_true", help="no progress")
@@ -223,17 +223,17 @@ def environment(a: argparse.Namespace, policy: Any) -> Any:
 
     from embodiedreamer_gym import wrappers
     from embodiedreamer_gym.policies.evaluation import executed
-    from embodiedreamer_gym.vis_aligner import load_aligner, load_bank
+    from embodiedreamer_gym.vis_aligner import load_bank
 
     config = getattr(policy.network, "config", None)
     size = (128, 96) if config is None else getattr(config, "source_size", None) or config.image_size
-    cameras, chunk, filmed = tuple(getattr(policy, "cameras", ())) or ("head",), a.execute, {}
+    cameras, filmed = tuple(getattr(policy, "cameras", ())) or ("head",), {}
     if a.dream is not None:
         if cameras != ("head",):
             raise PolicyError(f"the policy looks through {', '.join(cameras)}, and only the head camera is dreamed.")
         size = load_bank(a.bank).size
-        chunk, filmed = chunk or min(policy.chunk, load_aligner(a.dream).chunk), {"camera": "head", "size": size}
-    count = executed(policy, chunk)
+        filmed = {"camera": "head", "size": size}
+    count = executed(policy, a.execute)
 
     def chunked(env: Any) -> Any:
         return wrappers.ActionChunk(env, count, **filmed)

@@ -114,7 +114,7 @@ def test_episodes_are_dealt_out_to_processes(
     run(*arguments)
     one = capsys.readouterr().out
     assert dealt == [(False, tuple(range(20)))]
-    assert "success in 10 of 20 episodes" in one and "25 actions executed per query" in one
+    assert "success in 10 of 20 episodes" in one and "50 actions executed per query" in one
     dealt.clear()
     with joblib.parallel_config("threading"):
         run(*arguments, "--jobs", 3)

@@ -13,7 +13,6 @@ from scipy.stats import binomtest
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.protocol import Policy
 
-EXECUTED = 25  # actions of a chunk that are played before the policy is asked again, at most
 HELD = 30  # steps in a row that a success has to last for an episode to end early
 Watch = Callable[[Any, dict[str, Any]], None]
 
@@ -74,11 +73,11 @@ class Evaluation:
 
 
 def executed(policy: Policy, execute: int | None = None) -> int:
-    """How many actions of a chunk are played before the next query.
+    """How many actions of a chunk are played before the next query: all, where none are said.
 
     Raises: PolicyError for less than one, or more than the chunk has.
     """
-    count = min(policy.chunk, EXECUTED) if execute is None else execute
+    count = policy.chunk if execute is None else execute
     if not 1 <= count <= policy.chunk:
         raise PolicyError(f"{count} actions cannot be executed of a chunk of {policy.chunk}; give 1 to {policy.chunk}.")
     return count

@@ -58,9 +58,7 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
         if self.references is None:
             raise gym.error.ResetNeeded("call reset before the first step.")
         observation, reward, terminated, truncated, info = self.env.step(action)
-        condition, steps = conditions(info), info["steps"]
-        frames = self.aligner.render([self.references], [condition])[0]
-        self.references = self.references.after(frames[:steps], condition.part(0, steps))
+        (frames,), (self.references,) = _dream(self.aligner, [self.references], [conditions(info)], [info["steps"]])
         return self._seen(observation), float(reward), terminated, truncated, _told(info, frames)
 
     def render(self) -> Any:
@@ -111,11 +109,9 @@ class VisAlignerVectorWrapper(VectorWrapper):
         views, steps = self._views(info), info["steps"]
         going = [i for i, count in enumerate(steps) if count > 0]
         frames = np.stack([view.rgb for view in views])
-        made = self.aligner.render([self._reference(i) for i in going], [views[i] for i in going]) if going else []
-        for i, clip in zip(going, made, strict=True):
-            count = int(steps[i])
-            self.references[i] = self._reference(i).after(clip[:count], views[i].part(0, count))
-            frames[i] = clip
+        made = _dream(self.aligner, *([which[i] for i in going] for which in (self.references, views, steps)))
+        for i, clip, after in zip(going, *made, strict=True):
+            frames[i], self.references[i] = clip, after
         for i in set(range(len(views))) - set(going):  # begun anew by the vector
             self.references[i] = first(self.bank, views[i], None)
             frames[i] = self._reference(i).last
@@ -180,6 +176,28 @@ def first(bank: Bank, condition: Condition, entry: Entry | None) -> References:
     """The references of an episode's beginning: a photo, or one painted."""
     frame = entry.frame if entry is not None else bank.paint(condition)
     return References.start(frame, condition.part(0, 1), bank.bench)
+
+
+def _dream(aligner: Aligner, references: Sequence[References | None], views: Sequence[Condition], steps: Sequence[int]
+           ) -> tuple[list[np.ndarray], list[References]]:  # fmt: skip
+    """Frames (k, H, W, 3) of each view of k frames, piece by piece as the aligner was trained, and the references after.
+
+    steps: of each, that were played; later frames repeat the last one.
+    """
+    known = [reference for reference in references if reference is not None]
+    if len(known) < len(references):
+        raise gym.error.ResetNeeded("call reset before the first step.")
+    frames = [np.repeat(reference.last[None], len(view), axis=0) for reference, view in zip(known, views, strict=True)]
+    for start in range(0, int(max(steps, default=0)), aligner.chunk):
+        going = [i for i, count in enumerate(steps) if count > start]
+        parts = [views[i].part(start, start + aligner.chunk) for i in going]
+        made = aligner.render([known[i] for i in going], parts)
+        for i, part, clip in zip(going, parts, made, strict=True):
+            count = min(int(steps[i]) - start, len(part))
+            known[i] = known[i].after(clip[:count], part.part(0, count))
+            frames[i][start : start + count] = clip[:count]
+            frames[i][start + count :] = clip[count - 1]
+    return frames, known
 
 
 def _chosen(bank: Bank, options: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, Entry | None]:

@@ -15,6 +15,7 @@ from gymnasium.utils.env_checker import check_env
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.vis_aligner.bank import Bank, Entry, save_bank
 from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner
+from embodiedreamer_gym.vis_aligner.clip import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
 from embodiedreamer_gym.wrappers import ActionChunk, VisAlignerObservationWrapper, VisAlignerVectorWrapper
@@ -57,6 +58,25 @@ def test_gymnasium_is_content(files, obs_type: str) -> None:
     check_env(env, skip_render_check=True)
     assert env.action_space.shape == (3, 14)
     env.close()
+
+
+def test_a_long_chunk_is_dreamed_in_pieces(files) -> None:
+    """Seven actions at once show what three, three and one show: the aligner is never asked for more than it learnt."""
+    long, short, played = make(files, chunk=7), make(files, chunk=1), actions(7)
+    long.reset(seed=5)
+    short.reset(seed=5)
+    seen, *_, info = long.step(played)
+    views = [short.env.step(one[None])[4]["clip"] for one in played]
+    whole = {key: np.concatenate([view[key] for view in views]) for key in views[0]}
+    references, frames = short.references, []
+    for start in (0, 3, 6):
+        part = Condition(**{key: seen_[start : start + 3] for key, seen_ in whole.items()})
+        frames.append(short.aligner.render([references], [part])[0])
+        references = references.after(frames[-1], part)
+    assert np.array_equal(info["frames"], np.concatenate(frames))
+    assert np.array_equal(seen["pixels"], frames[-1][-1])
+    long.close()
+    short.close()
 
 
 def test_physics_and_reward_are_untouched(files) -> None:

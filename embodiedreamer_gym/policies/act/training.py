@@ -15,6 +15,7 @@ from torch import nn
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.act.config import ActConfig
 from embodiedreamer_gym.policies.act.curves import Curves
+from embodiedreamer_gym.policies.act.mirror import Mirror
 from embodiedreamer_gym.policies.act.network import Act
 from embodiedreamer_gym.policies.act.policy import ActPolicy
 from embodiedreamer_gym.policies.act.samples import Episodes, Samples
@@ -23,6 +24,7 @@ from embodiedreamer_gym.policies.act.statistics import Statistics
 CHECKPOINT = "checkpoint.pt"
 SAVED_EVERY = 250  # steps
 SHOWN_EVERY = 10
+MIRRORED = 0.5  # share of starts, where there is a mirror
 WARM_UP = 100  # steps up to the peak learning rate
 Progress = Callable[[str, int, int, str], None]
 
@@ -32,7 +34,8 @@ class TrainingConfig:
     """How a network is trained.
 
     steps: of the optimiser; batch: starts; rate: peak learning rate of AdamW, down as a cosine; kl: weight of the
-    CVAE's divergence; clip: largest norm of a gradient; average: of the weights, per step; seed: of all that is drawn.
+    CVAE's divergence; clip: largest norm of a gradient; average: of the weights, per step; mirror: joint numbers with signs, see `Mirror`, for half
+    of the starts to be mirrored; seed: of all that is drawn.
     """
 
     steps: int = 4000
@@ -42,6 +45,7 @@ class TrainingConfig:
     kl: float = 10.0
     clip: float = 1.0
     average: float = 0.99
+    mirror: tuple[int, ...] = ()
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -63,6 +67,13 @@ class Training:
         self.averaged = {k: v.detach().clone() for k, v in network.state_dict().items()}
         self.optimiser = torch.optim.AdamW(network.parameters(), config.rate, weight_decay=config.weight_decay)
         self.step = 0
+        self.mirror = Mirror(config.mirror, samples.config.cameras) if config.mirror else None
+        if (
+            self.mirror is not None
+            and not len(config.mirror) == samples.config.state_size == samples.config.action_size
+        ):
+            raise PolicyError(f"the mirror is of {len(config.mirror)} joints, and the episodes have states of "
+                              f"{samples.config.state_size} numbers, actions of {samples.config.action_size}.")  # fmt: skip
 
     @property
     def device(self) -> torch.device:
@@ -100,6 +111,8 @@ class Training:
         """
         rng = np.random.default_rng([self.config.seed, step])
         sample = self.samples.draw(rng, self.config.batch)
+        if self.mirror is not None:
+            sample = self.mirror(sample, rng.random(self.config.batch) < MIRRORED)
         actions = self.network.normalise(torch.from_numpy(sample.actions).to(self.device))
         padding = torch.from_numpy(sample.padding).to(self.device)
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
