@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import joblib
 import numpy as np
 import pytest
 import torch
@@ -16,12 +17,17 @@ from torch import nn
 from embodiedreamer_gym import cli_prefer
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
 from embodiedreamer_gym.policies.preferences import PreferenceSet
-from embodiedreamer_gym.wrappers import ActionChunk, VisAlignerObservationWrapper, VisAlignerVectorWrapper
+from embodiedreamer_gym.wrappers import (
+    ActionChunk,
+    VisAlignerObservationWrapper,
+    VisAlignerVectorWrapper,
+    preference_study,
+)
 from tests.wrappers.test_preference_rollout import Walk
 from tests.wrappers.test_vis_aligner import files  # noqa: F401  a fixture
 
 CHUNK = 4
-environment = cli_prefer.environment
+environment = preference_study.environment
 
 
 class Net(nn.Module):
@@ -72,7 +78,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
             return ActionChunk(Walk(), 3)
         return SyncVectorEnv([lambda: ActionChunk(Walk(), 3) for _ in range(a.envs)])
 
-    monkeypatch.setattr(cli_prefer, "environment", environment)
+    monkeypatch.setattr(preference_study, "environment", environment)
 
 
 def run(out: Path, *words: str, spec: str = "make") -> dict[str, Any]:
@@ -105,7 +111,7 @@ def test_cycles_improve_and_leave_their_pairs(tmp_path: Path, capsys: pytest.Cap
 
 def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = run(tmp_path / "whole", "--cycles", "2")["rows"]
-    tune = cli_prefer.Study._prefer
+    tune = preference_study.Study._prefer
 
     def interrupted(self: Any, paths: Any, folder: Path) -> Any:
         if folder.name == "cycle-02":
@@ -113,7 +119,7 @@ def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.Monkey
         return tune(self, paths, folder)
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(cli_prefer.Study, "_prefer", interrupted)
+        patch.setattr(preference_study.Study, "_prefer", interrupted)
         run(tmp_path / "part", "--cycles", "2")
     left = tmp_path / "part" / "cycle-02"
     assert len(list((left / "rollouts").iterdir())) == 6 and not (left / "row.json").exists()
@@ -122,6 +128,10 @@ def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.Monkey
     for row, expected in zip(again, whole, strict=True):
         assert row == pytest.approx(expected, abs=1e-3)
     assert (tmp_path / "part" / "cycle-01" / "row.json").stat().st_mtime_ns == stamp
+    with joblib.parallel_config("threading"):
+        dealt = run(tmp_path / "dealt", "--cycles", "1", "--jobs", "2")["rows"]
+    for row, expected in zip(dealt, whole[:2], strict=True):
+        assert row == pytest.approx(expected, abs=1e-6)
     with pytest.raises(EmbodieDreamerError, match="holds a study with other settings"):
         run(tmp_path / "part", "--cycles", "2", "--beta", "0.5")
 
@@ -150,7 +160,7 @@ def test_the_paper_taken_literally_warns(tmp_path: Path) -> None:
 )
 def test_bad_options_write_nothing(tmp_path: Path, monkeypatch, words: list[str], message: str) -> None:
     if words[0] == "--task":
-        monkeypatch.setattr(cli_prefer, "environment", lambda a, policy: cli_prefer._task(a.task))
+        monkeypatch.setattr(preference_study, "environment", lambda a, policy: preference_study._task(a.task))
     with pytest.raises(EmbodieDreamerError, match=message):
         run(tmp_path / "study", *words)
     assert not (tmp_path / "study").exists()

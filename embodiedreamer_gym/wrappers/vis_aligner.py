@@ -109,9 +109,10 @@ class VisAlignerVectorWrapper(VectorWrapper):
         views, steps = self._views(info), info["steps"]
         going = [i for i, count in enumerate(steps) if count > 0]
         frames = np.stack([view.rgb for view in views])
-        made = _dream(self.aligner, *([which[i] for i in going] for which in (self.references, views, steps)))
-        for i, clip, after in zip(going, *made, strict=True):
-            frames[i], self.references[i] = clip, after
+        before = [self.references[i] for i in going]
+        made, after = _dream(self.aligner, before, [views[i] for i in going], [steps[i] for i in going])
+        for i, clip, reference in zip(going, made, after, strict=True):
+            frames[i], self.references[i] = clip, reference
         for i in set(range(len(views))) - set(going):  # begun anew by the vector
             self.references[i] = first(self.bank, views[i], None)
             frames[i] = self._reference(i).last
