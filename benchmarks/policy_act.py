@@ -1,10 +1,11 @@
 """ACT on a task's demonstrations: success on seeds not looked at, with and without chunks, and the time training takes.
 
 python -m benchmarks policy_act --out DIR [--task PutCupOnMat] [--demos 50] [--episodes 200] [--steps 4000] [--batch 32]
-                                [--size 96x72] [--variant act cloning ...] [--execute 25 50 ...] [--seed 0]
+                                [--size 96x72] [--variant act unmirrored cloning ...] [--execute 100 25 ...] [--seed 0]
 
-Everything is kept in DIR, and an interrupted run goes on where it was. Variants: act, chunks of 100; chunk20; cloning,
-behaviour cloning without chunks (one action per query). One process, one thread.
+Everything is kept in DIR, and an interrupted run goes on where it was. Variants: act, chunks of 100, each demonstration's
+mirror image learnt too; unmirrored, without that; pictures, without key points either; chunk20; cloning, behaviour cloning
+without chunks (one action per query). One process, one thread.
 """
 
 from __future__ import annotations
@@ -20,7 +21,13 @@ import gymnasium as gym
 import embodiedreamer_gym  # noqa: F401  its environments are registered
 from benchmarks.common import clopper_pearson, pin_threads, save
 
-CHUNKS = {"act": 100, "chunk20": 20, "cloning": 1}
+VARIANTS: dict[str, dict[str, Any]] = {  # of the network; and whether mirror images are learnt
+    "act": {"chunk": 100, "mirror": True},
+    "unmirrored": {"chunk": 100, "mirror": False},
+    "pictures": {"chunk": 100, "mirror": False, "keypoints": 0},
+    "chunk20": {"chunk": 20, "mirror": True},
+    "cloning": {"chunk": 1, "mirror": True},
+}
 FIRST_SEED = 100_000
 SAVED_EVERY = 5  # episodes
 
@@ -37,8 +44,10 @@ def demonstrations(a: argparse.Namespace) -> Path:
 
 def trained(a: argparse.Namespace, variant: str, data: Path) -> tuple[Any, float]:
     """The policy of a variant, and the processor time (s) that training took, interruptions left out."""
+    from embodiedreamer_gym.envs.robots import load_robot
     from embodiedreamer_gym.policies.act import ActConfig, ActPolicy, TrainingConfig, train
     from embodiedreamer_gym.recordings.episodes import open_episodes
+    from embodiedreamer_gym.robot.mirror import mirrored_joints
 
     folder = a.out / f"{a.task}_{variant}_{a.demos}_{a.steps}x{a.batch}_{a.size}_{a.seed}"
     clock = folder / "processor_time.json"
@@ -47,8 +56,11 @@ def trained(a: argparse.Namespace, variant: str, data: Path) -> tuple[Any, float
     before = json.loads(clock.read_text())["seconds"] if clock.is_file() else 0.0
     episodes, began = open_episodes(data), time.process_time()
     width, height = (int(side) for side in a.size.split("x"))
-    config = ActConfig(episodes.state_size, episodes.action_size, ("head",), (width, height), chunk=CHUNKS[variant],
-                       source_size=(128, 96))  # fmt: skip
+    sizes = dict(VARIANTS[variant])
+    mirror = mirrored_joints(load_robot("aloha")) if sizes.pop("mirror") else ()
+    config = ActConfig(
+        episodes.state_size, episodes.action_size, ("head",), (width, height), source_size=(128, 96), **sizes
+    )
 
     def said(stage: str, count: int, of: int, text: str) -> None:
         if count % 250 == 0 or count == of:
@@ -56,7 +68,7 @@ def trained(a: argparse.Namespace, variant: str, data: Path) -> tuple[Any, float
             save({"step": count, "seconds": seconds}, clock)
             print(f"{variant}: step {count}/{of}, {text}, {seconds:.0f} s of processor time", flush=True)
 
-    policy = train(episodes, config, TrainingConfig(a.steps, a.batch, seed=a.seed), folder, said)
+    policy = train(episodes, config, TrainingConfig(a.steps, a.batch, mirror=mirror, seed=a.seed), folder, said)
     return policy, json.loads(clock.read_text())["seconds"]
 
 
@@ -85,8 +97,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--task", default="PutCupOnMat")
-    parser.add_argument("--variant", nargs="+", choices=CHUNKS, default=["act", "cloning"])
-    parser.add_argument("--execute", nargs="+", type=int, default=[25])
+    parser.add_argument("--variant", nargs="+", choices=VARIANTS, default=["act", "unmirrored", "cloning"])
+    parser.add_argument("--execute", nargs="+", type=int, default=[100])
     parser.add_argument("--size", default="96x72")
     for name, value in (("demos", 50), ("episodes", 200), ("steps", 4000), ("batch", 32), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=value)
