@@ -36,7 +36,7 @@ class ActConfig:
     chunk: int = 100
     widths: tuple[int, ...] = (16, 32, 64)
     norm: str = "group"
-    keypoints: int = 32
+    keypoints: int = 16
     width: int = 128
     heads: int = 8
     feedforward: int = 256
