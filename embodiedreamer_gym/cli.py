@@ -11,6 +11,7 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
+from embodiedreamer_gym.cli_augment import add_augment
 from embodiedreamer_gym.cli_demos import add_demos
 from embodiedreamer_gym.cli_film import add_film
 from embodiedreamer_gym.cli_policy import add_policy
@@ -90,6 +91,7 @@ def build_parser() -> argparse.ArgumentParser:
     _standin_parser(verbs)
     add_camera(add_vis(verbs))
     add_demos(verbs)
+    add_augment(verbs)
     add_prefer(add_policy(verbs))
     demo = verbs.add_parser("demo", help="from recordings with a hidden effect to a model that has it")
     demo.set_defaults(verb=_demo)

@@ -27,7 +27,8 @@ def _train_parser(actions: Any) -> None:
     text = "train ACT, the action chunking transformer, on episodes; an interrupted training goes on"
     one = actions.add_parser("train", help=text, description=text)
     one.set_defaults(verb=_train)
-    one.add_argument("--data", type=Path, required=True, metavar="DIR", help="ALOHA/AgileX HDF5 files or a LeRobot set")
+    one.add_argument("--data", type=Path, nargs="+", required=True, metavar="DIR",
+                     help="ALOHA/AgileX HDF5 files or a LeRobot set; of several, all episodes")  # fmt: skip
     one.add_argument("--out", type=Path, required=True, metavar="DIR", help="policy, checkpoint and curves")
     one.add_argument("--steps", type=_count, default=4000, metavar="N", help="of the optimiser (default %(default)s)")
     one.add_argument("--batch", type=_count, default=32, metavar="B", help="starts of a step (default %(default)s)")
@@ -70,13 +71,13 @@ def _train(a: argparse.Namespace, progress: Any) -> None:
 
     from embodiedreamer_gym.policies.act import TrainingConfig, train
     from embodiedreamer_gym.policies.progress import Progress
-    from embodiedreamer_gym.recordings.episodes import open_episodes
+    from embodiedreamer_gym.recordings.episodes import mixed, open_episodes
 
     if a.device == "cpu":
         torch.set_num_threads(1)  # two threads on two busy cores took seven times as long
     elif not torch.cuda.is_available():
         raise EmbodieDreamerError(f"--device {a.device} is not there; take cpu.")
-    episodes = open_episodes(a.data)
+    episodes = open_episodes(a.data[0]) if len(a.data) == 1 else mixed(*a.data, cameras=a.cameras)
     config = _config(a, episodes)
     said = Progress(a.quiet)
     rate = PRESETS[a.preset] if a.rate is None else a.rate
@@ -103,7 +104,7 @@ def _config(a: argparse.Namespace, episodes: Any) -> Any:
     cameras = tuple(a.cameras or episodes.cameras)
     check_cameras(episodes, cameras)
     if not cameras:
-        raise PolicyError(f"the episodes in {a.data} have no pictures, and ACT needs those of one camera at least.")
+        raise PolicyError(f"the episodes in {a.data[0]} have no pictures, and ACT needs those of one camera at least.")
     found = picture_size(episodes, cameras[0])
     size = found if a.size is None else _size(a.size)
     config = ActConfig(episodes.state_size, episodes.action_size, cameras, size)

@@ -32,7 +32,9 @@ class Keypoints(nn.Module):
         height, width = answers.shape[2:]
         answers = answers.flatten(2)
         scale = self.sharpness.exp()[:, None] / _deviation(answers.detach())
-        down, across = torch.meshgrid(torch.linspace(-1.0, 1.0, height), torch.linspace(-1.0, 1.0, width), indexing="ij")
+        down, across = torch.meshgrid(
+            torch.linspace(-1.0, 1.0, height), torch.linspace(-1.0, 1.0, width), indexing="ij"
+        )
         places = torch.stack([across.flatten(), down.flatten()], 1).to(pictures.device)
         return ((answers * scale).softmax(2) @ places).transpose(1, 2).flatten(1)
 
