@@ -138,8 +138,8 @@ def play(policy: Any, env: Any, seed: int) -> dict[str, Any]:
     observation, info = env.reset(seed=seed)
     over = False
     while not over:
-        chunk = np.asarray(policy(as_batch(observation, env.cameras)))[0]
-        observation, _, _, over, info = env.step(chunk[: env.chunk])
+        chunk = np.asarray(policy(as_batch(observation, ("head",))))[0]
+        observation, _, _, over, info = env.step(chunk)
     return {"seed": seed, "success": bool(info["is_success"]), "grasped": bool(info["grasp_success"]),
             "distance": info["object_distance"]}  # fmt: skip
 

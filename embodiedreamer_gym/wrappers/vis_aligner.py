@@ -14,6 +14,7 @@ from embodiedreamer_gym.envs.tasks.task import Task
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, Condition, References, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.bank import Entry
+from embodiedreamer_gym.vis_aligner.editing import ReferenceEditor, edited
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 
 SHOWING = ("pixels", "pixels_agent_pos")
@@ -30,19 +31,23 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
     objects the simulator is set. Only the head camera is dreamed: wrist cameras are left out of the observation.
 
     aligner: "lean" (the shipped weights), or a path; bank: "lab" (the shipped photos), or a path; chunk: actions of a
-    chunk, the aligner's own where None.
+    chunk, the aligner's own where None; editor: changes each episode's bench and objects, with draws of the reset's seed.
     Raises: VisionError where weights, photos and picture size do not fit; SimulationError for observations without
     pictures.
     """
 
-    def __init__(self, env: gym.Env, aligner: str = "lean", bank: str = "lab", chunk: int | None = None) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, aligner=aligner, bank=bank, chunk=chunk)
+    def __init__(
+        self, env: gym.Env, aligner: str = "lean", bank: str = "lab", chunk: int | None = None,
+        editor: ReferenceEditor | None = None,
+    ) -> None:  # fmt: skip
+        gym.utils.RecordConstructorArgs.__init__(self, aligner=aligner, bank=bank, chunk=chunk, editor=editor)
         self.aligner, photos = load_aligner(aligner), load_bank(bank)
         gym.Wrapper.__init__(self, filmed(env, photos, chunk or self.aligner.chunk))
         self.bank = photos.of(_props(env.unwrapped.task))  # pyright: ignore[reportAttributeAccessIssue]
         self._picture = picture(self.bank)
         self.observation_space = _with_picture(self.env.observation_space, self._picture)
         self.references: References | None = None
+        self.editor, self._draws = editor, np.random.default_rng()
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; options: those of the environment, and reference: number of a photo of the bank."""
@@ -50,6 +55,10 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
         observation, info = self.env.reset(seed=seed, options=options)
         condition = conditions(info)
         self.references = first(self.bank, condition, entry)
+        self._draws = self._draws if seed is None else np.random.default_rng(seed)
+        if self.editor is not None:
+            names = self.env.unwrapped.segmentation_classes  # pyright: ignore[reportAttributeAccessIssue]
+            self.references = edited(self.references, self.editor, int(self._draws.integers(2**31)), names=names)
         frames = np.repeat(self.references.last[None], len(condition), axis=0)
         return self._seen(observation), _told(info, frames)
 
