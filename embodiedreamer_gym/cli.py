@@ -11,7 +11,11 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
+from embodiedreamer_gym.cli_augment import add_augment
+from embodiedreamer_gym.cli_demos import add_demos
 from embodiedreamer_gym.cli_film import add_film
+from embodiedreamer_gym.cli_policy import add_policy
+from embodiedreamer_gym.cli_prefer import add_prefer
 from embodiedreamer_gym.cli_vis import add_vis
 from embodiedreamer_gym.cli_vis_camera import add_camera
 from embodiedreamer_gym.demo import run as run_demo
@@ -86,6 +90,9 @@ def build_parser() -> argparse.ArgumentParser:
     _excite_parser(verbs, common)
     _standin_parser(verbs)
     add_camera(add_vis(verbs))
+    add_demos(verbs)
+    add_augment(verbs)
+    add_prefer(add_policy(verbs))
     demo = verbs.add_parser("demo", help="from recordings with a hidden effect to a model that has it")
     demo.set_defaults(verb=_demo)
     demo.add_argument("--out", type=Path, default=Path("demo_report"), metavar="DIR", help="default: %(default)s")

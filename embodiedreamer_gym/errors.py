@@ -31,3 +31,7 @@ class MissingExtraError(EmbodieDreamerError, ImportError):
 
 class VisionError(EmbodieDreamerError):
     """Pictures, masks, a camera or a video model cannot be used as they are."""
+
+
+class PolicyError(EmbodieDreamerError):
+    """A policy, its checkpoint, or what it is to learn from cannot be used as it is."""

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -245,6 +247,21 @@ def test_help_lists_the_verbs() -> None:
     done = subprocess.run([sys.executable, "-m", "embodiedreamer_gym", "--help"], capture_output=True, text=True)
     assert done.returncode == 0
     assert all(v in done.stdout for v in ("compare", "where", "calibrate", "diagnose", "add", "demo"))
+
+
+def parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """A parser and those of all its verbs."""
+    yield parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for one in action.choices.values():
+                yield from parsers(one)
+
+
+@pytest.mark.parametrize("parser", list(parsers(cli.build_parser())), ids=lambda p: p.prog)
+def test_every_verb_can_say_what_it_does(parser: argparse.ArgumentParser) -> None:
+    text = parser.format_help()  # a stray percent sign in a help text raises here
+    assert text.startswith("usage: embodiedreamer") and "%(" not in text and "%%" not in text
 
 
 def test_a_stand_in_is_recorded_with_its_truth_apart(tmp_path: Path, capsys) -> None:

@@ -18,7 +18,13 @@ SAYS = {
     "04_make_an_env.py": ("'pixels': (96, 128, 3)", "put the cup on the mat: done True"),
     "05_train_ppo.py": ("after 512 steps of training",),
     "06_sac_her.py": ("goal [", "300 steps"),
+    "08_record_demonstrations.py": ("AlohaEpisodes(2 episodes", "0 attempts failed", "'grab the paper cup'"),
     "07_frames_that_look_real.py": ("frames.png",),
+    "09_augment.py": (
+        "2 new episodes; of 0 the replay failed",
+        "JoinedEpisodes(3 episodes",
+        "states as recorded: True",
+    ),
 }
 SLOW = ("02_find_the_missing_effect.py",)
 

@@ -22,7 +22,9 @@ FLOORS = {
     "simulation": 3,
     **dict.fromkeys(["phys_aligner", "envs"], 4),
     **dict.fromkeys(["diagnosis", "wrappers", "standin"], 5),
-    **dict.fromkeys(["cli_film", "cli_vis", "cli_vis_camera", "demo"], 6),
+    **dict.fromkeys(
+        ["cli_augment", "cli_demos", "cli_film", "cli_policy", "cli_prefer", "cli_vis", "cli_vis_camera", "demo"], 6
+    ),
     "cli": 7,
     **dict.fromkeys(["__init__", "__main__"], TOP),
 }

@@ -85,10 +85,10 @@ def _matches(pattern: str) -> list[Path]:
             raise RecordingError(f"{pattern}: the pattern matches no file")
     else:
         raise RecordingError(f"{pattern}: there is no such file or folder")
-    return [one for match in sorted(found, key=_natural) for one in _expanded(match)]
+    return [one for match in sorted(found, key=natural) for one in _expanded(match)]
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
+def natural(path: Path) -> list[tuple[int, str]]:
     """Sorting key under which step_2 comes before step_10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", str(path))]
 
@@ -99,7 +99,7 @@ def _expanded(path: Path) -> list[Path]:
     found = [one for one in path.iterdir() if one.suffix in _SUFFIXES or (one.is_dir() and is_sage_folder(one))]
     if not found:
         raise RecordingError(f"{path}: there is no recording in this folder; expected {_ALLOWED}")
-    return sorted(found, key=_natural)
+    return sorted(found, key=natural)
 
 
 def _load(path: Path, rate: float | None, joints: tuple[str, ...] | None, command_hold: str | None) -> Recording:

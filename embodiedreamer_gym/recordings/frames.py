@@ -52,11 +52,14 @@ class Hdf5Frames:
             raise RecordingError(f"{self.path}: frame {index} of {self.dataset} cannot be read") from error
         if row.ndim == 3:
             return np.ascontiguousarray(row, dtype=np.uint8)
-        return _decode(row, f"{self.path}: frame {index} of {self.dataset}")
+        return decode(row, f"{self.path}: frame {index} of {self.dataset}")
 
 
-def _decode(buffer: np.ndarray, where: str) -> np.ndarray:
-    """RGB image of one JPEG or PNG byte buffer."""
+def decode(buffer: np.ndarray, where: str) -> np.ndarray:
+    """RGB image of one JPEG or PNG byte buffer.
+
+    Raises: RecordingError where it is neither; `where` says which one it is.
+    """
     raw = np.frombuffer(buffer.tobytes(), np.uint8) if buffer.dtype != np.uint8 else buffer
     image = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
     if image is None:

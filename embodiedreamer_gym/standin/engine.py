@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.standin.hidden import (
+    CommandPath,
     Hidden,
     bristle_law,
     drive_strength,
@@ -54,6 +56,7 @@ class Engine:
         self._bristle, self._bend = bristle_law(hidden), np.zeros(len(stroke))
         self._set_effects()
         self._rest: dict[bytes, tuple[Array, Array]] = {}
+        self._path = CommandPath(hidden, timestep)
 
     def _set_servo(self, strength: Array) -> None:
         """The actuators' gains and force ranges where this share (n,) of their torque arrives."""
@@ -175,6 +178,40 @@ class Engine:
         torque = self._drive(sent[:-1], q, v)
         time = np.arange(steps - 1) * self.timestep
         return time, (q - self._zero) / self._stroke, v / self._stroke, torque * self._stroke
+
+    def begin(self, setpoint: Array) -> None:
+        """Rest at a set point (n,), recorded units: there a motion begins that `advance` plays.
+
+        Raises: SimulationError when the arm does not come to rest there.
+        """
+        self._path = CommandPath(self._hidden, self.timestep)
+        self._settle(self._zero + self._stroke * setpoint - self._offset)
+
+    def advance(self, setpoint: Callable[[Array], Array], steps: int) -> None:
+        """Play the motion's next steps, by set points (k,) s -> (k, n) since it began, recorded units.
+
+        Raises: SimulationError when the engine diverges.
+        """
+        wanted = self._path.shape(lambda t: self._zero + self._stroke * setpoint(t), steps) - self._offset
+        self._play(wanted, warming=True)
+
+    def refresh(self) -> None:
+        """Take over what a caller has placed in `model` and `data`."""
+        self._mujoco.mj_forward(self._model, self._data)
+
+    @property
+    def model(self) -> Any:
+        """MuJoCo's model, of which a caller may place what is no part of the robot."""
+        return self._model
+
+    @property
+    def data(self) -> Any:
+        """MuJoCo's state at this instant."""
+        return self._data
+
+    def encoders(self) -> Array:
+        """What the encoders (n,) read at this instant, without noise, recorded units."""
+        return (self._data.qpos[self._plant.motor_position] + self._offset - self._zero) / self._stroke
 
     def _drive(self, sent: Array, q: Array, v: Array) -> Array:
         """The actuator's torque (T, n) by its own law, at the speed of the middle of the step."""

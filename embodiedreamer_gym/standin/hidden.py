@@ -98,42 +98,57 @@ class Hidden:
 
 def shape_command(setpoint: Callable[[Array], Array], hidden: Hidden, steps: int, dt: float) -> Array:
     """Set points (steps, n) that reach the servo at 0, dt, ...; before time 0 the first one held."""
-    time = np.arange(steps) * dt
-    delay = hidden.get("command_delay", "seconds")
-    command = setpoint(time)
-    for seconds in np.unique(delay[delay > 0]):
-        late = delay == seconds
-        command[:, late] = setpoint(np.maximum(time - seconds, 0.0))[:, late]
-    constant = hidden.get("command_lowpass", "time_constant")
-    for j in np.flatnonzero(constant > 0):
-        command[:, j] = _first_order(command[:, j], constant[j], dt)
-    rate, tick, step = (hidden.get("command_rate_limit", p) for p in ("rate", "tick", "step"))
-    for j in np.flatnonzero((rate > 0) | ((tick > 0) & (step > 0))):
-        if tick[j] > 0:
-            slots = np.floor(time / tick[j] + 1e-9).astype(int)
-            at = np.searchsorted(slots, np.arange(slots[-1] + 1))
-            command[:, j] = _ramp(command[at, j], step[j])[slots]
-        else:
-            command[:, j] = _ramp(command[:, j], rate[j] * dt)
-    return command
+    return CommandPath(hidden, dt).shape(setpoint, steps)
 
 
-def _first_order(signal: Array, constant: float, dt: float) -> Array:
-    """Exact first-order filter of a signal (k,) that is linear between steps."""
-    decay = np.exp(-dt / constant)
-    later = 1 - constant / dt * (1 - decay)
-    rest = signal[0]
-    filtered, _ = lfilter([later, 1 - decay - later], [1, -decay], signal - rest, zi=[0.0])
-    return filtered + rest
+class CommandPath:
+    """What becomes of commands on their way to the servo, a stretch of a motion after the other."""
 
+    def __init__(self, hidden: Hidden, dt: float) -> None:
+        self._hidden, self._dt, self._steps = hidden, dt, 0
+        self._filters: dict[int, tuple[float, Array]] = {}
+        self._reached: dict[int, tuple[int, float]] = {}
 
-def _ramp(signal: Array, most: float) -> Array:
-    """Follow a signal (k,) by at most `most` per entry."""
-    out, value = np.empty(len(signal)), float(signal[0])
-    for k, goal in enumerate(signal.tolist()):
-        value += min(max(goal - value, -most), most)
-        out[k] = value
-    return out
+    def shape(self, setpoint: Callable[[Array], Array], steps: int) -> Array:
+        """The next set points (steps, n) that reach the servo, by set points (k,) s -> (k, n) known up to then."""
+        hidden, dt = self._hidden, self._dt
+        time = (self._steps + np.arange(steps)) * dt
+        self._steps += steps
+        delay = hidden.get("command_delay", "seconds")
+        command = setpoint(time)
+        for seconds in np.unique(delay[delay > 0]):
+            late = delay == seconds
+            command[:, late] = setpoint(np.maximum(time - seconds, 0.0))[:, late]
+        constant = hidden.get("command_lowpass", "time_constant")
+        for j in np.flatnonzero(constant > 0).tolist():
+            command[:, j] = self._first_order(j, command[:, j], constant[j])
+        rate, tick, step = (hidden.get("command_rate_limit", p) for p in ("rate", "tick", "step"))
+        for j in np.flatnonzero((rate > 0) | ((tick > 0) & (step > 0))).tolist():
+            if tick[j] > 0:
+                command[:, j] = self._ramp(j, command[:, j], np.floor(time / tick[j] + 1e-9).astype(int), step[j])
+            else:
+                command[:, j] = self._ramp(j, command[:, j], np.arange(steps) + self._steps, rate[j] * dt)
+        return command
+
+    def _first_order(self, j: int, signal: Array, constant: float) -> Array:
+        """Exact first-order filter of a signal (k,) that is linear between steps."""
+        decay = np.exp(-self._dt / constant)
+        later = 1 - constant / self._dt * (1 - decay)
+        rest, memory = self._filters.get(j, (signal[0], np.zeros(1)))
+        filtered, memory = lfilter([later, 1 - decay - later], [1, -decay], signal - rest, zi=memory)
+        self._filters[j] = rest, memory
+        return filtered + rest
+
+    def _ramp(self, j: int, signal: Array, slots: Array, most: float) -> Array:
+        """Follow a signal (k,) by at most `most` whenever a slot (k,) begins, by what it is then."""
+        slot, value = self._reached.get(j, (-1, float(signal[0])))
+        out = np.empty(len(signal))
+        for k, (goal, now) in enumerate(zip(signal.tolist(), slots.tolist(), strict=True)):
+            if now != slot:
+                slot, value = now, value + min(max(goal - value, -most), most)
+            out[k] = value
+        self._reached[j] = slot, value
+        return out
 
 
 def friction_law(hidden: Hidden) -> tuple[Array, Callable[[Array, Array], Array] | None]:

@@ -1,10 +1,10 @@
-"""A URDF as a MuJoCo model: no contacts, no limits, fixed base, one servo per joint."""
+"""A URDF as a MuJoCo model: fixed base, one servo per joint; contacts and limits only where things stand around it."""
 
 from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -50,8 +50,8 @@ class Plant:
     followers: tuple[tuple[int, int, int, float, float], ...]
 
     def pose(self, q: Array) -> Array:
-        """MuJoCo's qpos for joint positions q (n,), mimic joints included."""
-        full = np.zeros(self.model.nq)
+        """MuJoCo's qpos for joint positions q (n,), mimic joints included; loose things where the model has them."""
+        full = self.model.qpos0.copy()
         full[self.position] = full[self.motor_position] = q
         for joint, place, _, multiplier, offset in self.followers:
             full[place] = offset + multiplier * q[joint]
@@ -128,17 +128,22 @@ def add_payload(root: ElementTree.Element, link: str, mass: float, com: Array) -
 
 
 def build_plant(
-    root: ElementTree.Element, joints: Sequence[str], timestep: float, gears: Mapping[str, Gear] | None = None
+    root: ElementTree.Element,
+    joints: Sequence[str],
+    timestep: float,
+    gears: Mapping[str, Gear] | None = None,
+    furnish: Callable[[Any], None] | None = None,
 ) -> Plant:
     """Compile the URDF; joints that are neither listed nor mimic a listed one are fixed.
 
     A mimic joint follows by an equality constraint with a time constant of two steps, the stiffest that
-    MuJoCo takes. gears: of joints whose motor is a body of its own.
+    MuJoCo takes. gears: of joints whose motor is a body of its own. furnish: puts things that can be touched into the
+    model's specification; links then keep their collision shapes, joints their limits, and each link is a body.
 
     Raises: ModelError when a listed joint is absent or MuJoCo refuses the URDF.
     """
     mujoco, gears = import_mujoco(), gears or {}
-    mimics = _simplify(root, joints)
+    mimics = _simplify(root, joints, furnish is not None)
     for name in gears:
         _add_rotor(root, name)
     motors = [_rotor(name) if name in gears else name for name in joints]
@@ -149,8 +154,11 @@ def build_plant(
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     _connect(spec, dict(zip(joints, motors, strict=True)), mimics, timestep)
+    if furnish is not None:
+        spec.compiler.fusestatic = False
+        furnish(spec)
     model = spec.compile()
-    _clear(model, timestep)
+    _clear(model, timestep, contacts=furnish is not None)
     for name, gear in gears.items():
         _mesh(model, name, gear, timestep)
     index, driven = (np.array([model.joint(name).id for name in names]) for names in (joints, motors))
@@ -223,22 +231,24 @@ def _mesh(model: Any, name: str, gear: Gear, timestep: float) -> None:
         model.tendon_solref_lim[i], model.tendon_solimp_lim[i] = (2 * timestep, 1.0), HARD
 
 
-def _clear(model: Any, timestep: float) -> None:
-    """Leave out contacts, limits and what the URDF says of friction; make friction as hard as MuJoCo can."""
-    model.opt.disableflags |= int(import_mujoco().mjtDisableBit.mjDSBL_CONTACT)
-    model.jnt_limited[:], model.jnt_actfrclimited[:] = 0, 0
+def _clear(model: Any, timestep: float, contacts: bool) -> None:
+    """Leave out the URDF's torques and friction, without contacts limits too; make friction as hard as MuJoCo can."""
+    if not contacts:
+        model.opt.disableflags |= int(import_mujoco().mjtDisableBit.mjDSBL_CONTACT)
+        model.jnt_limited[:] = 0
+    model.jnt_actfrclimited[:] = 0
     model.dof_damping[:], model.dof_frictionloss[:], model.jnt_stiffness[:] = 0.0, 0.0, 0.0
     model.dof_solref[:], model.dof_solimp[:] = (2 * timestep, 1.0), HARD
 
 
-def _simplify(root: ElementTree.Element, joints: Sequence[str]) -> dict[str, tuple[str, float, float]]:
-    """Drop shapes and mimics, fix undriven joints; return follower -> (leader, multiplier, offset)."""
+def _simplify(root: ElementTree.Element, joints: Sequence[str], touching: bool) -> dict[str, tuple[str, float, float]]:
+    """Drop shapes (but not what touches) and mimics, fix undriven joints; follower -> (leader, multiplier, offset)."""
     present = {str(j.get("name")) for j in root.iter("joint")}
     absent = [name for name in joints if name not in present]
     if absent:
         raise ModelError(f"the URDF has no joint {', '.join(absent)}; it has {', '.join(sorted(present))}.")
     for link in root.iter("link"):
-        for shape in link.findall("visual") + link.findall("collision"):
+        for shape in link.findall("visual") + ([] if touching else link.findall("collision")):
             link.remove(shape)
     mimics = {}
     for joint in root.iter("joint"):

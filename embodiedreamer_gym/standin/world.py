@@ -30,7 +30,8 @@ class StandIn:
 
     stiffness, damping, rotor_inertia, viscous_friction: (n,) or one number, per recorded unit. effects: see
     `hidden`. mass_error, gain_error, viscous_error: half-widths of uniform relative errors per link or joint;
-    com_error: m. normalised: joint -> URDF values at 0 and 1. `true` holds the servo values drawn.
+    com_error: m. normalised: joint -> URDF values at 0 and 1. furnish: see `build_plant`; what it puts there can be
+    touched. `true` holds the servo values drawn.
 
     Raises: ModelError, EffectError, MissingExtraError.
     """
@@ -52,6 +53,7 @@ class StandIn:
         normalised: Mapping[str, tuple[float, float]] | None = None,
         end_effector_links: Sequence[str] | None = None,
         timestep: float = 1e-4,
+        furnish: Callable[[Any], None] | None = None,
     ) -> None:
         self.joints, self.timestep = tuple(joints), float(timestep)
         self.rng = rng if rng is not None else np.random.default_rng(0)
@@ -85,13 +87,18 @@ class StandIn:
             "1" if name in (normalised or {}) else "m" if kinds.get(name) == "prismatic" else "rad"
             for name in self.joints
         )
-        plant = build_plant(root, self.joints, self.timestep, gears(self._hidden, self.joints))
+        plant = build_plant(root, self.joints, self.timestep, gears(self._hidden, self.joints), furnish)
         if len(plant.arm_root) != len(tips):
             raise ModelError(f"the robot has {len(plant.arm_root)} arms but the end effectors {', '.join(tips)}.")
         self._engine = Engine(plant, self._hidden, self.true, self._zero, self._stroke, self.timestep)
 
     def __repr__(self) -> str:
         return f"StandIn({len(self.joints)} joints, timestep {self.timestep:g} s)"
+
+    @property
+    def engine(self) -> Engine:
+        """What plays the arm, for those who play it a stretch at a time."""
+        return self._engine
 
     @property
     def moving_mass(self) -> float:

@@ -4,6 +4,14 @@ from __future__ import annotations
 
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 from embodiedreamer_gym.wrappers.flatten_cameras import FlattenCameras
+from embodiedreamer_gym.wrappers.preference_rollout import PreferenceRolloutVectorWrapper, PreferenceRolloutWrapper
 from embodiedreamer_gym.wrappers.vis_aligner import VisAlignerObservationWrapper, VisAlignerVectorWrapper
 
-__all__ = ["ActionChunk", "FlattenCameras", "VisAlignerObservationWrapper", "VisAlignerVectorWrapper"]
+__all__ = [
+    "ActionChunk",
+    "FlattenCameras",
+    "PreferenceRolloutVectorWrapper",
+    "PreferenceRolloutWrapper",
+    "VisAlignerObservationWrapper",
+    "VisAlignerVectorWrapper",
+]

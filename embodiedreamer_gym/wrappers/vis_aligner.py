@@ -14,6 +14,7 @@ from embodiedreamer_gym.envs.tasks.task import Task
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, Condition, References, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.bank import Entry
+from embodiedreamer_gym.vis_aligner.editing import ReferenceEditor, edited
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 
 SHOWING = ("pixels", "pixels_agent_pos")
@@ -30,19 +31,23 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
     objects the simulator is set. Only the head camera is dreamed: wrist cameras are left out of the observation.
 
     aligner: "lean" (the shipped weights), or a path; bank: "lab" (the shipped photos), or a path; chunk: actions of a
-    chunk, the aligner's own where None.
+    chunk, the aligner's own where None; editor: changes each episode's bench and objects, with draws of the reset's seed.
     Raises: VisionError where weights, photos and picture size do not fit; SimulationError for observations without
     pictures.
     """
 
-    def __init__(self, env: gym.Env, aligner: str = "lean", bank: str = "lab", chunk: int | None = None) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, aligner=aligner, bank=bank, chunk=chunk)
+    def __init__(
+        self, env: gym.Env, aligner: str = "lean", bank: str = "lab", chunk: int | None = None,
+        editor: ReferenceEditor | None = None,
+    ) -> None:  # fmt: skip
+        gym.utils.RecordConstructorArgs.__init__(self, aligner=aligner, bank=bank, chunk=chunk, editor=editor)
         self.aligner, photos = load_aligner(aligner), load_bank(bank)
         gym.Wrapper.__init__(self, filmed(env, photos, chunk or self.aligner.chunk))
         self.bank = photos.of(_props(env.unwrapped.task))  # pyright: ignore[reportAttributeAccessIssue]
         self._picture = picture(self.bank)
         self.observation_space = _with_picture(self.env.observation_space, self._picture)
         self.references: References | None = None
+        self.editor, self._draws = editor, np.random.default_rng()
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; options: those of the environment, and reference: number of a photo of the bank."""
@@ -50,6 +55,10 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
         observation, info = self.env.reset(seed=seed, options=options)
         condition = conditions(info)
         self.references = first(self.bank, condition, entry)
+        self._draws = self._draws if seed is None else np.random.default_rng(seed)
+        if self.editor is not None:
+            names = self.env.unwrapped.segmentation_classes  # pyright: ignore[reportAttributeAccessIssue]
+            self.references = edited(self.references, self.editor, int(self._draws.integers(2**31)), names=names)
         frames = np.repeat(self.references.last[None], len(condition), axis=0)
         return self._seen(observation), _told(info, frames)
 
@@ -58,9 +67,7 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
         if self.references is None:
             raise gym.error.ResetNeeded("call reset before the first step.")
         observation, reward, terminated, truncated, info = self.env.step(action)
-        condition, steps = conditions(info), info["steps"]
-        frames = self.aligner.render([self.references], [condition])[0]
-        self.references = self.references.after(frames[:steps], condition.part(0, steps))
+        (frames,), (self.references,) = _dream(self.aligner, [self.references], [conditions(info)], [info["steps"]])
         return self._seen(observation), float(reward), terminated, truncated, _told(info, frames)
 
     def render(self) -> Any:
@@ -111,11 +118,10 @@ class VisAlignerVectorWrapper(VectorWrapper):
         views, steps = self._views(info), info["steps"]
         going = [i for i, count in enumerate(steps) if count > 0]
         frames = np.stack([view.rgb for view in views])
-        made = self.aligner.render([self._reference(i) for i in going], [views[i] for i in going]) if going else []
-        for i, clip in zip(going, made, strict=True):
-            count = int(steps[i])
-            self.references[i] = self._reference(i).after(clip[:count], views[i].part(0, count))
-            frames[i] = clip
+        before = [self.references[i] for i in going]
+        made, after = _dream(self.aligner, before, [views[i] for i in going], [steps[i] for i in going])
+        for i, clip, reference in zip(going, made, after, strict=True):
+            frames[i], self.references[i] = clip, reference
         for i in set(range(len(views))) - set(going):  # begun anew by the vector
             self.references[i] = first(self.bank, views[i], None)
             frames[i] = self._reference(i).last
@@ -180,6 +186,28 @@ def first(bank: Bank, condition: Condition, entry: Entry | None) -> References:
     """The references of an episode's beginning: a photo, or one painted."""
     frame = entry.frame if entry is not None else bank.paint(condition)
     return References.start(frame, condition.part(0, 1), bank.bench)
+
+
+def _dream(aligner: Aligner, references: Sequence[References | None], views: Sequence[Condition], steps: Sequence[int]
+           ) -> tuple[list[np.ndarray], list[References]]:  # fmt: skip
+    """Frames (k, H, W, 3) of each view of k frames, piece by piece as the aligner was trained, and the references after.
+
+    steps: of each, that were played; later frames repeat the last one.
+    """
+    known = [reference for reference in references if reference is not None]
+    if len(known) < len(references):
+        raise gym.error.ResetNeeded("call reset before the first step.")
+    frames = [np.repeat(reference.last[None], len(view), axis=0) for reference, view in zip(known, views, strict=True)]
+    for start in range(0, int(max(steps, default=0)), aligner.chunk):
+        going = [i for i, count in enumerate(steps) if count > start]
+        parts = [views[i].part(start, start + aligner.chunk) for i in going]
+        made = aligner.render([known[i] for i in going], parts)
+        for i, part, clip in zip(going, parts, made, strict=True):
+            count = min(int(steps[i]) - start, len(part))
+            known[i] = known[i].after(clip[:count], part.part(0, count))
+            frames[i][start : start + count] = clip[:count]
+            frames[i][start + count :] = clip[count - 1]
+    return frames, known
 
 
 def _chosen(bank: Bank, options: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, Entry | None]:

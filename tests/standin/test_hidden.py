@@ -6,7 +6,7 @@ import pytest
 from embodiedreamer_gym.errors import EffectError
 from embodiedreamer_gym.motions import multisine
 from embodiedreamer_gym.standin.arms import arm_home
-from embodiedreamer_gym.standin.hidden import EFFECTS, Hidden, shape_command
+from embodiedreamer_gym.standin.hidden import EFFECTS, CommandPath, Hidden, shape_command
 
 WEIGHT = 1.0 * 9.81 * 0.15  # N m at the horizontal: 1 kg, centre at 0.15 m
 STIFFNESS = 40.0  # N m/rad of the pendulum
@@ -97,6 +97,18 @@ def test_command_rate_limit_ramps_and_in_ticks_it_climbs_stairs():
     assert np.unique(stairs.round(9)).size == 41
     assert stairs[-1] == pytest.approx(0.4)
     assert np.diff(stairs).max() == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("effect", [{"command_delay": {"seconds": 0.0123}}, {"command_lowpass": {"time_constant": 0.05}},
+                                    {"command_rate_limit": {"rate": 0.8}},
+                                    {"command_rate_limit": {"tick": 0.025, "step": 0.01}}])  # fmt: skip
+def test_a_command_in_stretches_is_shaped_as_the_whole(effect):
+    hidden = Hidden(effect, np.ones(1), 1)
+    whole = shape_command(lambda t: np.sin(9 * t)[:, None], hidden, 1000, 1e-3)
+    path = CommandPath(hidden, 1e-3)
+    stretches = [path.shape(lambda t: np.sin(9 * t)[:, None], steps) for steps in (1, 333, 600, 66)]
+    np.testing.assert_array_equal(np.concatenate(stretches), whole)
+    assert np.abs(whole[:, 0] - np.sin(9e-3 * np.arange(1000))).max() > 0.05
 
 
 def test_servo_deadzone_ignores_small_errors(build, moves):

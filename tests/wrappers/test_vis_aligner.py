@@ -15,6 +15,7 @@ from gymnasium.utils.env_checker import check_env
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.vis_aligner.bank import Bank, Entry, save_bank
 from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner
+from embodiedreamer_gym.vis_aligner.clip import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
 from embodiedreamer_gym.wrappers import ActionChunk, VisAlignerObservationWrapper, VisAlignerVectorWrapper
@@ -59,6 +60,45 @@ def test_gymnasium_is_content(files, obs_type: str) -> None:
     env.close()
 
 
+def test_benches_can_be_edited(files) -> None:
+    """The first frame, the plate and what is dreamed from them; another seed draws another edit."""
+
+    def tinted(image, masks, rng, prompt):
+        level = int(rng.integers(1, 255))
+        return np.where(masks["table"][..., None], level, image).astype(np.uint8)
+
+    plain = make(files)
+    env = VisAlignerObservationWrapper(plain.env, **files, editor=tinted)
+    shown = {seed: env.reset(seed=seed)[0]["pixels"] for seed in (1, 1, 2)}
+    untouched = plain.reset(seed=1)[0]["pixels"]
+    again = env.reset(seed=1)[0]["pixels"]
+    table = env.references.last_condition.classes[0] == 1
+    level = np.unique(again[table])
+    assert len(level) == 1 and level != np.unique(untouched[table])[0]
+    assert np.array_equal(again, shown[1]) and np.array_equal(again[~table], untouched[~table])
+    assert (shown[2] != shown[1]).any()
+    plain.close()
+
+
+def test_a_long_chunk_is_dreamed_in_pieces(files) -> None:
+    """Seven actions at once show what three, three and one show: the aligner is never asked for more than it learnt."""
+    long, short, played = make(files, chunk=7), make(files, chunk=1), actions(7)
+    long.reset(seed=5)
+    short.reset(seed=5)
+    seen, *_, info = long.step(played)
+    views = [short.env.step(one[None])[4]["clip"] for one in played]
+    whole = {key: np.concatenate([view[key] for view in views]) for key in views[0]}
+    references, frames = short.references, []
+    for start in (0, 3, 6):
+        part = Condition(**{key: seen_[start : start + 3] for key, seen_ in whole.items()})
+        frames.append(short.aligner.render([references], [part])[0])
+        references = references.after(frames[-1], part)
+    assert np.array_equal(info["frames"], np.concatenate(frames))
+    assert np.array_equal(seen["pixels"], frames[-1][-1])
+    long.close()
+    short.close()
+
+
 def test_physics_and_reward_are_untouched(files) -> None:
     env, plain = make(files), ActionChunk(gym.make(ID, obs_type="state", disable_env_checker=True), k=3)
     env.reset(seed=5)
@@ -101,7 +141,7 @@ def test_a_photo_sets_the_simulator(files) -> None:
 def test_it_can_be_made_by_its_spec_and_drawn(files) -> None:
     env = make(files, render_mode="rgb_array")
     kwargs = env.spec.additional_wrappers[-1].kwargs
-    assert kwargs == {**files, "chunk": None}
+    assert kwargs == {**files, "chunk": None, "editor": None}
     env.reset(seed=0)
     assert np.array_equal(env.render(), env.references.last)
     again = gym.make(env.spec)

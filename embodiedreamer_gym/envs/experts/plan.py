@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from operator import itemgetter
 
 import numpy as np
 
@@ -28,24 +26,20 @@ class Planner:
         self.arm, self.task = arm, task
 
     def pick(self, now: Situation, start: np.ndarray) -> Paths | None:
-        """From angles (m,) to before the object, up to it, and up with it: the quickest that leads to the goal too."""
-        ways = []
+        """From angles (m,) to before the object, up to it, and up with it: by the first grip that leads to the goal too."""
         for grip in self.task.grips(now):
             paths = self._join(start, moved(grip, ahead=-BACK), grip, moved(grip, up=LIFT))
-            onward = None
-            if paths is not None and self.task.goal is not None:
-                onward = self.place(replace(now, tip=grip), paths[-1].end)
-            if paths is not None and (onward is not None or self.task.goal is None):
-                ways.append((_seconds(paths) + _seconds(onward or ()), paths))
-        return min(ways, key=itemgetter(0), default=(0.0, None))[1]
+            if paths is not None and (self.task.goal is None or self.place(replace(now, tip=grip), paths[-1].end)):
+                return paths
+        return None
 
     def place(self, held: Situation, start: np.ndarray) -> Paths | None:
-        """From angles (m,) to above the goal, down to it and away, with the object as it is held: the quickest."""
-        ways = [
-            self._join(start, moved(release, up=ABOVE), release, moved(release, ahead=-BACK))
-            for release in self.task.releases(held)
-        ]
-        return min((way for way in ways if way is not None), key=_seconds, default=None)
+        """From angles (m,) to above the goal, down to it and away, with the object as it is held: the first that goes."""
+        for release in self.task.releases(held):
+            paths = self._join(start, moved(release, up=ABOVE), release, moved(release, ahead=-BACK))
+            if paths is not None:
+                return paths
+        return None
 
     def _join(self, start: np.ndarray, first: Pose, second: Pose, third: Pose) -> Paths | None:
         """From angles (m,) to a pose whichever way, then straight to two more."""
@@ -63,10 +57,6 @@ class Planner:
             if found is not None:
                 return found
         return None
-
-
-def _seconds(paths: Sequence[Path]) -> float:
-    return sum(path.seconds for path in paths)
 
 
 def moved(pose: Pose, ahead: float = 0.0, up: float = 0.0) -> Pose:

@@ -13,7 +13,7 @@ from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
 
 HEIGHT, BOTTOM, TOP = 0.085, 0.026, 0.032  # m; between a 7 oz and a 9 oz paper cup, see assets/SOURCES.md
 GRIP = 0.05  # m above its base, where the gripper holds it
-PITCHES = np.radians([55.0, 65.0, 75.0])  # of the gripper, below the horizontal
+PITCHES = np.radians([75.0, 65.0, 55.0])  # of the gripper, below the horizontal
 CUP = Prop("cup", (2 * TOP, 2 * TOP, HEIGHT), 0.03, (0.85, 0.33, 0.2, 1.0),
            (beaker(BOTTOM, TOP, HEIGHT, 0.002),), (frustum(BOTTOM, TOP, HEIGHT),))  # fmt: skip
 

@@ -71,29 +71,71 @@ def render(scene: Mapping[str, Any], python: str | None = None) -> Iterator[np.n
 
     Raises: MissingExtraError without bpy; SimulationError when Blender fails.
     """
-    command = [check_blender(python), "-P", str(STUDIO)]
-    width, height = scene["size"]
-    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile("w+") as said:
-        around = {**os.environ, "TMPDIR": folder, "OIDN_NUM_THREADS": "1", "PYTHONWARNINGS": "ignore"}
-        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, env=around)
-        try:
-            _write(process, json.dumps(scene).encode())
-            for _ in scene["frames"]:
-                data = process.stdout.read(16 * width * height) if process.stdout else b""
-                if len(data) < 16 * width * height:
-                    said.seek(0)
-                    last = (said.read().strip().splitlines() or ["it said nothing"])[-1]
-                    raise SimulationError(f"Blender has failed: {last}.")
-                yield np.flipud(np.frombuffer(data, np.float32).reshape(height, width, 4)[..., :3])
-        finally:
-            process.kill()  # in vain where it has ended by itself
-            process.wait()
-            if process.stdout is not None:
-                process.stdout.close()
+    studio = Studio(scene, python)
+    try:
+        studio.finish()
+        for _ in scene["frames"]:
+            yield studio.read()
+    finally:
+        studio.close()
 
 
-def _write(process: subprocess.Popen[bytes], text: bytes) -> None:
-    if process.stdin is not None:
-        with contextlib.suppress(BrokenPipeError):  # it has failed, which its output will show
-            process.stdin.write(text)
-            process.stdin.close()
+class Studio:
+    """Blender in a process of its own with a scene in it, of which it gives the frames' light, then that of others.
+
+    Raises: MissingExtraError without bpy.
+    """
+
+    def __init__(self, scene: Mapping[str, Any], python: str | None = None) -> None:
+        command = [check_blender(python), "-P", str(STUDIO)]
+        self._size = int(scene["size"][0]), int(scene["size"][1])
+        self._folder = tempfile.TemporaryDirectory()
+        self._said = Path(self._folder.name) / "said"
+        around = {**os.environ, "TMPDIR": self._folder.name, "OIDN_NUM_THREADS": "1", "PYTHONWARNINGS": "ignore"}
+        with self._said.open("w") as said:
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, env=around
+            )
+        self._write(scene)
+
+    def shoot(self, poses: np.ndarray) -> np.ndarray:
+        """Light (H, W, 3) of the scene with its moving bodies at poses (bodies, 4, 4); after all of its own frames.
+
+        Raises: SimulationError when Blender fails.
+        """
+        self._write(np.round(poses, 9).tolist())
+        return self.read()
+
+    def read(self) -> np.ndarray:
+        """Light (H, W, 3) of the next frame that was asked for.
+
+        Raises: SimulationError when Blender fails.
+        """
+        width, height = self._size
+        data = self._process.stdout.read(16 * width * height) if self._process.stdout else b""
+        if len(data) < 16 * width * height:
+            last = (self._said.read_text(errors="replace").strip().splitlines() or ["it said nothing"])[-1]
+            raise SimulationError(f"Blender has failed: {last}.")
+        return np.flipud(np.frombuffer(data, np.float32).reshape(height, width, 4)[..., :3])
+
+    def finish(self) -> None:
+        """Tell it that no more frames will follow."""
+        if self._process.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):  # it has failed, which its output will show
+                self._process.stdin.close()
+
+    def close(self) -> None:
+        """End it; twice does no harm."""
+        self._process.kill()  # in vain where it has ended by itself
+        self._process.wait()
+        self.finish()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        self._folder.cleanup()
+
+    def _write(self, value: Any) -> None:
+        """A line of JSON."""
+        if self._process.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):
+                self._process.stdin.write(json.dumps(value).encode() + b"\n")
+                self._process.stdin.flush()

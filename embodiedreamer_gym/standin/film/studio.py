@@ -1,5 +1,7 @@
 """The script that Blender runs: a scene as JSON on its standard input, the light of each frame on its standard output.
 
+The poses of further frames may follow the scene, a line of JSON each, for as long as somebody writes them.
+
 `blender.py` starts it in a Python that has bpy (GPL), which is why nothing of this package is imported here. A frame is
 float32 red, green, blue and alpha, scene-linear, the bottom row first.
 """
@@ -8,6 +10,7 @@ from __future__ import annotations
 
 import array
 import importlib
+import itertools
 import json
 import os
 import sys
@@ -21,11 +24,11 @@ bpy: Any = importlib.import_module("bpy")
 
 
 def main() -> None:
-    """Build the scene, then render each of its frames."""
-    scene = json.load(sys.stdin)
+    """Build the scene, then render each of its frames, and those that follow."""
+    scene = json.loads(sys.stdin.readline())
     holders = build(scene)
     with tempfile.TemporaryDirectory() as folder:
-        for poses in scene["frames"]:
+        for poses in itertools.chain(scene["frames"], map(json.loads, iter(sys.stdin.readline, ""))):
             for holder, pose in zip(holders, poses, strict=True):
                 holder.matrix_world = matrix(pose)
             pictures.write(shoot(Path(folder) / "light.exr"))

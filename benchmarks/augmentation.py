@@ -1,0 +1,125 @@
+"""What augmentation is worth: policies of original, generated and mixed episodes, on the original bench and on changed ones.
+
+python -m benchmarks augmentation --out DIR [--task PutCupOnMat] [--demos 50] [--copies 2] [--steps 4000] [--episodes 100]
+                                  [--seed 0]
+
+The original bench is the dreamed one (`embodiedreamer augment` without an edit); generated episodes have tables, sheets of
+A4 and object colours drawn at random. Judged in the dreamed world on unseen scenes: as it is, with the object in a colour of
+its own, and on another table with a sheet. Everything is kept in DIR: an interrupted run goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from benchmarks.common import clopper_pearson, pin_threads, save
+
+POLICIES = {"original": ("original",), "mixed": ("original", "generated"), "generated": ("generated",)}
+SCENES = ("original", "foreground", "background")
+FIRST_SEED, SAVED_EVERY = 600_000, 5
+SIZE, SMALL = (128, 96), (96, 72)
+COLOUR = (40, 70, 220)  # of the object, where it is changed; the shipped one is red
+
+
+def edits(scene: str, task: str) -> Any:
+    """The editor of a scene; of `drawn`, that of the generated episodes."""
+    from embodiedreamer_gym.envs.cameras import CAMERAS
+    from embodiedreamer_gym.envs.tasks import TASKS
+    from embodiedreamer_gym.vis_aligner.editing import Background, Chain, PaperSheet, Recolour
+
+    table, sheet = Background(("table",)), PaperSheet(CAMERAS["head"])
+    if scene == "drawn":
+        return Chain([table, sheet, Recolour()])
+    if scene == "foreground":
+        return Recolour((TASKS[task].object.name,), COLOUR)
+    return Chain([table, sheet]) if scene == "background" else None
+
+
+def episodes(a: argparse.Namespace) -> dict[str, Path]:
+    """Folders of original and generated episodes."""
+    from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
+    from embodiedreamer_gym.wrappers.regenerate import regenerate
+
+    plain = a.out / f"demos_{a.task}"
+    record_demonstrations(Demonstrations(a.task, size=SIZE), a.demos, plain)
+    found = {name: a.out / f"{name}_{a.task}" for name in ("original", "generated")}
+    regenerate(plain, found["original"])
+    regenerate(plain, found["generated"], editor=edits("drawn", a.task), copies=a.copies, seed=a.seed)
+    return found
+
+
+def trained(a: argparse.Namespace, name: str, data: dict[str, Path]) -> Path:
+    """Folder of a policy; all of them take as many steps."""
+    from embodiedreamer_gym.envs.robots import load_robot
+    from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train
+    from embodiedreamer_gym.recordings.episodes import mixed
+    from embodiedreamer_gym.robot.mirror import mirrored_joints
+
+    folder = a.out / f"policy_{a.task}_{name}_{a.seed}"
+    joined = mixed(*(data[kind] for kind in POLICIES[name]))
+    config = ActConfig(joined.state_size, joined.action_size, ("head",), SMALL, source_size=SIZE)
+    training = TrainingConfig(a.steps, mirror=mirrored_joints(load_robot("aloha")), seed=a.seed)
+
+    def said(stage: str, count: int, of: int, text: str) -> None:
+        if count % 500 == 0:
+            print(f"{name}: step {count} of {of}, {text}", flush=True)
+
+    train(joined, config, training, folder, said)
+    return folder
+
+
+def judged(a: argparse.Namespace, name: str, scene: str, data: dict[str, Path]) -> list[bool]:
+    """Successes on unseen scenes; those of an interrupted run are kept."""
+    import gymnasium as gym
+
+    from benchmarks.closed_loop import play
+    from embodiedreamer_gym.policies import load_policy
+    from embodiedreamer_gym.wrappers import VisAlignerObservationWrapper
+
+    path = a.out / f"judged_{a.task}_{name}_{scene}_{a.seed}.json"
+    rows = json.loads(path.read_text()) if path.is_file() else []
+    if len(rows) >= a.episodes:
+        return rows[: a.episodes]
+    policy = load_policy(str(trained(a, name, data)))
+    env: Any = gym.make(f"EmbodieDreamer/{a.task}-v0", image_size=SIZE)
+    env = VisAlignerObservationWrapper(env, chunk=policy.chunk, editor=edits(scene, a.task))
+    for seed in range(FIRST_SEED + len(rows), FIRST_SEED + a.episodes):
+        rows.append(play(policy, env, seed)["success"])
+        if len(rows) % SAVED_EVERY == 0 or len(rows) == a.episodes:
+            save(rows, path)
+            print(f"{name} on {scene}: {sum(rows)}/{len(rows)}", flush=True)
+    env.close()
+    return rows
+
+
+def main() -> None:
+    """Train and judge what is missing, then print success by policy and scene."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--task", default="PutCupOnMat")
+    for name, value in (("demos", 50), ("copies", 2), ("steps", 4000), ("episodes", 100), ("seed", 0)):
+        parser.add_argument(f"--{name}", type=int, default=value)
+    a = parser.parse_args()
+    pin_threads()
+    import torch
+
+    import embodiedreamer_gym  # noqa: F401  its environments are registered
+
+    torch.set_num_threads(1)
+    a.out.mkdir(parents=True, exist_ok=True)
+    data, lines = episodes(a), ["| trained on | " + " | ".join(SCENES) + " |", "|---" * (len(SCENES) + 1) + "|"]
+    for name in POLICIES:
+        cells = []
+        for scene in SCENES:
+            rows = judged(a, name, scene, data)
+            low, high = clopper_pearson(sum(rows), len(rows))
+            cells.append(f"{sum(rows) / len(rows):.1%} ({low:.1%} .. {high:.1%})")
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,192 @@
+"""Policies from four kinds of simulator, scored in a world that none of them has seen: the paper's Tables 3 and 4 in kind.
+
+python -m benchmarks closed_loop --out DIR [--task NAME ...] [--kind plain calibrated dreamed preferred] [--seeds 3]
+                                 [--demos 50] [--steps 4000] [--episodes 50] [--cycles 2]
+
+The world is `StandInEnv`: MuJoCo, a robot with friction, weak and uneven gains and a delay that the nominal model has not,
+a path-traced camera. plain: demonstrations of the nominal simulator; calibrated: of a model fitted to ten logs of the
+robot; dreamed: the same, seen through VisAligner; preferred: dreamed, then cycles of preferences in the dreamed world.
+Everything is kept in DIR: an interrupted run goes on where it was, and two processes may share it by --task.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.common import clopper_pearson, pin_threads, save
+
+TASKS = ("GrabPaperCup", "PutPenInCup", "PutRemoteInBox", "PutCupOnMat")
+KINDS = ("plain", "calibrated", "dreamed", "preferred")
+FIRST_SEED = 500_000  # of the world
+SAVED_EVERY = 5  # episodes
+SIZE, SMALL = (128, 96), (96, 72)
+
+
+def hidden() -> dict[str, dict[str, Any]]:
+    """What the robot has and the nominal model has not: 0.8 N m of friction in three joints of each arm, 30 ms of delay."""
+    torque = [0.8 if joint < 3 else 0.0 for joint in range(7)] * 2  # of each arm six joints and a gripper
+    return {"coulomb_friction": {"torque": torque}, "command_delay": {"seconds": 0.03}}
+
+
+def calibrated(folder: Path) -> Path:
+    """A model fitted to logs of the robot, written once; the effects are named, as `diagnose` names them, not their sizes."""
+    from embodiedreamer_gym import calibrate
+    from embodiedreamer_gym.standin.bench.robot import load_nominal, logs
+
+    path = folder / "calibrated.json"
+    if not path.is_file():
+        model = load_nominal()
+        for effect in hidden():
+            model = model.with_effect(effect)
+        found = calibrate(model, logs(hidden()))
+        found.model.save(path)
+        print(f"calibrated: {1e3 * found.error:.2f} mrad of free run", flush=True)
+    return path
+
+
+def episodes(a: argparse.Namespace, task: str, kind: str, seed: int) -> Path:
+    """Folder of demonstrations of a kind."""
+    from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
+    from embodiedreamer_gym.wrappers.regenerate import regenerate
+
+    robot = "aloha" if kind == "plain" else str(calibrated(a.out))
+    folder = a.out / f"demos_{task}_{'plain' if kind == 'plain' else 'calibrated'}_{seed}"
+    record_demonstrations(Demonstrations(task, seed=seed, size=SIZE, robot=robot), a.demos, folder)
+    if kind in ("plain", "calibrated"):
+        return folder
+    seen = a.out / f"demos_{task}_dreamed_{seed}"
+    made = regenerate(folder, seen)
+    if made.failed:
+        print(f"{task}: the replay of {len(made.failed)} episodes failed", flush=True)
+    return seen
+
+
+def trained(a: argparse.Namespace, task: str, kind: str, seed: int) -> Path:
+    """Folder of a policy."""
+    from embodiedreamer_gym.envs.robots import load_robot
+    from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train
+    from embodiedreamer_gym.recordings.episodes import open_episodes
+    from embodiedreamer_gym.robot.mirror import mirrored_joints
+
+    folder = a.out / f"policy_{task}_{kind}_{seed}"
+    if (folder / "done").is_file():
+        return folder
+    if kind == "preferred":
+        return preferred(a, task, seed, folder)
+    data = open_episodes(episodes(a, task, kind, seed))
+    config = ActConfig(data.state_size, data.action_size, ("head",), SMALL, source_size=SIZE)
+    training = TrainingConfig(a.steps, mirror=mirrored_joints(load_robot("aloha")), seed=seed)
+
+    def said(stage: str, count: int, of: int, text: str) -> None:
+        if count % 500 == 0:
+            print(f"{task} {kind} {seed}: step {count} of {of}, {text}", flush=True)
+
+    train(data, config, training, folder, said)
+    (folder / "done").touch()
+    return folder
+
+
+def preferred(a: argparse.Namespace, task: str, seed: int, folder: Path) -> Path:
+    """The dreamed policy after cycles of preferences in the calibrated, dreamed world."""
+    from embodiedreamer_gym.cli import main as embodiedreamer
+
+    start, study = trained(a, task, "dreamed", seed), a.out / f"study_{task}_{seed}"
+    failed = embodiedreamer([
+        "policy", "prefer", "--policy", str(start), "--task", f"{task}-v0", "--out", str(study), "--dream",
+        "--robot", str(calibrated(a.out)), "--cycles", str(a.cycles), "--sigma", "4", "--epochs", "20",
+        "--metric", "object_distance", "--evaluations", "50", "--seed", str(seed), "--quiet",
+    ])  # fmt: skip
+    if failed:
+        raise SystemExit(failed)
+    (study / "policy").rename(folder)
+    (folder / "done").touch()
+    return folder
+
+
+def judged(a: argparse.Namespace, task: str, kind: str, seed: int) -> list[dict[str, Any]]:
+    """One row for each episode in the world; those of an interrupted run are kept."""
+    from embodiedreamer_gym.policies import load_policy
+    from embodiedreamer_gym.standin.bench import StandInEnv
+
+    path = a.out / f"world_{task}_{kind}_{seed}.json"
+    rows = json.loads(path.read_text()) if path.is_file() else []
+    if len(rows) >= a.episodes:
+        return rows[: a.episodes]
+    policy, env = load_policy(str(trained(a, task, kind, seed))), StandInEnv(task, hidden(), size=SIZE)
+    try:
+        for number in range(FIRST_SEED + len(rows), FIRST_SEED + a.episodes):
+            rows.append(play(policy, env, number))
+            if len(rows) % SAVED_EVERY == 0 or len(rows) == a.episodes:
+                save(rows, path)
+                print(f"{task} {kind} {seed}: {sum(row['success'] for row in rows)}/{len(rows)}", flush=True)
+    finally:
+        env.close()
+    return rows
+
+
+def play(policy: Any, env: Any, seed: int) -> dict[str, Any]:
+    """One episode, whole chunks executed."""
+    from embodiedreamer_gym.policies.evaluation import as_batch
+
+    observation, info = env.reset(seed=seed)
+    over = False
+    while not over:
+        chunk = np.asarray(policy(as_batch(observation, ("head",))))[0]
+        observation, _, _, over, info = env.step(chunk)
+    return {"seed": seed, "success": bool(info["is_success"]), "grasped": bool(info["grasp_success"]),
+            "distance": info["object_distance"]}  # fmt: skip
+
+
+def report(found: Mapping[tuple[str, str, int], Sequence[Mapping[str, Any]]], kinds: Sequence[str]) -> str:
+    """Success of each task and kind with its interval; what each step adds, ± its standard error over tasks and seeds."""
+    tasks = list(dict.fromkeys(task for task, _, _ in found))
+    seeds = sorted({seed for _, _, seed in found})
+    lines = ["| | " + " | ".join(kinds) + " |", "|---" * (len(kinds) + 1) + "|"]
+    for task in tasks:
+        cells = []
+        for kind in kinds:
+            rows = [row["success"] for seed in seeds for row in found[task, kind, seed]]
+            low, high = clopper_pearson(sum(rows), len(rows))
+            cells.append(f"{np.mean(rows):.1%} ({low:.1%} .. {high:.1%})")
+        lines.append(f"| {task} | " + " | ".join(cells) + " |")
+    steps = [*pairwise(kinds)] + ([("plain", "dreamed")] if {"plain", "dreamed"} <= set(kinds) else [])
+    for before, after in steps:
+        gains = np.array([
+            np.mean([b["success"] - a["success"] for a, b in zip(found[t, before, s], found[t, after, s], strict=True)])
+            for t in tasks for s in seeds
+        ])  # fmt: skip
+        error = gains.std(ddof=1) / np.sqrt(len(gains)) if len(gains) > 1 else float("nan")
+        lines.append(f"{after} over {before}: {100 * gains.mean():+.1f} ± {100 * error:.1f} points")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Train and judge what is missing, then print the tables."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--task", nargs="+", choices=TASKS, default=list(TASKS))
+    parser.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS))
+    for name, value in (("seeds", 3), ("demos", 50), ("steps", 4000), ("episodes", 50), ("cycles", 2)):
+        parser.add_argument(f"--{name}", type=int, default=value)
+    a = parser.parse_args()
+    pin_threads()
+    import torch
+
+    import embodiedreamer_gym  # noqa: F401  its environments are registered
+
+    torch.set_num_threads(1)
+    a.out.mkdir(parents=True, exist_ok=True)
+    kinds = [kind for kind in KINDS if kind in a.kind]
+    found = {(t, k, s): judged(a, t, k, s) for s in range(a.seeds) for t in a.task for k in kinds}
+    print(report(found, kinds))
+
+
+if __name__ == "__main__":
+    main()

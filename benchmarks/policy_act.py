@@ -1,0 +1,128 @@
+"""ACT on a task's demonstrations: success on seeds not looked at, with and without chunks, and the time training takes.
+
+python -m benchmarks policy_act --out DIR [--task PutCupOnMat] [--demos 50] [--episodes 200] [--steps 4000] [--batch 32]
+                                [--size 96x72] [--variant act unmirrored cloning ...] [--execute 100 25 ...] [--seed 0]
+
+Everything is kept in DIR, and an interrupted run goes on where it was. Variants: act, chunks of 100, each demonstration's
+mirror image learnt too; unmirrored, without that; pictures, without key points either; chunk20; cloning, behaviour cloning
+without chunks (one action per query). One process, one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+import embodiedreamer_gym  # noqa: F401  its environments are registered
+from benchmarks.common import clopper_pearson, pin_threads, save
+
+VARIANTS: dict[str, dict[str, Any]] = {  # of the network; and whether mirror images are learnt
+    "act": {"chunk": 100, "mirror": True},
+    "unmirrored": {"chunk": 100, "mirror": False},
+    "pictures": {"chunk": 100, "mirror": False, "keypoints": 0},
+    "chunk20": {"chunk": 20, "mirror": True},
+    "cloning": {"chunk": 1, "mirror": True},
+}
+FIRST_SEED = 100_000
+SAVED_EVERY = 5  # episodes
+
+
+def demonstrations(a: argparse.Namespace) -> Path:
+    """Episodes of the scripted expert, 128 x 96 of the head camera."""
+    from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
+
+    folder = a.out / f"demos_{a.task}"
+    record_demonstrations(Demonstrations(a.task), a.demos, folder, 1, lambda done, failed: print(
+        f"demonstrations {done}/{a.demos}, {failed} failed", flush=True))  # fmt: skip
+    return folder
+
+
+def trained(a: argparse.Namespace, variant: str, data: Path) -> tuple[Any, float]:
+    """The policy of a variant, and the processor time (s) that training took, interruptions left out."""
+    from embodiedreamer_gym.envs.robots import load_robot
+    from embodiedreamer_gym.policies.act import ActConfig, ActPolicy, TrainingConfig, train
+    from embodiedreamer_gym.recordings.episodes import open_episodes
+    from embodiedreamer_gym.robot.mirror import mirrored_joints
+
+    folder = a.out / f"{a.task}_{variant}_{a.demos}_{a.steps}x{a.batch}_{a.size}_{a.seed}"
+    clock = folder / "processor_time.json"
+    if clock.is_file() and json.loads(clock.read_text())["step"] == a.steps:
+        return ActPolicy.load(folder), json.loads(clock.read_text())["seconds"]
+    before = json.loads(clock.read_text())["seconds"] if clock.is_file() else 0.0
+    episodes, began = open_episodes(data), time.process_time()
+    width, height = (int(side) for side in a.size.split("x"))
+    sizes = dict(VARIANTS[variant])
+    mirror = mirrored_joints(load_robot("aloha")) if sizes.pop("mirror") else ()
+    config = ActConfig(
+        episodes.state_size, episodes.action_size, ("head",), (width, height), source_size=(128, 96), **sizes
+    )
+
+    def said(stage: str, count: int, of: int, text: str) -> None:
+        if count % 250 == 0 or count == of:
+            seconds = before + time.process_time() - began
+            save({"step": count, "seconds": seconds}, clock)
+            print(f"{variant}: step {count}/{of}, {text}, {seconds:.0f} s of processor time", flush=True)
+
+    policy = train(episodes, config, TrainingConfig(a.steps, a.batch, mirror=mirror, seed=a.seed), folder, said)
+    return policy, json.loads(clock.read_text())["seconds"]
+
+
+def judged(a: argparse.Namespace, variant: str, policy: Any, execute: int) -> list[dict[str, Any]]:
+    """One row for each episode; those of an interrupted run are kept."""
+    from dataclasses import asdict
+
+    from embodiedreamer_gym.policies.evaluation import play
+
+    path = a.out / f"{a.task}_{variant}_{a.demos}_{a.steps}x{a.batch}_{a.size}_{a.seed}_execute{execute}.json"
+    rows = json.loads(path.read_text()) if path.is_file() else []
+    if len(rows) >= a.episodes:
+        return rows[: a.episodes]
+    env = gym.make(f"EmbodieDreamer/{a.task}-v0", image_size=(128, 96))
+    for seed in range(FIRST_SEED + len(rows), FIRST_SEED + a.episodes):
+        rows.append(asdict(play(policy, env, seed, execute)))
+        if len(rows) % SAVED_EVERY == 0 or len(rows) == a.episodes:
+            save(rows, path)
+            print(f"{variant}, {execute} executed: {sum(r['success'] for r in rows)}/{len(rows)}", flush=True)
+    env.close()
+    return rows
+
+
+def main() -> None:
+    """Print one line for each variant."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--task", default="PutCupOnMat")
+    parser.add_argument("--variant", nargs="+", choices=VARIANTS, default=["act", "unmirrored", "cloning"])
+    parser.add_argument("--execute", nargs="+", type=int, default=[100])
+    parser.add_argument("--size", default="96x72")
+    for name, value in (("demos", 50), ("episodes", 200), ("steps", 4000), ("batch", 32), ("seed", 0)):
+        parser.add_argument(f"--{name}", type=int, default=value)
+    a = parser.parse_args()
+    pin_threads()
+    import torch
+
+    torch.set_num_threads(1)
+    a.out.mkdir(parents=True, exist_ok=True)
+    data, lines = demonstrations(a), []
+    for variant in a.variant:
+        policy, seconds = trained(a, variant, data)
+        for execute in sorted({min(n, policy.chunk) for n in a.execute}):
+            rows = judged(a, variant, policy, execute)
+            hits, grasps = sum(row["success"] for row in rows), sum(row["grasped"] for row in rows)
+            low, high = clopper_pearson(hits, len(rows))
+            lines.append(f"{variant:<10}{policy.chunk:>7}{execute:>9}{grasps:>7}/{len(rows)}{hits:>6}/{len(rows)}"
+                         f"{f'{low:.1%} .. {high:.1%}':>18}{seconds:>10.0f} s")  # fmt: skip
+    print(f"{a.task}, {a.demos} demonstrations, {a.steps} steps of {a.batch}, pictures {a.size}")
+    print(
+        f"{'variant':<10}{'chunk':>7}{'executed':>9}{'picked up':>11}{'success':>10}{'95 % interval':>18}{'training':>12}"
+    )
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""The verb `demos`: demonstrations of a task by its scripted expert."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from embodiedreamer_gym.errors import EmbodieDreamerError
+
+FORMATS = ("aloha", "lerobot")
+BETWEEN = {True: 0.2, False: 15.0}  # s between two lines: on a terminal, in a log
+WIDTH = 78
+
+
+def add_demos(verbs: Any) -> None:
+    """Add the verb."""
+    text = "demonstrations of a task by its scripted expert, successes only, for policies to learn from"
+    one = verbs.add_parser("demos", help=text, description=text)
+    one.add_argument("--task", required=True, metavar="TASK", help="such as PutCupOnMat-v0")
+    one.add_argument("--episodes", type=int, default=50, metavar="N", help="that succeed (default %(default)s)")
+    one.add_argument(
+        "--format", choices=FORMATS, default=FORMATS[0], help="HDF5 files or a LeRobot v3 set (default %(default)s)"
+    )
+    one.add_argument("--out", type=Path, required=True, metavar="DIR", help="goes on where it was")
+    one.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
+    one.add_argument("--size", default="128x96", metavar="WxH", help="of the pictures (default %(default)s)")
+    one.add_argument("--cameras", default="head", metavar="NAMES", help="with commas (default %(default)s)")
+    one.add_argument("--robot", default="aloha", metavar="M", help="JSON file or built-in robot (default %(default)s)")
+    one.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="J", help="processes (default: all cores)"
+    )
+    one.add_argument("--quiet", action="store_true", help="no progress")
+    one.set_defaults(verb=_demos)
+
+
+def _demos(a: argparse.Namespace, progress: Any) -> None:
+    from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations, record_lerobot
+
+    for name in ("episodes", "jobs"):
+        if getattr(a, name) < 1:
+            raise EmbodieDreamerError(f"--{name} is {getattr(a, name)}, but must be at least 1.")
+    size = re.fullmatch(r"(\d{1,5})x(\d{1,5})", a.size)
+    if size is None:
+        raise EmbodieDreamerError(f"--size {a.size} is no width and height; give two numbers such as 128x96.")
+    task = a.task.removeprefix("EmbodieDreamer/").removesuffix("-v0")
+    wanted = Demonstrations(task, a.seed, (int(size[1]), int(size[2])), tuple(a.cameras.split(",")), a.robot)
+    clock = _Clock(a.episodes, a.quiet)
+    record = record_demonstrations if a.format == FORMATS[0] else record_lerobot
+    failed = record(wanted, a.episodes, a.out, a.jobs, clock)
+    print(f"{a.episodes} episodes in {a.out}; {failed} attempts failed and were left out")
+
+
+class _Clock:
+    """Says on stderr how far it is and how long it takes."""
+
+    def __init__(self, episodes: int, quiet: bool) -> None:
+        self._count, self._quiet, self._tty = episodes, quiet, sys.stderr.isatty()
+        self._begun = time.monotonic()
+        self._last, self._first = 0.0, -1
+
+    def __call__(self, done: int, failed: int) -> None:
+        now = time.monotonic()
+        self._first = done - 1 if self._first < 0 else self._first  # those before were there already
+        over = done == self._count
+        if self._quiet or (now - self._last < BETWEEN[self._tty] and not over):
+            return
+        self._last = now
+        each = (now - self._begun) / max(done - self._first, 1)
+        text = f"{done} of {self._count} episodes, {failed} failed, {each:.1f} s each, {each * (self._count - done) / 60.0:.0f} min left"
+        line, end = (f"\r{text:<{WIDTH}}", "\n" if over else "") if self._tty else (text, "\n")
+        print(line, end=end, file=sys.stderr, flush=True)

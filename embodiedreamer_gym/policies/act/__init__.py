@@ -1,0 +1,23 @@
+"""ACT, the action chunking transformer: network, training on episodes, checkpoints."""
+
+from __future__ import annotations
+
+from embodiedreamer_gym.policies.act.config import ActConfig
+from embodiedreamer_gym.policies.act.ensemble import TemporalEnsemble
+from embodiedreamer_gym.policies.act.network import Act
+from embodiedreamer_gym.policies.act.policy import ActPolicy
+from embodiedreamer_gym.policies.act.samples import Samples, check_cameras, picture_size
+from embodiedreamer_gym.policies.act.training import Training, TrainingConfig, train
+
+__all__ = [
+    "Act",
+    "ActConfig",
+    "ActPolicy",
+    "Samples",
+    "TemporalEnsemble",
+    "Training",
+    "TrainingConfig",
+    "check_cameras",
+    "picture_size",
+    "train",
+]

@@ -1,0 +1,111 @@
+"""What an ACT network is: sizes, cameras, chunk."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
+
+from embodiedreamer_gym.errors import PolicyError
+
+NORMS = ("group", "frozen")
+MOST_CAMERAS = 3
+
+
+@dataclass(frozen=True)
+class ActConfig:
+    """Sizes of an action chunking transformer; the defaults learn on a laptop's processor in minutes.
+
+    state_size, action_size: numbers in a state and in an action; cameras: names of one to three; image_size: width and
+    height of a picture, to which others are scaled; chunk: actions predicted at once (k); widths: channels of the
+    ResNet's stages, two blocks each, the last of 1 / 2^(stages + 1) of the picture's size; norm: group, or frozen (batch
+    normalisation with fixed statistics, as pretrained weights have it); keypoints: places in each picture that are a token
+    beside the ResNet's, 0 for none; width, heads, feedforward: of the transformer;
+    encoders, decoders: its layers; latent: numbers in the CVAE's z, 0 without a CVAE; latent_encoders: layers of the
+    CVAE's encoder; dropout: share; pre_norm: normalise before attention, not after; placed: tokens of
+    pictures carry where they are, which otherwise only queries and keys do; source_size: width and height of the
+    pictures it learnt from, where they were scaled.
+    Raises: PolicyError for what cannot be built.
+    Source: Zhao et al., Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware, 2023, hyperparameters of its appendix.
+    """
+
+    state_size: int
+    action_size: int
+    cameras: tuple[str, ...]
+    image_size: tuple[int, int]
+    chunk: int = 100
+    widths: tuple[int, ...] = (16, 32, 64)
+    norm: str = "group"
+    keypoints: int = 16
+    width: int = 128
+    heads: int = 8
+    feedforward: int = 256
+    encoders: int = 2
+    decoders: int = 1
+    latent: int = 0
+    latent_encoders: int = 2
+    dropout: float = 0.0
+    pre_norm: bool = False
+    placed: bool = True
+    source_size: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        """Check."""
+        for name in ("state_size", "action_size", "chunk", "width", "heads", "feedforward", "encoders", "decoders"):
+            _at_least(name, getattr(self, name), 1)
+        _at_least("latent", self.latent, 0)
+        _at_least("keypoints", self.keypoints, 0)
+        _at_least("latent_encoders", self.latent_encoders, 1)
+        for value in (*self.image_size, *(self.source_size or ()), *self.widths):
+            _at_least("one of image_size, source_size and widths", value, 1)
+        if len(self.image_size) != 2 or len(self.source_size or (1, 1)) != 2 or not self.widths:
+            raise PolicyError("image_size is a width and a height, and widths names at least one stage.")
+        if not 1 <= len(set(self.cameras)) == len(self.cameras) <= MOST_CAMERAS:
+            raise PolicyError(f"ACT takes one to {MOST_CAMERAS} cameras of different names, not {list(self.cameras)}.")
+        if self.width % self.heads or self.width % 4:
+            raise PolicyError(f"width {self.width} must be a multiple of 4 and of the {self.heads} heads.")
+        if self.norm not in NORMS:
+            raise PolicyError(f"norm '{self.norm}' is none of {', '.join(NORMS)}.")
+        if self.norm == "group" and any(one % 8 for one in self.widths):
+            raise PolicyError(f"widths {list(self.widths)} must be multiples of 8, the channels of a group.")
+        if not 0 <= self.dropout < 1:
+            raise PolicyError(f"dropout {self.dropout} is no share between 0 and 1.")
+
+    def with_(self, **changes: Any) -> ActConfig:
+        """The same with some fields changed."""
+        return replace(self, **changes)
+
+    def paper(self) -> ActConfig:
+        """The same inputs with the paper's sizes, about 80 million weights; chunk 100.
+
+        One decoder layer: upstream asks for seven, but returns the first one's output (tonyzhaozh/act, issue 25).
+        """
+        return self.with_(
+            chunk=100, widths=(64, 128, 256, 512), norm="frozen", keypoints=0, width=512, heads=8, feedforward=3200, encoders=4,
+            decoders=1, latent=32, latent_encoders=4, dropout=0.1, placed=False,
+        )  # fmt: skip
+
+    def as_dict(self) -> dict[str, Any]:
+        """Fit for JSON."""
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+
+    @staticmethod
+    def of(data: Mapping[str, Any]) -> ActConfig:
+        """What `as_dict` gave.
+
+        Raises: PolicyError for another key, or one that is missing.
+        """
+        known = [field.name for field in fields(ActConfig)]
+        for key in data:
+            if key not in known:
+                raise PolicyError(f"an ACT configuration has no '{key}'; it has {', '.join(known)}.")
+        try:
+            values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data.items()}
+            return ActConfig(**values)
+        except TypeError as error:
+            raise PolicyError(f"the ACT configuration is incomplete or of other types: {error}.") from error
+
+
+def _at_least(name: str, value: Any, least: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise PolicyError(f"{name} is {value!r}, but must be a whole number of at least {least}.")

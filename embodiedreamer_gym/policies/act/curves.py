@@ -1,0 +1,55 @@
+"""Curves of a training: a CSV file, and TensorBoard's event files where it is installed."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+CSV = "curves.csv"
+EVENTS = "tensorboard"
+COLUMNS = ("step", "loss", "l1", "kl", "gradient", "rate")
+HINT = "no TensorBoard curves: `pip install tensorboard` brings them; curves.csv has the same numbers"
+
+
+class Curves:
+    """Rows of numbers in a folder; what was written after `step` by an interrupted training is dropped.
+
+    said: whatever there is to tell the user, empty where TensorBoard writes too.
+    """
+
+    def __init__(self, folder: Path, step: int = 0) -> None:
+        self._path = folder / CSV
+        rows = []
+        if self._path.is_file():
+            with self._path.open(newline="") as file:
+                rows = [row for row in csv.reader(file) if row and row[0].isdigit() and int(row[0]) <= step]
+        part = self._path.with_name(f".{CSV}.part")
+        with part.open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
+        part.replace(self._path)
+        self._writer, self.said = _event_writer(folder / EVENTS, step)
+
+    def add(self, row: Mapping[str, float]) -> None:
+        """Add the numbers of a step."""
+        with self._path.open("a", newline="") as file:
+            values = [row[name] for name in COLUMNS]
+            csv.writer(file, lineterminator="\n").writerow([int(values[0]), *(f"{value:.9g}" for value in values[1:])])
+        if self._writer is not None:
+            for name in COLUMNS[1:]:
+                self._writer.add_scalar(name, row[name], int(row["step"]))
+
+    def close(self) -> None:
+        """Let go of the files."""
+        if self._writer is not None:
+            self._writer.close()
+
+
+def _event_writer(folder: Path, step: int) -> tuple[Any, str]:
+    """TensorBoard's writer, or None and why."""
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        return None, HINT
+    return SummaryWriter(str(folder), purge_step=step + 1 if step else None), ""

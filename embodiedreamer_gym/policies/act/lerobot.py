@@ -1,0 +1,162 @@
+"""ACT checkpoints of LeRobot as policies of this package: their weights under the names used here.
+
+Source: huggingface/lerobot, src/lerobot/policies/act/{modeling_act,configuration_act}.py and
+src/lerobot/processor/normalize_processor.py, whose names and defaults are mirrored; compared with their source.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.policies.act.config import ActConfig
+from embodiedreamer_gym.policies.act.network import Act
+from embodiedreamer_gym.policies.act.policy import ActPolicy, read_config
+from embodiedreamer_gym.policies.act.safetensors import read_safetensors
+from embodiedreamer_gym.policies.act.statistics import Statistics
+
+MODEL = "model.safetensors"
+PROCESSOR = "policy_preprocessor.json"
+STATE, ACTION, PICTURES = "observation.state", "action", "observation.images."
+SIZES = {"chunk_size": "chunk", "dim_model": "width", "n_heads": "heads", "dim_feedforward": "feedforward",
+         "n_encoder_layers": "encoders", "n_decoder_layers": "decoders", "n_vae_encoder_layers": "latent_encoders",
+         "dropout": "dropout", "pre_norm": "pre_norm", "latent_dim": "latent"}  # fmt: skip
+FIXED = {"n_obs_steps": 1, "vision_backbone": "resnet18", "replace_final_stride_with_dilation": False,
+         "feedforward_activation": "relu"}  # fmt: skip
+NAMES = {  # theirs -> ours; the longest that fits counts
+    "backbone.": "backbone.",
+    "encoder.": "encoder.",
+    "decoder.": "decoder.",
+    "encoder_robot_state_input_proj.": "state.",
+    "encoder_latent_input_proj.": "latent.",
+    "encoder_img_feat_input_proj.": "picture.",
+    "encoder_1d_feature_pos_embed.": "own_positions.",
+    "decoder_pos_embed.": "queries.",
+    "action_head.": "head.",
+    "vae_encoder.": "latent_encoder.",
+    "vae_encoder_cls_embed.": "latent_token.",
+    "vae_encoder_robot_state_input_proj.": "latent_state.",
+    "vae_encoder_action_input_proj.": "latent_action.",
+    "vae_encoder_latent_output_proj.": "latent_head.",
+}
+COMPUTED = ("vae_encoder_pos_enc",)
+MEASURED = ("state_mean", "state_scale", "action_", "pixel_")  # statistics, which come from elsewhere
+OLD = {STATE: "normalize_inputs.buffer_observation_state", ACTION: "unnormalize_outputs.buffer_action"}
+
+
+def is_lerobot(folder: str | Path) -> bool:
+    """Whether a folder holds an ACT checkpoint of LeRobot.
+
+    Raises: PolicyError where its config.json cannot be read.
+    """
+    folder = Path(folder)
+    return (folder / MODEL).is_file() and read_config(folder).get("type") == "act"
+
+
+def load_lerobot(folder: str | Path) -> ActPolicy:
+    """The policy of a LeRobot ACT checkpoint: config.json, model.safetensors and, since 0.4, the processor's statistics.
+
+    Raises: PolicyError where it is damaged, or of an architecture that this package does not build.
+    """
+    folder = Path(folder)
+    data = read_config(folder)
+    config, features = _config(data, folder)
+    weights = read_safetensors(folder / MODEL)
+    found = {_renamed(name): value.float() for name, value in weights.items() if name.startswith("model.")}
+    found.pop("", None)
+    stages = [found[name] for number in range(1, 5) if (name := f"backbone.layer{number}.0.conv1.weight") in found]
+    config = config.with_(widths=tuple(len(weight) for weight in stages) or config.widths)
+    network = Act(config, _statistics(folder, data, weights, features))
+    own = {name: tuple(v.shape) for name, v in network.state_dict().items() if not name.startswith(MEASURED)}
+    needed = {name for name in own if not name.startswith("latent_")}  # the CVAE's encoder only teaches
+    unfit = sorted((needed - set(found)) | (set(found) - set(own)))
+    unfit += [name for name in found if tuple(found[name].shape) != own.get(name)]
+    if unfit:
+        raise PolicyError(
+            f"{folder / MODEL} does not fit its config.json: '{unfit[0]}' is missing, too much or of another size."
+        )
+    network.load_state_dict(found, strict=False)
+    return ActPolicy(network)
+
+
+def _config(data: Mapping[str, Any], folder: Path) -> tuple[ActConfig, list[str]]:
+    """Sizes, and the names of the cameras' features."""
+    where = folder / "config.json"
+    for key, value in FIXED.items():
+        if data.get(key, value) != value:
+            raise PolicyError(f"{where}: {key} is {data[key]!r}, and only {value!r} can be built here.")
+    inputs, outputs = data.get("input_features") or {}, data.get("output_features") or {}
+    pictures = [name for name in inputs if name.startswith(PICTURES)]
+    others = [name for name in inputs if name not in (STATE, *pictures)]
+    if others or not pictures or STATE not in inputs or ACTION not in outputs:
+        raise PolicyError(
+            f"{where}: inputs must be {STATE} and {PICTURES}*, the output {ACTION}; found {list(inputs)}."
+        )
+    shapes = {tuple(inputs[name]["shape"]) for name in pictures}
+    if len(shapes) > 1:
+        raise PolicyError(
+            f"{where}: the cameras' pictures are of different sizes, and one is needed: {sorted(shapes)}."
+        )
+    _, height, width = shapes.pop()
+    sizes = {ours: data[theirs] for theirs, ours in SIZES.items() if theirs in data}
+    paper = ActConfig(int(inputs[STATE]["shape"][0]), int(outputs[ACTION]["shape"][0]),
+                      tuple(name.removeprefix(PICTURES) for name in pictures), (int(width), int(height))).paper()  # fmt: skip
+    return paper.with_(**sizes), pictures
+
+
+def _renamed(name: str) -> str:
+    """Our name of one of their weights; empty for what is computed here."""
+    name = name.removeprefix("model.")
+    if name in COMPUTED:
+        return ""
+    for theirs in sorted(NAMES, key=len, reverse=True):
+        if name.startswith(theirs):
+            return NAMES[theirs] + name.removeprefix(theirs)
+    return name
+
+
+def _statistics(
+    folder: Path, data: Mapping[str, Any], weights: Mapping[str, torch.Tensor], pictures: list[str]
+) -> Statistics:
+    """Means and scales, of the processor's file or, before 0.4, among the weights."""
+    modes = data.get("normalization_mapping") or {}
+    saved = _processor_state(folder)
+
+    def pair(kind: str, feature: str, old: str) -> tuple[torch.Tensor, torch.Tensor]:
+        mode = modes.get(kind, "MEAN_STD")
+        one, two = {"MEAN_STD": ("mean", "std"), "MIN_MAX": ("min", "max")}.get(mode, ("", ""))
+        places = [(saved, feature), (weights, old)]
+        for source, name in places:
+            if f"{name}.{one}" in source and f"{name}.{two}" in source:
+                first, second = (source[f"{name}.{part}"].flatten().float() for part in (one, two))
+                return (first, second + 1e-8) if one == "mean" else ((first + second) / 2, (second - first + 1e-8) / 2)
+        raise PolicyError(
+            f"{folder}: there are no statistics of {feature} for the normalisation {mode}; MEAN_STD or MIN_MAX."
+        )
+
+    state, action = pair("STATE", STATE, OLD[STATE]), pair("ACTION", ACTION, OLD[ACTION])
+    seen = [pair("VISUAL", name, "normalize_inputs.buffer_" + name.replace(".", "_")) for name in pictures]
+    return Statistics(*state, *action, torch.stack([one for one, _ in seen]), torch.stack([two for _, two in seen]))
+
+
+def _processor_state(folder: Path) -> dict[str, torch.Tensor]:
+    """What the normalising step of LeRobot's preprocessor has saved; empty for older checkpoints."""
+    path = folder / PROCESSOR
+    if not path.is_file():
+        return {}
+    try:
+        steps = json.loads(path.read_text(encoding="utf-8"))["steps"]
+        files = [
+            s["state_file"] for s in steps if s.get("registry_name") == "normalizer_processor" and s.get("state_file")
+        ]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise PolicyError(f"{path} is no preprocessor of LeRobot: {error}.") from error
+    found: dict[str, torch.Tensor] = {}
+    for name in files:
+        found |= read_safetensors(folder / Path(name).name)
+    return found

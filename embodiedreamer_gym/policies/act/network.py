@@ -1,0 +1,158 @@
+"""The action chunking transformer: pictures and state in, a chunk of actions out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.policies.act.config import ActConfig
+from embodiedreamer_gym.policies.act.keypoints import Keypoints
+from embodiedreamer_gym.policies.act.pictures import scaled
+from embodiedreamer_gym.policies.act.resnet import ResNet
+from embodiedreamer_gym.policies.act.statistics import Statistics
+from embodiedreamer_gym.policies.act.transformer import Decoder, Encoder, sine_1d, sine_2d
+
+Batch = Mapping[str, Any]  # agent_pos (B, n) and pixels {camera: (B, H, W, 3) uint8}, arrays or tensors
+
+
+class Act(nn.Module):
+    """An ACT network; it takes batches in the environment's units and gives normalised actions.
+
+    Source: Zhao et al., Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware, 2023, section IV.
+    """
+
+    positions: torch.Tensor
+    latent_positions: torch.Tensor
+
+    def __init__(self, config: ActConfig, statistics: Statistics | None = None, seed: int = 0) -> None:
+        super().__init__()
+        self.config = config
+        with torch.random.fork_rng(devices=[]):  # the world's chance is left alone
+            torch.manual_seed(seed)
+            self._build(config)
+        rows, columns = (-(-side // 2 ** (len(config.widths) + 1)) for side in config.image_size[::-1])
+        self.register_buffer("positions", sine_2d(rows, columns, config.width), persistent=False)
+        self.register_buffer("latent_positions", sine_1d(2 + config.chunk, config.width), persistent=False)
+        self.statistics = Statistics.neutral(config) if statistics is None else statistics
+        self.statistics.register(self)
+
+    def _build(self, c: ActConfig) -> None:
+        """Make the layers."""
+        self.backbone = ResNet(c.widths, c.norm)
+        self.picture = nn.Conv2d(c.widths[-1], c.width, 1)
+        self.keypoints = nn.ModuleList([Keypoints(c.keypoints) for _ in c.cameras]) if c.keypoints else None
+        self.places = nn.Linear(2 * c.keypoints * len(c.cameras), c.width) if c.keypoints else None
+        self.state = nn.Linear(c.state_size, c.width)
+        self.latent = nn.Linear(c.latent, c.width) if c.latent else None
+        self.own_positions = nn.Embedding(1 + bool(c.latent) + bool(c.keypoints), c.width)
+        self.encoder, self.decoder = Encoder(c, c.encoders), Decoder(c)
+        self.queries = nn.Embedding(c.chunk, c.width)
+        self.head = nn.Linear(c.width, c.action_size)
+        if c.latent:
+            self.latent_encoder = Encoder(c, c.latent_encoders)
+            self.latent_token = nn.Embedding(1, c.width)
+            self.latent_state, self.latent_action = nn.Linear(c.state_size, c.width), nn.Linear(c.action_size, c.width)
+            self.latent_head = nn.Linear(c.width, 2 * c.latent)
+        for part in (self.encoder, self.decoder):
+            for weights in part.parameters():
+                if weights.dim() > 1:
+                    nn.init.xavier_uniform_(weights)
+
+    def __repr__(self) -> str:
+        c, weights = self.config, sum(p.numel() for p in self.parameters())
+        size = f"{c.image_size[0]} x {c.image_size[1]}"
+        return f"Act({', '.join(c.cameras)} at {size}, chunk {c.chunk}, {weights / 1e6:.2f} million weights)"
+
+    # ---- actions -----------------------------------------------------------------------------------------------
+
+    def mean(self, batch: Batch) -> torch.Tensor:
+        """Normalised actions (B, k, m) of a batch in the environment's units, with the latent z at 0.
+
+        Raises: PolicyError for a batch of other cameras or sizes.
+        """
+        return self._decode(batch, None)
+
+    def forward(
+        self, batch: Batch, actions: torch.Tensor, padding: torch.Tensor, noise: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Normalised actions (B, k, m), and how far (B,) the latent is from a normal distribution, nats (0 without one).
+
+        actions: normalised (B, k, m), which the CVAE's encoder sees; padding: (B, k), True past an episode's end; noise:
+        standard normal (B, latent).
+        """
+        if not self.config.latent or noise is None:
+            return self.mean(batch), torch.zeros(len(actions), device=actions.device)
+        mu, log_variance = self._encode_latent(self._state(batch), actions, padding)
+        divergence = 0.5 * (mu.square() + log_variance.exp() - 1.0 - log_variance).sum(1)
+        return self._decode(batch, mu + (0.5 * log_variance).exp() * noise), divergence
+
+    def normalise(self, actions: torch.Tensor) -> torch.Tensor:
+        """Actions (..., m) in the environment's units to normalised ones."""
+        return (actions - self.get_buffer("action_mean")) / self.get_buffer("action_scale")
+
+    def denormalise(self, actions: torch.Tensor) -> torch.Tensor:
+        """Normalised actions (..., m) to the environment's units."""
+        return actions * self.get_buffer("action_scale") + self.get_buffer("action_mean")
+
+    # ---- inside ------------------------------------------------------------------------------------------------
+
+    def _state(self, batch: Batch) -> torch.Tensor:
+        """Normalised states (B, n)."""
+        state = torch.as_tensor(batch["agent_pos"], dtype=torch.float32, device=self.positions.device)
+        if state.dim() != 2 or state.shape[1] != self.config.state_size:
+            raise PolicyError(
+                f"this policy takes states of {self.config.state_size} numbers, not {tuple(state.shape)}."
+            )
+        return (state - self.get_buffer("state_mean")) / self.get_buffer("state_scale")
+
+    def _pictures(self, batch: Batch) -> list[torch.Tensor]:
+        """Normalised pictures (B, 3, H, W), one for each camera."""
+        found, (width, height) = [], self.config.image_size
+        for number, name in enumerate(self.config.cameras):
+            pixels = batch["pixels"].get(name)
+            if pixels is None:
+                known = ", ".join(batch["pixels"]) or "none"
+                raise PolicyError(
+                    f"this policy sees with the camera '{name}', and there are only pictures of: {known}."
+                )
+            if pixels.shape[1:3] != (height, width):
+                pixels = scaled(np.asarray(pixels), (width, height))
+            if isinstance(pixels, np.ndarray):
+                pixels = torch.from_numpy(np.require(pixels, requirements=["C", "W"]))
+            picture = pixels.to(self.positions.device).permute(0, 3, 1, 2).float() / 255.0
+            mean, scale = self.get_buffer("pixel_mean")[number], self.get_buffer("pixel_scale")[number]
+            found.append((picture - mean[:, None, None]) / scale[:, None, None])
+        return found
+
+    def _encode_latent(
+        self, state: torch.Tensor, actions: torch.Tensor, padding: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean and logarithm of the variance (B, latent) of z, given what was done."""
+        token = self.latent_token.weight.expand(len(state), 1, -1)
+        tokens = torch.cat([token, self.latent_state(state)[:, None], self.latent_action(actions)], 1)
+        seen = torch.cat([torch.zeros_like(padding[:, :1]).expand(-1, 2), padding], 1)
+        out = self.latent_head(self.latent_encoder(tokens, self.latent_positions, seen)[:, 0])
+        return out[:, : self.config.latent], out[:, self.config.latent :]
+
+    def _decode(self, batch: Batch, z: torch.Tensor | None) -> torch.Tensor:
+        """Normalised actions (B, k, m) of latents (B, latent)."""
+        state, pictures = self._state(batch), self._pictures(batch)
+        tokens = [self.state(state)[:, None]]
+        if self.latent is not None:
+            z = torch.zeros(len(state), self.config.latent, device=state.device) if z is None else z
+            tokens.insert(0, self.latent(z)[:, None])
+        if self.keypoints is not None and self.places is not None:
+            found = [points(one) for points, one in zip(self.keypoints, pictures, strict=True)]
+            tokens.append(self.places(torch.cat(found, 1))[:, None])
+        features = self.picture(self.backbone(torch.cat(pictures))).flatten(2).transpose(1, 2)
+        if self.config.placed:
+            features = features + self.positions
+        tokens += features.chunk(len(pictures))
+        positions = torch.cat([self.own_positions.weight, *[self.positions] * len(pictures)])
+        memory = self.encoder(torch.cat(tokens, 1), positions)
+        return self.head(self.decoder(self.queries.weight, memory, positions))

@@ -1,0 +1,15 @@
+"""Pictures of the size a policy wants."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+
+def scaled(frames: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Pictures (T, H, W, 3) uint8 of another size (width, height)."""
+    if frames.shape[1:3] == size[::-1]:
+        return frames
+    smaller = frames.shape[2] * frames.shape[1] > size[0] * size[1]
+    how = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
+    return np.stack([cv2.resize(frame, size, interpolation=how) for frame in frames])

@@ -1,0 +1,97 @@
+"""A trained ACT network as a policy: batches in, actions in the environment's units out; a folder on disk."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.policies.act.config import ActConfig
+from embodiedreamer_gym.policies.act.network import Act
+from embodiedreamer_gym.policies.act.statistics import Statistics
+
+CONFIG, WEIGHTS = "config.json", "weights.pt"
+KIND = "embodiedreamer_act"
+
+
+class ActPolicy:
+    """Actions (B, k, m) for a batch {"agent_pos": (B, n), "pixels": {camera: (B, H, W, 3) uint8}}.
+
+    action_size (m) and chunk (k) are what every policy has; cameras, which it looks through.
+    """
+
+    def __init__(self, network: Act) -> None:
+        self.network = network.eval()
+        self.action_size, self.chunk = network.config.action_size, network.config.chunk
+        self.cameras = network.config.cameras
+
+    def __repr__(self) -> str:
+        return f"ActPolicy({self.network!r})"
+
+    def __call__(self, batch: Mapping[str, Any]) -> np.ndarray:
+        """Actions (B, k, m) float32 in the environment's units.
+
+        Raises: PolicyError for a batch of other cameras or sizes.
+        """
+        self.network.eval()
+        with torch.inference_mode():
+            return self.network.denormalise(self.network.mean(batch)).cpu().numpy()
+
+    def save(self, folder: str | Path) -> Path:
+        """Write config.json and weights.pt into a folder, each beside and renamed; returns the folder."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        part = folder / f".{WEIGHTS}.part"
+        torch.save({name: value.cpu() for name, value in self.network.state_dict().items()}, part)
+        part.replace(folder / WEIGHTS)
+        part = folder / f".{CONFIG}.part"
+        data = {"type": KIND, "config": self.network.config.as_dict()}
+        part.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+        part.replace(folder / CONFIG)
+        return folder
+
+    @staticmethod
+    def load(folder: str | Path, device: str = "cpu") -> ActPolicy:
+        """The policy that `save` or a training wrote.
+
+        Raises: PolicyError where there is none, or it is damaged.
+        """
+        folder = Path(folder)
+        data = read_config(folder)
+        if data.get("type") != KIND:
+            raise PolicyError(
+                f"{folder / CONFIG} is not of an ACT policy of this package; its type is {data.get('type')!r}."
+            )
+        config = ActConfig.of(data.get("config") or {})
+        try:
+            state = torch.load(folder / WEIGHTS, weights_only=True, map_location="cpu")
+            network = Act(config, Statistics.of(state))
+            network.load_state_dict(state)
+        except PolicyError:
+            raise
+        except Exception as error:  # whatever a damaged or foreign file raises
+            raise PolicyError(
+                f"{folder / WEIGHTS} holds no weights that fit {CONFIG}: damaged, or of another policy."
+            ) from error
+        return ActPolicy(network.to(device))
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """The JSON object in a policy's config.json.
+
+    Raises: PolicyError where there is none.
+    """
+    if not folder.is_dir():
+        raise PolicyError(f"policy {folder} is no folder; give one that `embodiedreamer policy train` wrote.")
+    try:
+        data = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise PolicyError(f"{folder} is no policy: its {CONFIG} is missing or no JSON.") from error
+    if not isinstance(data, dict):
+        raise PolicyError(f"{folder / CONFIG} must be a JSON object with the key 'type'.")
+    return data

@@ -1,0 +1,180 @@
+"""Starts drawn from episodes: what was seen there, and the chunk of actions that followed."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.policies.act.config import ActConfig
+from embodiedreamer_gym.policies.act.pictures import scaled
+
+MEMORY = 4 << 30  # bytes of pictures kept; more are read again whenever they are drawn
+BLOCK = 64  # frames read at once
+
+
+class Episodes(Protocol):
+    """What training needs of a set of episodes; `embodiedreamer_gym.recordings.episodes` opens those on disk."""
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names."""
+        ...
+
+    @property
+    def state_size(self) -> int:
+        """Numbers in a state."""
+        ...
+
+    @property
+    def action_size(self) -> int:
+        """Numbers in an action."""
+        ...
+
+    @property
+    def rate(self) -> float:
+        """Steps per second, Hz."""
+        ...
+
+    @property
+    def lengths(self) -> tuple[int, ...]:
+        """Steps of each episode."""
+        ...
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of each episode."""
+        ...
+
+    def __len__(self) -> int: ...
+
+    def states(self, i: int, /) -> np.ndarray:
+        """States (T, n) of an episode."""
+        ...
+
+    def actions(self, i: int, /) -> np.ndarray:
+        """Actions (T, m) of an episode."""
+        ...
+
+    def frames(self, i: int, camera: str, start: int, stop: int, /) -> np.ndarray:
+        """Pictures (stop - start, H, W, 3) uint8 of an episode."""
+        ...
+
+
+class Sample(NamedTuple):
+    """A batch as policies take it, the actions (B, k, m) that followed, and where (B, k) the episode was over."""
+
+    batch: dict[str, Any]
+    actions: np.ndarray
+    padding: np.ndarray
+
+
+def picture_size(episodes: Episodes, camera: str) -> tuple[int, int]:
+    """Width and height of a camera's pictures.
+
+    Raises: PolicyError for an empty set, or a camera it does not have.
+    """
+    check_cameras(episodes, (camera,))
+    height, width = episodes.frames(0, camera, 0, 1).shape[1:3]
+    return int(width), int(height)
+
+
+def check_cameras(episodes: Episodes, cameras: tuple[str, ...]) -> None:
+    """Check that there are episodes with these cameras.
+
+    Raises: PolicyError where there are not.
+    """
+    if not len(episodes) or not sum(episodes.lengths):
+        raise PolicyError("there is no episode to learn from; record some, for example with `embodiedreamer demos`.")
+    for camera in cameras:
+        if camera not in episodes.cameras:
+            known = ", ".join(episodes.cameras) or "none"
+            raise PolicyError(f"the episodes have no pictures of the camera '{camera}'; cameras: {known}.")
+
+
+class Samples:
+    """Episodes checked and ready to draw from, the pictures in memory where they fit.
+
+    memory: bytes of pictures that may be kept.
+    Raises: PolicyError for an empty set, another size of state or action, a number that is not finite, missing pictures.
+    """
+
+    def __init__(self, episodes: Episodes, config: ActConfig, memory: int = MEMORY) -> None:
+        check_cameras(episodes, config.cameras)
+        self.config, self._episodes = config, episodes
+        self.states = [self._checked(i, "state", episodes.states(i), config.state_size) for i in range(len(episodes))]
+        self.actions = [
+            self._checked(i, "action", episodes.actions(i), config.action_size) for i in range(len(episodes))
+        ]
+        self._ends = np.cumsum(episodes.lengths)
+        width, height = config.image_size
+        size = int(self._ends[-1]) * len(config.cameras) * width * height * 3
+        self._kept: dict[tuple[int, str], np.ndarray] = {}
+        if size <= memory:
+            self._kept = {
+                (i, camera): self._read(i, camera, 0, episodes.lengths[i])
+                for i in range(len(episodes)) for camera in config.cameras
+            }  # fmt: skip
+
+    def __len__(self) -> int:
+        return int(self._ends[-1])
+
+    def __repr__(self) -> str:
+        kept = "in memory" if self._kept else "read when drawn"
+        return f"Samples({len(self)} steps of {len(self.states)} episodes, pictures {kept})"
+
+    @property
+    def fingerprint(self) -> list[list[Any]]:
+        """What tells this set from another: each episode's name, length, and sum of actions."""
+        sums = [float(np.abs(actions, dtype=np.float64).sum()) for actions in self.actions]
+        return [list(row) for row in zip(self._episodes.names, self._episodes.lengths, sums, strict=True)]
+
+    def draw(self, rng: np.random.Generator, count: int) -> Sample:
+        """A number of starts, each step of each episode as likely."""
+        return self.at(rng.integers(len(self), size=count))
+
+    def at(self, steps: np.ndarray) -> Sample:
+        """The starts at these steps, counted through all episodes."""
+        which = np.searchsorted(self._ends, steps, side="right")
+        starts = steps - (self._ends[which] - np.array(self._episodes.lengths)[which])
+        ahead = starts[:, None] + np.arange(self.config.chunk)
+        last = np.array(self._episodes.lengths)[which, None] - 1
+        actions = [self.actions[i][row] for i, row in zip(which, np.minimum(ahead, last), strict=True)]
+        pixels = {
+            camera: np.stack([self._picture(int(i), camera, int(s)) for i, s in zip(which, starts, strict=True)])
+            for camera in self.config.cameras
+        }
+        states = np.stack([self.states[i][s] for i, s in zip(which, starts, strict=True)])
+        return Sample({"agent_pos": states, "pixels": pixels}, np.stack(actions), ahead > last)
+
+    def _picture(self, i: int, camera: str, step: int) -> np.ndarray:
+        if self._kept:
+            return self._kept[i, camera][step]
+        return self._read(i, camera, step, step + 1)[0]
+
+    def _read(self, i: int, camera: str, start: int, stop: int) -> np.ndarray:
+        """Pictures (stop - start, H, W, 3), scaled to the policy's size."""
+        found = np.empty((stop - start, *self.config.image_size[::-1], 3), np.uint8)
+        for at in range(start, stop, BLOCK):
+            until = min(at + BLOCK, stop)
+            frames = self._episodes.frames(i, camera, at, until)
+            if len(frames) != until - at:
+                raise PolicyError(
+                    f"episode {self._episodes.names[i]} lacks pictures of the camera '{camera}' from step {at} on; "
+                    "leave it out, or record it again."
+                )
+            found[at - start : until - start] = scaled(frames, self.config.image_size)
+        return found
+
+    def _checked(self, i: int, what: str, values: np.ndarray, size: int) -> np.ndarray:
+        name = self._episodes.names[i]
+        if values.shape != (self._episodes.lengths[i], size):
+            raise PolicyError(
+                f"episode {name}: {what}s have the shape {values.shape}, but the policy takes {size} numbers in each of "
+                f"{self._episodes.lengths[i]} steps."
+            )
+        bad = np.flatnonzero(~np.isfinite(values).all(1))
+        if len(bad):
+            raise PolicyError(f"episode {name}: the {what} at step {bad[0]} is not finite; leave the episode out.")
+        return values.astype(np.float32)

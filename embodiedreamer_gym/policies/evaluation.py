@@ -1,0 +1,163 @@
+"""A policy in an environment on seeds it has not seen: chunk by chunk, one row for each episode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from scipy.stats import binomtest
+
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.policies.protocol import Policy
+
+HELD = 30  # steps in a row that a success has to last for an episode to end early
+Watch = Callable[[Any, dict[str, Any]], None]
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """How an episode went: success at its last step, the step (or None) at which it first succeeded, its length."""
+
+    seed: int
+    success: bool
+    first: int | None
+    grasped: bool
+    steps: int
+    distance: float
+    side: str
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Episodes played, and with what."""
+
+    task: str
+    execute: int
+    episodes: tuple[EpisodeResult, ...]
+
+    @property
+    def successes(self) -> int:
+        """How many episodes ended in success."""
+        return sum(one.success for one in self.episodes)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the success rate. Source: Clopper and Pearson, Biometrika 26, 1934."""
+        found = binomtest(self.successes, len(self.episodes)).proportion_ci()
+        return float(found.low), float(found.high)
+
+    def __str__(self) -> str:
+        lines = [f"{'seed':>8}{'side':>7}{'picked up':>11}{'success':>9}{'at step':>9}{'object off (m)':>16}"]
+        for e in self.episodes:
+            first = "" if e.first is None else e.first
+            lines.append(
+                f"{e.seed:>8}{e.side:>7}{_said(e.grasped):>11}{_said(e.success):>9}{first:>9}{e.distance:>16.3f}"
+            )
+        low, high = self.interval
+        share = self.successes / len(self.episodes)
+        lines.append(f"success in {self.successes} of {len(self.episodes)} episodes of {self.task}: {share:.1%} "
+                     f"(95 % interval {low:.1%} .. {high:.1%}), {self.execute} actions executed per query")  # fmt: skip
+        return "\n".join(lines)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Fit for JSON."""
+        low, high = self.interval
+        return {
+            "task": self.task, "execute": self.execute, "successes": self.successes, "trials": len(self.episodes),
+            "success_rate": self.successes / len(self.episodes), "interval_95": [low, high],
+            "episodes": [asdict(one) for one in self.episodes],
+        }  # fmt: skip
+
+
+def executed(policy: Policy, execute: int | None = None) -> int:
+    """How many actions of a chunk are played before the next query: all, where none are said.
+
+    Raises: PolicyError for less than one, or more than the chunk has.
+    """
+    count = policy.chunk if execute is None else execute
+    if not 1 <= count <= policy.chunk:
+        raise PolicyError(f"{count} actions cannot be executed of a chunk of {policy.chunk}; give 1 to {policy.chunk}.")
+    return count
+
+
+def check_fit(policy: Policy, env: gym.Env) -> None:
+    """Check that a policy's actions are the environment's, and its cameras there.
+
+    Raises: PolicyError where they are not.
+    """
+    shape = env.action_space.shape
+    if shape != (policy.action_size,):
+        raise PolicyError(
+            f"the policy gives actions of {policy.action_size} numbers, and {_name(env)} takes the shape {shape}; "
+            "take a policy that was trained for this robot."
+        )
+    there = tuple(getattr(env.unwrapped, "cameras", ()) or ())
+    for camera in getattr(policy, "cameras", ()):
+        if there and camera not in there:
+            raise PolicyError(f"the policy looks through '{camera}', and {_name(env)} has {', '.join(there)}.")
+
+
+def as_batch(observation: Any, cameras: Iterable[str]) -> dict[str, Any]:
+    """One observation as a batch of one; a single picture gets the first camera's name.
+
+    Raises: PolicyError for an observation without agent_pos and pixels.
+    """
+    if not isinstance(observation, Mapping) or not {"agent_pos", "pixels"} <= set(observation):
+        raise PolicyError("a policy needs observations with agent_pos and pixels; use obs_type='pixels_agent_pos'.")
+    pixels = observation["pixels"]
+    if not isinstance(pixels, Mapping):
+        pixels = {next(iter(cameras), "head"): pixels}
+    state = np.asarray(observation["agent_pos"], np.float32)[None]
+    return {"agent_pos": state, "pixels": {name: np.asarray(picture)[None] for name, picture in pixels.items()}}
+
+
+def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | None = None) -> EpisodeResult:
+    """One episode; watch: called with each observation and info. It ends early once a success has lasted 30 steps."""
+    cameras = tuple(getattr(env.unwrapped, "cameras", ()) or getattr(policy, "cameras", ()))
+    forget = getattr(policy, "reset", None)
+    if forget is not None:
+        forget()
+    observation, info = env.reset(seed=seed)
+    steps, held, first, over = 0, 0, None, False
+    while not over:
+        chunk = np.asarray(policy(as_batch(observation, cameras)))[0]
+        for action in chunk[:execute]:
+            observation, _, terminated, truncated, info = env.step(action)
+            steps += 1
+            held = held + 1 if info["is_success"] else 0
+            first = steps if first is None and held else first
+            if watch is not None:
+                watch(observation, info)
+            over = terminated or truncated or held >= HELD
+            if over:
+                break
+    return EpisodeResult(seed, bool(info["is_success"]), first, bool(info.get("grasp_success", False)), steps,
+                         float(info.get("object_distance", np.nan)), str(info.get("side", "")))  # fmt: skip
+
+
+def evaluate(policy: Policy, env: gym.Env, seeds: Iterable[int], execute: int | None = None,
+             watch: Callable[[int], Watch] | None = None, done: Callable[[EpisodeResult], None] | None = None) -> Evaluation:  # fmt: skip
+    """Play one episode for each seed; watch: seed -> what hears its observations; done: hears each result.
+
+    Raises: PolicyError where policy and environment do not fit, or there is no seed.
+    """
+    check_fit(policy, env)
+    count, rows = executed(policy, execute), []
+    for seed in seeds:
+        rows.append(play(policy, env, seed, count, None if watch is None else watch(seed)))
+        if done is not None:
+            done(rows[-1])
+    if not rows:
+        raise PolicyError("there is no seed to evaluate on; give at least one episode.")
+    return Evaluation(_name(env), count, tuple(rows))
+
+
+def _name(env: gym.Env) -> str:
+    return env.spec.id if env.spec is not None else type(env.unwrapped).__name__
+
+
+def _said(value: bool) -> str:
+    return "yes" if value else "no"

@@ -1,0 +1,136 @@
+"""Likelihood of executed chunks under a policy: a Gaussian around what the network says, in normalised units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from torch import nn
+
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.policies.preferences.trajectory import Trajectory, alike, nested
+
+
+class ChunkNetwork(Protocol):
+    """What can be fine-tuned: a torch module that says chunks of normalised actions; `Act` is one."""
+
+    def mean(self, batch: Mapping[str, Any]) -> torch.Tensor:
+        """Chunks (B, k, m), normalised, for observations of B instants in the environment's units."""
+        ...
+
+    def normalise(self, actions: torch.Tensor) -> torch.Tensor:
+        """Actions (..., m) in the environment's units to normalised ones."""
+        ...
+
+    def denormalise(self, actions: torch.Tensor) -> torch.Tensor:
+        """Normalised actions (..., m) to the environment's units."""
+        ...
+
+    # what every torch module has
+
+    def parameters(self) -> Iterator[nn.Parameter]: ...  # noqa: D102
+    def state_dict(self) -> dict[str, Any]: ...  # noqa: D102
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> Any: ...  # noqa: D102
+    def eval(self) -> Any: ...  # noqa: D102
+    def zero_grad(self) -> None: ...  # noqa: D102
+
+
+@dataclass(frozen=True, eq=False)
+class Chunks:
+    """All chunks of N trajectories in a row, R in all, ready for a network.
+
+    observations: name -> (R, ...); actions (R, k, m): normalised; played (R, k); owner (R,): number of the trajectory.
+    """
+
+    observations: dict[str, torch.Tensor]
+    actions: torch.Tensor
+    played: torch.Tensor
+    owner: torch.Tensor
+    count: int
+
+    @staticmethod
+    def of(trajectories: Sequence[Trajectory], network: ChunkNetwork) -> Chunks:
+        """Put the chunks of trajectories in a row, actions normalised as the network has it.
+
+        Raises: PolicyError for trajectories of different kinds, or with actions of another size than the network's.
+        """
+        alike(trajectories)
+        names = trajectories[0].observations
+        actions = torch.from_numpy(np.concatenate([t.actions for t in trajectories])).float()
+        first = nested({n: torch.from_numpy(v[:1]) for n, v in trajectories[0].observations.items()})
+        with torch.no_grad():
+            k, m = network.mean(first).shape[1:]
+        if m != actions.shape[2] or k < actions.shape[1]:
+            raise PolicyError(
+                f"the policy says chunks of {k} actions of size {m}, and the trajectories hold {actions.shape[1]} of "
+                f"size {actions.shape[2]}; roll this policy out itself."
+            )
+        return Chunks(
+            {n: torch.from_numpy(np.concatenate([t.observations[n] for t in trajectories])) for n in names},
+            network.normalise(actions.to(device_of(network))).cpu(),
+            torch.from_numpy(np.concatenate([t.played for t in trajectories])),
+            torch.from_numpy(np.repeat(np.arange(len(trajectories)), [len(t) for t in trajectories])),
+            len(trajectories),
+        )
+
+    def part(self, trajectories: torch.Tensor) -> Chunks:
+        """The chunks of some trajectories (n,), whose numbers become their places in this list."""
+        place = torch.full((self.count,), -1, dtype=torch.long)
+        place[trajectories] = torch.arange(len(trajectories))
+        return self.rows(torch.nonzero(place[self.owner] >= 0)[:, 0], place, len(trajectories))
+
+    def rows(self, rows: torch.Tensor, place: torch.Tensor | None = None, count: int | None = None) -> Chunks:
+        """Some chunks (r,) of these; place: new number of each trajectory."""
+        owner = self.owner[rows] if place is None else place[self.owner[rows]]
+        kept = {n: v[rows] for n, v in self.observations.items()}
+        return Chunks(kept, self.actions[rows], self.played[rows], owner, self.count if count is None else count)
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+
+def squared_errors(network: ChunkNetwork, chunks: Chunks) -> torch.Tensor:
+    """Squared error (R,) of each chunk, summed over its played actions and their joints.
+
+    Where fewer actions of a chunk were executed than the network says, its beginning counts.
+    """
+    said = network.mean(nested(chunks.observations)).to(chunks.actions.device)
+    errors = (said[:, : chunks.actions.shape[1]] - chunks.actions).square().sum(-1)
+    return (errors * chunks.played).sum(-1)
+
+
+def log_likelihood(network: ChunkNetwork, chunks: Chunks, sigma: float = 1.0) -> torch.Tensor:
+    """Log-likelihood (N,) of trajectories up to a constant: -1 / (2 sigma^2) sum_t |a^_t - a_t|^2.
+
+    sigma: standard deviation of the Gaussian, in normalised units.
+    Source: EmbodieDreamer, appendix `app:rl`, equations `eqn:log_ratio_rewrite` and `eqn:log_prob_act` (sigma 1).
+    """
+    errors = squared_errors(network, chunks)
+    return torch.zeros(chunks.count).index_add(0, chunks.owner, errors) / (-2.0 * sigma**2)
+
+
+def chunk_batches(chunks: Chunks, size: int) -> Sequence[torch.Tensor]:
+    """Numbers of the chunks, `size` at a time."""
+    return torch.arange(len(chunks)).split(size)
+
+
+def likelihood_of_all(network: ChunkNetwork, chunks: Chunks, sigma: float, size: int = 256) -> torch.Tensor:
+    """The same without gradients, a few chunks at a time."""
+    with torch.no_grad():
+        return sum((log_likelihood(network, chunks.rows(rows), sigma) for rows in chunk_batches(chunks, size)),
+                   torch.zeros(chunks.count))  # fmt: skip
+
+
+def spread_of(network: ChunkNetwork, size: int) -> np.ndarray:
+    """One normalised unit of each action (m,) in the environment's units."""
+    zero = torch.zeros(size, device=device_of(network))
+    with torch.no_grad():
+        return (network.denormalise(zero + 1.0) - network.denormalise(zero)).cpu().numpy()
+
+
+def device_of(network: ChunkNetwork) -> torch.device:
+    """Where a network computes."""
+    return next((p.device for p in network.parameters()), torch.device("cpu"))

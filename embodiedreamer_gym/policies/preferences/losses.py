@@ -1,0 +1,90 @@
+"""Losses of trajectory-wise preference optimisation, on the log-likelihoods of pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch.nn.functional import logsigmoid
+
+from embodiedreamer_gym.errors import PolicyError
+
+
+@dataclass(frozen=True)
+class LossConfig:
+    """Which loss, and its constants.
+
+    variant: a name in VARIANTS; beta: how strongly a pair counts (tau of IPO); penalty: lambda of DPOP; imitation:
+    weight of the winner's own likelihood in `nll`; clip: nats below the reference from which the loser is left alone.
+    Raises: PolicyError for an unknown variant, or constants that are not above zero.
+    """
+
+    variant: str = "clipped+dpop"
+    beta: float = 0.1
+    penalty: float = 5.0
+    imitation: float = 1.0
+    clip: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.variant not in VARIANTS:
+            raise PolicyError(f"loss variant '{self.variant}' is none of {', '.join(VARIANTS)}.")
+        for name in ("beta", "penalty", "imitation", "clip"):
+            if not getattr(self, name) > 0:
+                raise PolicyError(f"{name} of the loss is {getattr(self, name)}, but must be above 0.")
+
+
+def tpo_loss(
+    winner: torch.Tensor, loser: torch.Tensor, reference_winner: torch.Tensor, reference_loser: torch.Tensor,
+    config: LossConfig | None = None,
+) -> torch.Tensor:  # fmt: skip
+    """Mean loss over pairs, from log-likelihoods (n,) of the winners and the losers under the policy and its reference.
+
+    paper: -log sigma(beta (w - l)) with w, l the policy's log-likelihood minus the reference's (`eqn:tpo_custom`, which
+    is DPO, Rafailov et al. 2023, equation 7, summed over a trajectory as in GRAPE). ipo, nll, dpop and clipped are below,
+    and clipped+dpop, the default, is clipped and dpop at once.
+    Raises: PolicyError where the four do not have one shape (n,).
+    """
+    config = config or LossConfig()
+    shapes = {tuple(t.shape) for t in (winner, loser, reference_winner, reference_loser)}
+    if len(shapes) > 1 or winner.ndim != 1 or not len(winner):
+        raise PolicyError(f"tpo_loss needs four log-likelihoods (n,) of n pairs, not shapes {sorted(shapes)}.")
+    return VARIANTS[config.variant](winner, winner - reference_winner, loser - reference_loser, config).mean()
+
+
+Variant = Callable[[torch.Tensor, torch.Tensor, torch.Tensor, LossConfig], torch.Tensor]
+
+
+def _paper(likelihood: torch.Tensor, won: torch.Tensor, lost: torch.Tensor, config: LossConfig) -> torch.Tensor:
+    """-log sigma(beta (w - l)): nothing keeps l from falling for ever, nor w from falling with it."""
+    return -logsigmoid(config.beta * (won - lost))
+
+
+def _ipo(likelihood: torch.Tensor, won: torch.Tensor, lost: torch.Tensor, config: LossConfig) -> torch.Tensor:
+    """((w - l) - 1 / (2 tau))^2: a gap to reach, not to widen for ever (Azar et al. 2023, arXiv 2310.12036)."""
+    return (won - lost - 0.5 / config.beta).square()
+
+
+def _nll(likelihood: torch.Tensor, won: torch.Tensor, lost: torch.Tensor, config: LossConfig) -> torch.Tensor:
+    """The paper's, minus the winner's own likelihood (Pang et al. 2024, arXiv 2404.19733; theirs by length)."""
+    return _paper(likelihood, won, lost, config) - config.imitation * likelihood
+
+
+def _dpop(likelihood: torch.Tensor, won: torch.Tensor, lost: torch.Tensor, config: LossConfig) -> torch.Tensor:
+    """-log sigma(beta (w - l - lambda max(0, -w))): a winner may not fall (Pal et al. 2024, Smaug, equation 3)."""
+    return -logsigmoid(config.beta * (won - lost - config.penalty * (-won).clamp(min=0)))
+
+
+def _clipped(likelihood: torch.Tensor, won: torch.Tensor, lost: torch.Tensor, config: LossConfig) -> torch.Tensor:
+    """-log sigma(beta (w - max(l, -c))): a loser c nats below the reference is far enough."""
+    return _paper(likelihood, won, lost.clamp(min=-config.clip), config)
+
+
+def _clipped_dpop(likelihood: torch.Tensor, won: torch.Tensor, lost: torch.Tensor, config: LossConfig) -> torch.Tensor:
+    """Both: losers are left alone in the end, winners may not fall."""
+    return _dpop(likelihood, won, lost.clamp(min=-config.clip), config)
+
+
+VARIANTS: dict[str, Variant] = {
+    "paper": _paper, "ipo": _ipo, "nll": _nll, "dpop": _dpop, "clipped": _clipped, "clipped+dpop": _clipped_dpop,
+}  # fmt: skip

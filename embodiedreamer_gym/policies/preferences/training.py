@@ -1,0 +1,154 @@
+"""Fine-tuning on pairs of trajectories: epochs of Adam under a guard."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import torch
+
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.policies.preferences.guard import FALL, Guard, warn_if_still
+from embodiedreamer_gym.policies.preferences.likelihood import (
+    ChunkNetwork,
+    Chunks,
+    chunk_batches,
+    likelihood_of_all,
+    log_likelihood,
+    squared_errors,
+)
+from embodiedreamer_gym.policies.preferences.losses import LossConfig, tpo_loss
+from embodiedreamer_gym.policies.preferences.preference_set import PreferenceSet
+
+Progress = Callable[[str, int, int, str], None]  # stage, count, of how many, and what to say of it
+
+
+@dataclass(frozen=True)
+class TuningConfig:
+    """How a policy is fine-tuned on pairs.
+
+    loss: variant and constants; sigma: of the Gaussian likelihood, normalised units (the paper's is 1); epochs: over
+    all pairs (the paper's 80); batch: pairs of a step; rate: of Adam; fall: nats by which the winners may fall below the
+    reference before the guard stops, None for no guard; rows: chunks that go through the network at once (memory);
+    seed: of the order of the pairs.
+    Raises: PolicyError for numbers out of range.
+    """
+
+    loss: LossConfig = field(default_factory=LossConfig)
+    sigma: float = 1.0
+    epochs: int = 80
+    batch: int = 25
+    rate: float = 1e-5
+    fall: float | None = FALL
+    rows: int = 512
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("epochs", "batch", "rows"):
+            if getattr(self, name) < 1:
+                raise PolicyError(f"{name} is {getattr(self, name)}, but must be at least 1.")
+        for name in ("sigma", "rate", "fall"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise PolicyError(f"{name} is {value}, but must be above 0.")
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """What a fine-tuning did, epoch by epoch.
+
+    loss, winner, loser: mean loss, and mean log-likelihoods minus the reference's, after each epoch (the first entry is
+    before the first one); gradient: norm at the start; error: largest norm of a^ - a over a chunk at the
+    start, normalised; stopped: the
+    epoch that the guard took back, or None.
+    """
+
+    loss: tuple[float, ...]
+    winner: tuple[float, ...]
+    loser: tuple[float, ...]
+    gradient: float
+    error: float
+    stopped: int | None = None
+
+
+class Pairs:
+    """The pairs of a set in tensors, and their likelihood under the reference, which is the network as it is now."""
+
+    def __init__(self, network: ChunkNetwork, pairs: PreferenceSet, config: TuningConfig) -> None:
+        self.network, self.config, self.count = network, config, len(pairs)
+        self.chunks = Chunks.of((*pairs.winners, *pairs.losers), network)  # winner i is i, its loser count + i
+        self.reference = self.likelihood()
+
+    def likelihood(self) -> torch.Tensor:
+        """Of all winners, then all losers (2 n,), without gradients."""
+        return likelihood_of_all(self.network, self.chunks, self.config.sigma, self.config.rows)
+
+    def loss(self, likelihood: torch.Tensor, chosen: torch.Tensor) -> torch.Tensor:
+        """Of some pairs (n,), whose winners' and losers' likelihoods are given (2 n,)."""
+        winner, loser = likelihood.split(len(chosen))
+        return tpo_loss(winner, loser, self.reference[chosen], self.reference[self.count + chosen], self.config.loss)
+
+    def backward(self, chosen: torch.Tensor) -> None:
+        """Add the gradient of the loss of some pairs (n,), at most `rows` chunks at a time.
+
+        The loss depends on the weights through the likelihoods alone: what each counts is found first, without a graph.
+        """
+        part, config = self.chunks.part(torch.cat([chosen, self.count + chosen])), self.config
+        if len(part) <= config.rows:
+            self.loss(log_likelihood(self.network, part, config.sigma), chosen).backward()
+            return
+        likelihood = likelihood_of_all(self.network, part, config.sigma, config.rows)
+        counts = torch.autograd.grad(self.loss(likelihood.requires_grad_(), chosen), likelihood)[0]
+        for rows in chunk_batches(part, config.rows):
+            (log_likelihood(self.network, part.rows(rows), config.sigma) * counts).sum().backward()
+
+    def start(self) -> tuple[float, float]:
+        """Norm of the loss's gradient over the pairs of a step, and the largest norm of a^ - a over a chunk."""
+        chosen = torch.arange(min(self.count, self.config.batch))
+        self.network.zero_grad()
+        self.backward(chosen)
+        norm = sum(float(p.grad.square().sum()) for p in self.network.parameters() if p.grad is not None) ** 0.5
+        self.network.zero_grad()
+        part = self.chunks.part(torch.cat([chosen, self.count + chosen]))
+        with torch.no_grad():
+            rows = chunk_batches(part, self.config.rows)
+            worst = max(float(squared_errors(self.network, part.rows(r)).max()) for r in rows)
+        return norm, worst**0.5
+
+    def state(self) -> tuple[float, float, float]:
+        """Mean loss over all pairs, and mean log-likelihoods of winners and losers minus the reference's."""
+        likelihood = self.likelihood()
+        winner, loser = (likelihood - self.reference).split(self.count)
+        return float(self.loss(likelihood, torch.arange(self.count))), float(winner.mean()), float(loser.mean())
+
+
+def fine_tune(
+    network: ChunkNetwork, pairs: PreferenceSet, config: TuningConfig | None = None, progress: Progress | None = None
+) -> Tuned:
+    """Fine-tune a network in place on a set of pairs; its reference is the network as it was given.
+
+    Dropout stays off, so that the ratio to the reference is one of weights alone. The guard looks after each epoch.
+    Warns: NoGradientWarning where the loss cannot move the network.
+    Raises: PolicyError where the set and the network do not fit.
+    """
+    config = config or TuningConfig()
+    network.eval()
+    data = Pairs(network, pairs, config)
+    gradient, error = data.start()
+    warn_if_still(gradient, error)
+    guard, states, stopped = Guard(network, config.fall), [data.state()], None
+    optimiser = torch.optim.Adam([p for p in network.parameters() if p.requires_grad], config.rate)
+    generator = torch.Generator().manual_seed(config.seed)
+    for epoch in range(config.epochs):
+        for chosen in torch.randperm(data.count, generator=generator).split(config.batch):
+            optimiser.zero_grad()
+            data.backward(chosen)
+            optimiser.step()
+        states.append(data.state())
+        if progress is not None:
+            progress("fine-tuning", epoch + 1, config.epochs, f"winners {states[-1][1]:+.2f} nats")
+        if not guard.passes(states[-1][1]):
+            stopped = epoch + 1
+            break
+    loss, winner, loser = zip(*states, strict=True)
+    return Tuned(loss, winner, loser, gradient, error, stopped)

@@ -1,0 +1,111 @@
+"""Several sets of episodes as one."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+import numpy as np
+
+from embodiedreamer_gym.errors import RecordingError
+from embodiedreamer_gym.recordings.episodes.episode_set import EpisodeSet
+from embodiedreamer_gym.recordings.episodes.opening import open_episodes
+
+SAME_RATE = 0.02  # by which rates may differ: clocks jitter
+
+
+class JoinedEpisodes(EpisodeSet):
+    """The episodes of several sets, one set after the other, named `<set>/<episode>`; nothing is copied.
+
+    names: of the sets, numbers where None; cameras: those to be seen, all where None, in which the sets must agree.
+    Raises: RecordingError without a set, or where they differ in cameras, sizes or rate.
+    """
+
+    def __init__(
+        self, sets: Sequence[EpisodeSet], names: Sequence[str] | None = None, cameras: Sequence[str] | None = None
+    ) -> None:
+        if not sets:
+            raise RecordingError("there are no episodes to join; give at least one set")
+        labels = [str(number) for number in range(len(sets))] if names is None else list(names)
+        if len(labels) != len(sets) or len(set(labels)) != len(sets):
+            raise RecordingError(f"{len(sets)} sets of episodes need as many different names, not {labels}")
+        first = sets[0]
+        self.cameras = first.cameras if cameras is None else tuple(cameras)
+        for one in sets:
+            _agree(first, one, self.cameras, strict=cameras is None)
+        self._sets = tuple(sets)
+        self._places = [(one, number) for one in sets for number in range(len(one))]
+        self.state_size, self.action_size = first.state_size, first.action_size
+        self.lengths = tuple(length for one in sets for length in one.lengths)
+        self.names = tuple(f"{label}/{name}" for label, one in zip(labels, sets, strict=True) for name in one.names)
+        self.source = " and ".join(one.source for one in sets)
+
+    @property
+    def rate(self) -> float:
+        """Steps per second, Hz.
+
+        Raises: RecordingError where a set does not say it, or they differ.
+        """
+        rates = [one.rate for one in self._sets]
+        if max(rates) - min(rates) > SAME_RATE * rates[0]:
+            told = ", ".join(f"{one.source} {rate:.4g} Hz" for one, rate in zip(self._sets, rates, strict=True))
+            raise RecordingError(f"the sets run at different rates, {told}; join sets of one rate")
+        return rates[0]
+
+    def task(self, episode: int) -> str:
+        """The task in words; "" where the files do not say it."""
+        one, number = self._places[episode]
+        return one.task(number)
+
+    def states(self, episode: int) -> np.ndarray:
+        """States (T, n), float32."""
+        one, number = self._places[episode]
+        return one.states(number)
+
+    def actions(self, episode: int) -> np.ndarray:
+        """Actions (T, m), float32."""
+        one, number = self._places[episode]
+        return one.actions(number)
+
+    def frame_size(self, camera: str) -> tuple[int, int]:
+        """Width and height of a camera's frames, pixels."""
+        return self._sets[0].frame_size(camera)
+
+    def _read_frames(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
+        one, number = self._places[episode]
+        return one.frames(number, camera, start, stop)
+
+
+def mixed(
+    *sets: EpisodeSet | str | os.PathLike[str], rate: float | None = None, cameras: Sequence[str] | None = None
+) -> EpisodeSet:
+    """Sets of episodes, or the folders of such, as one: the recorded ones and those generated from them, say.
+
+    rate: Hz, of HDF5 files that do not say it; cameras: as of `JoinedEpisodes`.
+    Raises: RecordingError where one cannot be opened, or they do not fit together.
+    """
+    opened = [one if isinstance(one, EpisodeSet) else open_episodes(one, rate) for one in sets]
+    return opened[0] if len(opened) == 1 and cameras is None else JoinedEpisodes(opened, cameras=cameras)
+
+
+def _agree(first: EpisodeSet, other: EpisodeSet, cameras: tuple[str, ...], strict: bool) -> None:
+    """Raise where two sets cannot be one."""
+    for what, a, b in (
+        ("an action size of", first.action_size, other.action_size),
+        ("a state size of", first.state_size, other.state_size),
+    ):
+        if a != b:
+            raise RecordingError(f"{other.source} has {what} {b}, {first.source} {a}; sets that are joined must agree")
+    missing = [camera for camera in cameras if camera not in other.cameras]
+    if missing or (strict and set(cameras) != set(other.cameras)):
+        raise RecordingError(
+            f"{other.source} has the cameras {', '.join(other.cameras) or 'none'}, wanted are {', '.join(cameras) or 'none'}; "
+            "name those that all sets have"
+        )
+    for camera in cameras:
+        a, b = first.frame_size(camera), other.frame_size(camera)
+        if a != b:
+            raise RecordingError(
+                f"{other.source} has frames of {b[0]} x {b[1]} of {camera}, {first.source} of {a[0]} x {a[1]}; "
+                "sets that are joined must agree"
+            )

@@ -1,0 +1,67 @@
+"""The path-traced camera before the bench, which takes a picture whenever it is asked to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from embodiedreamer_gym.envs.cameras import CAMERAS
+from embodiedreamer_gym.envs.tasks.prop import Prop
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.standin.film.blender import Studio, check_blender
+from embodiedreamer_gym.standin.film.episode import AWAY
+from embodiedreamer_gym.standin.film.geometry import FIRST_PROP, prop_parts, robot_parts
+from embodiedreamer_gym.standin.film.lens import Optics, meter, sense
+from embodiedreamer_gym.standin.film.looks import find_look
+from embodiedreamer_gym.standin.film.scene import Take, make_scene
+from embodiedreamer_gym.standin.film.settings import SIZES
+from embodiedreamer_gym.standin.film.write import CAMERA
+
+SAMPLES = 4  # light paths per pixel, as in the films
+
+
+class PathTraced:
+    """Pictures (H, W, 3), uint8, of a robot and props by their poses, in a look, as the films show them.
+
+    Blender starts with the first picture, which also sets the exposure: by that state without its props. look: lab or a
+    whole number; size: width, height.
+    Raises: VisionError for another look or size; MissingExtraError without bpy.
+    """
+
+    def __init__(self, robot: RobotModel, props: Sequence[Prop], look: str, size: tuple[int, int]) -> None:
+        if look == "many":
+            raise VisionError("a bench has one look; give lab, or a whole number that draws one.")
+        if not all(SIZES[0] <= edge <= SIZES[1] for edge in size):
+            raise VisionError(f"pictures cannot be {size[0]} x {size[1]} pixels; each may be {SIZES[0]} to {SIZES[1]}.")
+        self._look = find_look(look, 0)
+        check_blender()
+        self._optics = Optics(CAMERAS[CAMERA], size, self._look.lens)
+        links = robot_parts(robot.urdf)
+        things = [part for i, prop in enumerate(props) for part in prop_parts(prop, FIRST_PROP + i)]
+        self._parts = [*links, *things]
+        self._props = {prop.name for prop in props}
+        self.bodies = tuple(dict.fromkeys(part.body for part in self._parts))
+        self._studio: Studio | None = None
+        self._exposure = 0.0
+
+    def take(self, poses: Mapping[str, np.ndarray], rng: np.random.Generator) -> np.ndarray:
+        """A picture of `bodies` at poses (4, 4); rng: of the sensor's noise.
+
+        Raises: SimulationError when Blender fails.
+        """
+        here = np.array([poses[name] for name in self.bodies])
+        if self._studio is None:
+            empty = here.copy()
+            empty[[name in self._props for name in self.bodies], 2, 3] -= AWAY
+            take = Take(self._parts, self.bodies, empty[None])
+            self._studio = Studio(make_scene(take, self._look, self._optics.wide, SAMPLES))
+            self._exposure = meter(self._optics.bend(self._studio.read()), self._optics.lens)
+        return sense(self._optics.develop(self._studio.shoot(here), self._exposure), rng)
+
+    def close(self) -> None:
+        """End Blender; the next picture would start it again."""
+        if self._studio is not None:
+            self._studio.close()
+            self._studio = None

@@ -1,0 +1,97 @@
+"""What an edit of a picture is: a function of the picture, of what is where in it, and of what is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, ROBOT
+
+Masks = Mapping[str, np.ndarray]  # name -> (H, W) bool; background, table, robot, then the objects
+ReferenceEditor = Callable[[np.ndarray, Masks, np.random.Generator, str | None], np.ndarray]
+SCENE = CLASS_NAMES[: ROBOT + 1]  # the names that every scene has
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Several edits, one after the other; each draws for itself."""
+
+    editors: tuple[ReferenceEditor, ...]
+
+    def __init__(self, editors: Sequence[ReferenceEditor]) -> None:
+        object.__setattr__(self, "editors", tuple(editors))
+
+    def __repr__(self) -> str:
+        return f"Chain([{', '.join(map(describe, self.editors))}])"
+
+    def __call__(self, image: np.ndarray, masks: Masks, rng: np.random.Generator, prompt: str | None) -> np.ndarray:
+        """The picture (H, W, 3) after all of them.
+
+        Raises: VisionError where one of them returns no picture of its size.
+        """
+        for editor, own in zip(self.editors, rng.spawn(len(self.editors)), strict=True):
+            image = _checked(editor, image, masks, own, prompt)
+        return image
+
+    def draws(self, masks: Masks, rng: np.random.Generator) -> dict[str, Any]:
+        """What each of them draws."""
+        drawn = zip(self.editors, rng.spawn(len(self.editors)), strict=True)
+        return {f"{number} {describe(e)}": _draws(e, masks, own) for number, (e, own) in enumerate(drawn, 1)}
+
+
+def apply(editor: ReferenceEditor, image: np.ndarray, masks: Masks, seed: int, prompt: str | None = None) -> np.ndarray:
+    """The edited picture (H, W, 3) uint8; of one seed the same is drawn for every picture.
+
+    Raises: VisionError where the editor returns no picture of the same size.
+    """
+    return _checked(editor, image, masks, np.random.default_rng(seed), prompt)
+
+
+def draws_of(editor: ReferenceEditor, masks: Masks, seed: int) -> dict[str, Any]:
+    """What `apply` with this seed draws, fit for JSON; nothing of an editor that does not tell."""
+    return _draws(editor, masks, np.random.default_rng(seed))
+
+
+def describe(editor: ReferenceEditor) -> str:
+    """An editor in words that are the same in every run."""
+    name = getattr(editor, "__qualname__", None)  # a function; its repr would hold an address
+    return f"{editor.__module__}.{name}" if name else repr(editor)
+
+
+def objects_in(masks: Masks, names: Sequence[str] | None) -> list[str]:
+    """Names of the objects of a scene, all or those that are asked for.
+
+    Raises: VisionError for one that there is not.
+    """
+    there = [name for name in masks if name not in SCENE]
+    for name in names or ():
+        if name not in masks:
+            raise VisionError(f"the scene has no '{name}' to edit; it has {', '.join(masks)}.")
+    return there if names is None else list(names)
+
+
+def things(masks: Masks) -> np.ndarray:
+    """Where (H, W) the robot or an object is."""
+    shown = [mask for name, mask in masks.items() if name not in SCENE[:ROBOT]]
+    return np.any(shown, axis=0) if shown else np.zeros(next(iter(masks.values())).shape, bool)
+
+
+def _checked(
+    editor: ReferenceEditor, image: np.ndarray, masks: Masks, rng: np.random.Generator, prompt: str | None
+) -> np.ndarray:
+    found = editor(image.copy(), masks, rng, prompt)
+    if not isinstance(found, np.ndarray) or found.shape != image.shape or found.dtype != image.dtype:
+        given = f"{found.shape} {found.dtype}" if isinstance(found, np.ndarray) else type(found).__name__
+        raise VisionError(
+            f"editor {describe(editor)} returned {given}; a picture {image.shape} {image.dtype} is expected."
+        )
+    return found
+
+
+def _draws(editor: ReferenceEditor, masks: Masks, rng: np.random.Generator) -> dict[str, Any]:
+    tell = getattr(editor, "draws", None)
+    return {} if tell is None else dict(tell(masks, rng))

@@ -1,0 +1,94 @@
+"""A sheet of paper on the table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from embodiedreamer_gym.camera import Camera
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.vis_aligner.editing.editor import Masks, things
+
+A4 = (0.297, 0.210)  # m
+FINE = 8  # parts to a pixel's side in which the sheet's edge is drawn
+SOFT = 0.015  # of the width: over how much the light on the sheet is smoothed
+LIGHT = (0.5, 1.1)  # of a place, of the middle light
+TONES = (226.0, 248.0)  # of paper
+
+
+@dataclass(frozen=True)
+class PaperSheet:
+    """Lays a sheet of A4, at a place and turn that are drawn, on the table: under robot and objects, in the table's light.
+
+    camera: the one that took the picture; height: of the table's top, m; area: ranges of x and y of the sheet's middle, m;
+    pose: x, y, m, and turn, rad, in place of what would be drawn; size: m.
+    Raises: VisionError for a camera that moves.
+    """
+
+    camera: Camera
+    height: float = 0.74
+    area: tuple[tuple[float, float], tuple[float, float]] = ((0.51, 0.69), (-0.45, 0.45))
+    pose: tuple[float, float, float] | None = None
+    size: tuple[float, float] = A4
+
+    def __post_init__(self) -> None:
+        if self.camera.link is not None:
+            raise VisionError(f"camera {self.camera.name} sits on {self.camera.link}; a sheet needs one that stands.")
+
+    def __repr__(self) -> str:
+        return f"PaperSheet(camera={self.camera.name!r}, height={self.height}, area={self.area}, pose={self.pose})"
+
+    def __call__(
+        self, image: np.ndarray, masks: Masks, rng: np.random.Generator, prompt: str | None = None
+    ) -> np.ndarray:
+        """The picture (H, W, 3) uint8 with the sheet."""
+        drawn = self.draws(masks, rng)
+        covered = _covered(self.corners(drawn["x"], drawn["y"], drawn["turn"], image), image) * ~things(masks)
+        sheet = drawn["tone"] * _light(image, masks)[..., None] * np.array([1.0, 0.995, 0.98], np.float32)
+        out = image + covered[..., None] * (np.minimum(sheet, 255) - image)
+        return np.clip(np.round(out), 0, 255).astype(np.uint8)
+
+    def draws(self, masks: Masks, rng: np.random.Generator) -> dict[str, Any]:
+        """Middle x and y, m, turn, rad, and grey tone of the sheet."""
+        spans = (*self.area, (-np.pi / 2, np.pi / 2), TONES)
+        x, y, turn, tone = (round(float(rng.uniform(*span)), 4) for span in spans)
+        x, y, turn = self.pose or (x, y, turn)
+        return {"x": x, "y": y, "turn": turn, "tone": tone}
+
+    def corners(self, x: float, y: float, turn: float, image: np.ndarray) -> np.ndarray:
+        """Pixels (4, 2), u and v, of the corners of a sheet in a picture (H, W, 3).
+
+        Raises: VisionError where the camera does not see them before it.
+        """
+        half = 0.5 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * self.size
+        c, s = np.cos(turn), np.sin(turn)
+        flat = half @ np.array([[c, s], [-s, c]]) + (x, y)
+        here, axes = self.camera.pose()
+        points = (np.column_stack([flat, np.full(4, self.height)]) - here) @ axes
+        if (points[:, 2] < self.camera.near).any():
+            raise VisionError(f"camera {self.camera.name} does not see a sheet at ({x:.2f}, {y:.2f}) m before it.")
+        pixels = points @ self.camera.matrix((image.shape[1], image.shape[0])).T
+        return pixels[:, :2] / pixels[:, 2:]
+
+
+def _covered(corners: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Share (H, W) of each pixel inside a quadrangle."""
+    height, width = image.shape[:2]
+    fine = np.zeros((height * FINE, width * FINE), np.uint8)
+    cv2.fillConvexPoly(fine, np.round((corners + 0.5) * FINE - 0.5).astype(np.int32), 1)
+    return cv2.resize(fine.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+
+
+def _light(image: np.ndarray, masks: Masks) -> np.ndarray:
+    """Light (H, W) on the table, smooth, beside its middle."""
+    table = masks["table"]
+    if not table.any():
+        return np.ones(table.shape, np.float32)
+    grey, weight = image.astype(np.float32).mean(axis=2), table.astype(np.float32)
+    soft = max(SOFT * image.shape[1], 0.5)
+    smooth = cv2.GaussianBlur(grey * weight, (0, 0), soft) / np.maximum(cv2.GaussianBlur(weight, (0, 0), soft), 1e-3)
+    found = smooth / max(float(np.median(grey[table])), 1.0)
+    return np.where(cv2.GaussianBlur(weight, (0, 0), soft) > 0.02, np.clip(found, *LIGHT), 1.0).astype(np.float32)

@@ -1,0 +1,207 @@
+"""A study of preferences: a policy that improves on its own rollouts, cycle by cycle, in a folder."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
+
+FIRST_START, FIRST_EVALUATION = (
+    300_000_000,
+    200_000,
+)  # seeds; demonstrations count from 0, `policy evaluate` from 100 000
+SETTINGS, ROW, WEIGHTS, PAIRS = "settings.json", "row.json", "weights.pt", "pairs.hdf5"
+NOT_SETTINGS = ("verb", "out", "cycles", "quiet", "json", "envs", "jobs")  # a study may go on with others
+PREFERENCES = "preferences"  # the method that compares; the others clone
+
+
+class Study:
+    """A policy, an environment, and a folder with what each cycle left: weights, pairs, and a row, written last."""
+
+    def __init__(self, a: argparse.Namespace, said: Any) -> None:
+        from embodiedreamer_gym.policies import load_policy
+
+        self.a, self.said = a, said
+        self.policy: Any = load_policy(a.policy)  # one with a network
+        if not hasattr(getattr(self.policy, "network", None), "mean"):
+            raise PolicyError(f"policy {a.policy} has no network to fine-tune; give one that `policy train` wrote.")
+        self.config = _config(a)
+        self.settings = {k: v for k, v in sorted(vars(a).items()) if k not in NOT_SETTINGS}
+        self.env = environment(a, self.policy)
+        path = a.out / SETTINGS
+        if not path.is_file():
+            from embodiedreamer_gym.robot.files import write_json
+
+            a.out.mkdir(parents=True, exist_ok=True)
+            write_json(self.settings, path)
+        elif json.loads(path.read_text()) != self.settings:
+            raise EmbodieDreamerError(
+                f"{a.out} holds a study with other settings; give another folder, or the same settings."
+            )
+
+    def close(self) -> None:
+        """End the progress and the environment."""
+        self.said.close()
+        self.env.close()
+
+    def folder(self, cycle: int) -> Path:
+        """Where a cycle leaves what it made; 0 is the policy as it was given."""
+        return self.a.out / f"cycle-{cycle:02d}"
+
+    def row(self, cycle: int) -> dict[str, Any]:
+        """What a cycle reached: read, with its weights, or run."""
+        import torch
+
+        from embodiedreamer_gym.robot.files import write_json
+
+        folder = self.folder(cycle)
+        folder.mkdir(exist_ok=True)
+        if (folder / ROW).is_file():
+            self.policy.network.load_state_dict(torch.load(folder / WEIGHTS, weights_only=True, map_location="cpu"))
+            return json.loads((folder / ROW).read_text())
+        told = self._learn(cycle, folder) if cycle else {}
+        part = folder / f".{WEIGHTS}.part"
+        torch.save(self.policy.network.state_dict(), part)
+        part.replace(folder / WEIGHTS)
+        row = {"cycle": cycle, **self._judge(), **told}
+        write_json(row, folder / ROW)
+        return row
+
+    def _rolled(self, seeds: range, tries: int, noise: float, folder: Path | None = None) -> list[Any]:
+        """What `rolled` gives, in the order of the seeds, of as many processes as there may be."""
+        from joblib import Parallel, delayed
+
+        if self.a.jobs == 1:
+            return rolled(self.a, self.policy, self.env, seeds, tries, noise, folder, self.said)
+        parts = [seeds[k :: self.a.jobs] for k in range(self.a.jobs)]
+        found = Parallel(self.a.jobs, prefer="processes", return_as="generator_unordered")(
+            delayed(_numbered)(k, self.a, self.policy, part, tries, noise, folder) for k, part in enumerate(parts)
+        )
+        done: dict[int, list[Any]] = {}
+        for k, results in found:  # pyright: ignore[reportGeneralTypeIssues]
+            done[k] = results
+            self.said("rollouts", sum(map(len, done.values())), len(seeds), f"{len(done)} of {len(parts)} processes")
+        return [done[k % self.a.jobs][k // self.a.jobs] for k in range(len(seeds))]
+
+    def _judge(self) -> dict[str, Any]:
+        """Success on scenes that no cycle learns from, without noise."""
+        seeds = range(FIRST_EVALUATION, FIRST_EVALUATION + self.a.evaluations)
+        ends = self._rolled(seeds, 1, 0.0)
+        found: dict[str, Any] = {"episodes": len(ends), "success": sum(end["is_success"] for end in ends) / len(ends)}
+        return found | {k: sum(e[k] for e in ends) / len(ends) for k in ("distance", "object_distance") if k in ends[0]}
+
+    def _learn(self, cycle: int, folder: Path) -> dict[str, Any]:
+        """Roll out, choose and fine-tune; what is left of the rollouts are the pairs."""
+        import shutil
+
+        first = FIRST_START + 1_000_000 * self.a.seed + 10_000 * cycle
+        seeds = range(first, first + self.a.starts)
+        files = self._rolled(seeds, self.a.tries, self.a.noise, folder / "rollouts")
+        told = self._prefer(files, folder) if self.a.method == PREFERENCES else self._clone(files)
+        shutil.rmtree(folder / "rollouts")
+        return told
+
+    def _prefer(self, files: Sequence[Path], folder: Path) -> dict[str, Any]:
+        from embodiedreamer_gym.policies.preferences import PreferenceSet, fine_tune, load_trajectories
+
+        found, a = [], self.a
+        for path in files:
+            tries = load_trajectories(path)[0]
+            if a.pairing == "same_start":  # only the best and the worst can be of a pair
+                tries = sorted(tries, key=lambda one: one.score(a.metric))
+                tries = tries[:1] + tries[1:][-1:]
+            found += tries
+        pairs = PreferenceSet.choose(found, a.metric, a.pairing, a.top, a.margin)
+        pairs.save(folder / PAIRS)
+        tuned = fine_tune(self.policy.network, pairs, self.config, self.said)
+        return {"pairs": len(pairs), "contrast": pairs.contrast, "gradient": tuned.gradient, "winners": tuned.winner[-1],
+                "losers": tuned.loser[-1], "stopped": tuned.stopped}  # fmt: skip
+
+    def _clone(self, files: Sequence[Path]) -> dict[str, Any]:
+        from embodiedreamer_gym.policies.preferences import clone, filtered, load_trajectories, reward_weights
+
+        a, weights = self.a, None
+        found = [one for path in files for one in load_trajectories(path)[0]]
+        if a.method == "rwr":
+            weights = reward_weights(found, a.metric).tolist()
+        else:
+            found = filtered(found, a.metric, a.method, a.top or 25)
+        clone(self.policy.network, found, self.config, weights, self.said)
+        return {"pairs": len(found)}
+
+
+def rolled(a: argparse.Namespace, policy: Any, env: Any, seeds: range, tries: int, noise: float, folder: Path | None,
+           said: Any = None) -> list[Any]:  # fmt: skip
+    """Files of the tries from each seed's start, written into a folder; without one, the outcome of one try."""
+    from embodiedreamer_gym.wrappers import preference_rollout as rollout
+
+    kind = rollout.PreferenceRolloutWrapper if a.envs == 1 else rollout.PreferenceRolloutVectorWrapper
+    player = kind(env, tries=tries, noise=noise, per=a.per)
+    if folder is not None:
+        return player.record(policy, seeds, folder, progress=said)
+    return [one.outcome for one in player.rollouts(policy, seeds, progress=said)]
+
+
+def _numbered(number: int, a: argparse.Namespace, policy: Any, *given: Any) -> tuple[int, list[Any]]:
+    """The same in a process of its own."""
+    import torch
+
+    torch.set_num_threads(1)
+    env = environment(a, policy)
+    try:
+        return number, rolled(a, policy, env, *given)
+    finally:
+        env.close()
+
+
+def environment(a: argparse.Namespace, policy: Any) -> Any:
+    """The task's environment, or a vector of them, that takes chunks; dreamed where asked for."""
+    import gymnasium
+
+    from embodiedreamer_gym import wrappers
+    from embodiedreamer_gym.policies.evaluation import executed
+    from embodiedreamer_gym.vis_aligner import load_bank
+
+    config = getattr(policy.network, "config", None)
+    size = (128, 96) if config is None else getattr(config, "source_size", None) or config.image_size
+    cameras, filmed = tuple(getattr(policy, "cameras", ())) or ("head",), {}
+    if a.dream is not None:
+        if cameras != ("head",):
+            raise PolicyError(f"the policy looks through {', '.join(cameras)}, and only the head camera is dreamed.")
+        size = load_bank(a.bank).size
+        filmed = {"camera": "head", "size": size}
+    count = executed(policy, a.execute)
+
+    def chunked(env: Any) -> Any:
+        return wrappers.ActionChunk(env, count, **filmed)
+
+    options = {"cameras": cameras, "image_size": size, "robot": a.robot}
+    if a.envs == 1:
+        env = chunked(gymnasium.make(_task(a.task), **options))
+        return env if a.dream is None else wrappers.VisAlignerObservationWrapper(env, a.dream, a.bank)
+    envs = gymnasium.make_vec(_task(a.task), a.envs, "sync", wrappers=[chunked], **options)
+    return envs if a.dream is None else wrappers.VisAlignerVectorWrapper(envs, a.dream, a.bank)
+
+
+def _config(a: argparse.Namespace) -> Any:
+    """How the policy learns, of the options."""
+    from embodiedreamer_gym.policies.preferences import CloningConfig, LossConfig, TuningConfig
+
+    if a.method != PREFERENCES:
+        return CloningConfig(a.epochs, a.batch or 256, a.rate, a.seed)
+    loss = LossConfig(a.variant, a.beta)
+    return TuningConfig(loss, a.sigma, a.epochs, a.batch or 25, a.rate, a.fall or None, seed=a.seed)
+
+
+def _task(text: str) -> str:
+    """Gymnasium's id of a task, given by id or by name."""
+    from embodiedreamer_gym.envs import NAMES
+
+    name = text.removeprefix("EmbodieDreamer/").removesuffix("-v0")
+    if name not in NAMES:
+        raise EmbodieDreamerError(f"there is no task '{text}'; there are {', '.join(NAMES)}.")
+    return f"EmbodieDreamer/{name}-v0"

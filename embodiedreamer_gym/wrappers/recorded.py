@@ -1,0 +1,165 @@
+"""Recorded episodes that are played again from the same start, and what a camera sees of that."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from embodiedreamer_gym.envs.aloha import AlohaEnv
+from embodiedreamer_gym.envs.tasks import TASKS
+from embodiedreamer_gym.errors import RecordingError
+from embodiedreamer_gym.recordings.episodes.aloha import AlohaEpisodes
+from embodiedreamer_gym.recordings.files import natural
+from embodiedreamer_gym.vis_aligner import Condition
+from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
+from embodiedreamer_gym.wrappers.vis_aligner import conditions
+
+SUFFIXES = (".hdf5", ".h5")
+SIGNALS = {"observations/qvel": "velocities", "observations/effort": "efforts"}
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A recorded episode without its frames, and how it began.
+
+    states, actions (T, 14); velocities, efforts (T, 14) or None; objects: name -> poses (T, 7), position m and quaternion
+    xyzw; options: of the environment's reset; seed: of it, None where the options say all.
+    """
+
+    path: Path
+    task: str
+    robot: str
+    rate: float
+    instruction: str
+    states: np.ndarray
+    actions: np.ndarray
+    velocities: np.ndarray | None
+    efforts: np.ndarray | None
+    objects: Mapping[str, np.ndarray]
+    attributes: Mapping[str, Any]
+    seed: int | None
+
+    @property
+    def name(self) -> str:
+        """Name of the file without its suffix."""
+        return self.path.stem
+
+    @property
+    def options(self) -> dict[str, Any] | None:
+        """What the reset takes beside the seed."""
+        if self.seed is not None:
+            return None
+        return {"joint_positions": self.states[0], "object_poses": {n: poses[0] for n, poses in self.objects.items()}}
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """A replay: what the camera saw before each of the T actions, and what came of them.
+
+    names: of the classes; success: of the task after the last action; error: largest difference of a joint, in the action's
+    units, between replay and recording at the last recorded state.
+    """
+
+    condition: Condition
+    names: tuple[str, ...]
+    success: bool
+    error: float
+
+
+def source_files(episodes: str | Path | Sequence[str | Path]) -> list[Path]:
+    """The HDF5 files of files and folders, in natural order.
+
+    Raises: RecordingError where there is none, one is damaged, or two have one name.
+    """
+    given = [episodes] if isinstance(episodes, str | Path) else list(episodes)
+    found: list[Path] = []
+    for one in (Path(path).expanduser() for path in given):
+        inside = sorted(one.iterdir(), key=natural) if one.is_dir() else [one]
+        files = [path for path in inside if path.suffix in SUFFIXES and not path.name.startswith(".")]
+        if not files:
+            raise RecordingError(f"{one}: there is no HDF5 episode; only those can be replayed.")
+        found += files
+    names = [path.stem for path in found]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise RecordingError(f"two episodes are called {twice[0]}; deal with the folders one after the other.")
+    if found:
+        AlohaEpisodes(found)
+    return found
+
+
+def read_source(path: Path, task: str | None = None, robot: str | None = None) -> Source:
+    """A recorded episode; task, robot: in place of what the file says.
+
+    Raises: RecordingError where it says no task, not where the objects were, or is too short.
+    """
+    episode = AlohaEpisodes([path])
+    with h5py.File(path, "r") as file:
+        attributes = dict(file.attrs.items())
+        group = file.get("objects")
+        objects = {str(n): np.asarray(group[n]) for n in group} if isinstance(group, h5py.Group) else {}
+        signals = {name: None if key not in file else np.asarray(file[key]) for key, name in SIGNALS.items()}
+    about = _demonstration(attributes)
+    task = task or about.get("task") or str(attributes.get("task", ""))
+    if task not in TASKS:
+        raise RecordingError(f"{path} does not say which task it is of; give one of {', '.join(TASKS)}.")
+    seed = int(attributes["seed"]) if about and "seed" in attributes else None
+    if seed is None:
+        _check_objects(path, task, objects)
+    if episode.lengths[0] < 2:
+        raise RecordingError(f"{path} has one step only; an episode to be replayed has more.")
+    return Source(
+        path, task, robot or about.get("robot", "aloha"), episode.rate, episode.task(0), episode.states(0),
+        episode.actions(0), **signals, objects=objects, attributes=attributes, seed=seed,
+    )  # fmt: skip
+
+
+def play(source: Source, size: tuple[int, int], camera: str = "head") -> Played:
+    """Play an episode's actions from its start; size: width and height of the pictures.
+
+    Raises: SimulationError or ModelError where robot, rate or start cannot be.
+    """
+    env = AlohaEnv(source.task, source.robot, "state", image_size=size, control_hz=round(source.rate))
+    try:
+        if source.actions.shape[1] != env.robot.n:
+            raise RecordingError(
+                f"{source.path} has {source.actions.shape[1]} numbers in an action, the robot takes {env.robot.n}."
+            )
+        film = ActionChunk(env, len(source.actions) - 1, camera, size)
+        _, info = film.reset(seed=source.seed, options=source.options)
+        begun = conditions(info).part(0, 1)
+        *_, info = film.step(source.actions[:-1])
+        seen, error = conditions(info), float(np.abs(env.joint_positions() - source.states[-1]).max())
+        success = bool(env.step(source.actions[-1])[4]["is_success"])
+        columns = zip(vars(begun).values(), vars(seen).values(), strict=True)
+        condition = Condition(*(np.concatenate([a, b]) for a, b in columns))
+        return Played(condition, env.segmentation_classes, success, error)
+    finally:
+        env.close()
+
+
+def _demonstration(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """What a demonstration says of how it was made; nothing of other files."""
+    try:
+        return dict(json.loads(str(attributes.get("demonstration", "{}"))))
+    except (ValueError, TypeError):
+        return {}
+
+
+def _check_objects(path: Path, task: str, objects: Mapping[str, np.ndarray]) -> None:
+    """Raise unless the places of all objects of a task are known."""
+    wanted = {prop.name for prop in TASKS[task]().props}
+    if set(objects) != wanted:
+        raise RecordingError(
+            f"{path} does not say where the objects were: it needs {', '.join(f'/objects/{n}' for n in sorted(wanted))}, "
+            f"and has {', '.join(f'/objects/{n}' for n in objects) or 'none'}."
+        )
+    for name, poses in objects.items():
+        if poses.ndim != 2 or poses.shape[1] != 7 or not len(poses) or not np.isfinite(poses[0]).all():
+            raise RecordingError(f"{path}: /objects/{name} holds no poses (T, 7), position m and quaternion xyzw.")

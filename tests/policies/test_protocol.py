@@ -1,0 +1,73 @@
+"""Where policies come from."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.policies import Policy, load_policy
+from embodiedreamer_gym.policies.act import Act, ActPolicy
+from tests.policies.act.test_network import a_batch
+from tests.policies.act.tiny import CONFIG
+
+MODULE = """
+import numpy as np
+
+class Still:
+    action_size, chunk = 2, 1
+    def __call__(self, batch):
+        return np.zeros((len(batch["agent_pos"]), 1, 2), np.float32)
+
+def make():
+    return Still()
+
+def broken():
+    return lambda batch: batch
+
+number = 3
+"""
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    (tmp_path / "still_policy.py").write_text(MODULE)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "still_policy", raising=False)
+    return "still_policy"
+
+
+def test_a_folder_of_ours(tmp_path: Path) -> None:
+    policy = ActPolicy(Act(CONFIG))
+    found = load_policy(str(policy.save(tmp_path)))
+    assert isinstance(found, Policy)
+    np.testing.assert_array_equal(found(a_batch()), policy(a_batch()))
+
+
+def test_a_function_of_the_users(module: str) -> None:
+    policy = load_policy(f"{module}:make")
+    assert policy(a_batch(3)).shape == (3, policy.chunk, policy.action_size)
+
+
+def test_a_class_of_the_users_is_made(module: str) -> None:
+    assert load_policy(f"{module}:Still").action_size == 2
+
+
+@pytest.mark.parametrize(
+    ("spec", "said"),
+    [
+        ("nowhere", "is no folder and no function"),
+        ("os:system('ls')", "is no folder and no function"),
+        ("a b:make", "is no folder and no function"),
+        ("no_such_module_here:make", "cannot be imported"),
+        ("{module}:missing", "cannot be imported"),
+        ("{module}:broken", "must be a function without arguments"),
+        ("{module}:number", "must be a function without arguments"),
+    ],
+)
+def test_what_is_no_policy(module: str, spec: str, said: str) -> None:
+    with pytest.raises(PolicyError, match=said):
+        load_policy(spec.format(module=module))

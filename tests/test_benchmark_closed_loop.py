@@ -1,0 +1,34 @@
+"""The table of the closed loop: shares with intervals, and what each kind of simulator adds."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.closed_loop import hidden, report
+from embodiedreamer_gym.envs.robots import load_robot
+
+
+def rows(*successes: int) -> list[dict[str, bool]]:
+    return [{"success": bool(one)} for one in successes]
+
+
+def test_what_each_kind_adds() -> None:
+    found = {
+        ("A", "plain", 0): rows(0, 0, 1, 0), ("A", "dreamed", 0): rows(1, 1, 1, 0),
+        ("A", "plain", 1): rows(1, 0, 0, 0), ("A", "dreamed", 1): rows(1, 1, 1, 1),
+        ("B", "plain", 0): rows(0, 0, 0, 0), ("B", "dreamed", 0): rows(0, 0, 0, 1),
+        ("B", "plain", 1): rows(1, 1, 1, 1), ("B", "dreamed", 1): rows(1, 1, 0, 1),
+    }  # fmt: skip
+    lines = report(found, ["plain", "dreamed"]).splitlines()
+    assert lines[2].startswith("| A | 25.0% (3.2% .. 65.1%) | 87.5% (47.3% .. 99.7%) |")
+    assert lines[3].startswith("| B | 50.0%")
+    assert lines[4] == "dreamed over plain: +31.2 ± 21.3 points"  # of .5, .75, .25 and -.25
+
+
+def test_the_robot_has_what_is_hidden_in_it() -> None:
+    mujoco = pytest.importorskip("mujoco")
+    from embodiedreamer_gym.standin.bench.robot import build_robot
+
+    assert mujoco and len(hidden()["coulomb_friction"]["torque"]) == load_robot("aloha").n
+    loss = build_robot(hidden()).engine.model.dof_frictionloss
+    assert sorted(loss)[-6:] == [0.8] * 6

@@ -1,0 +1,197 @@
+"""`policy prefer`: cycles, their table, going on, and one sentence for what does not fit; the environment is a small one."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import SyncVectorEnv
+from torch import nn
+
+from embodiedreamer_gym import cli_prefer
+from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
+from embodiedreamer_gym.policies.preferences import PreferenceSet
+from embodiedreamer_gym.wrappers import (
+    ActionChunk,
+    VisAlignerObservationWrapper,
+    VisAlignerVectorWrapper,
+    preference_study,
+)
+from tests.wrappers.test_preference_rollout import Walk
+from tests.wrappers.test_vis_aligner import files  # noqa: F401  a fixture
+
+CHUNK = 4
+environment = preference_study.environment
+
+
+class Net(nn.Module):
+    """Chunks that go some of the way to the target, which the weights have to learn."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        torch.manual_seed(0)
+        self.layer = nn.Linear(4, 2)
+
+    def mean(self, batch: Any) -> torch.Tensor:
+        return self.layer(torch.as_tensor(batch["agent_pos"]))[:, None].expand(-1, CHUNK, -1)
+
+    def normalise(self, actions: torch.Tensor) -> torch.Tensor:
+        return actions / 0.5
+
+    def denormalise(self, actions: torch.Tensor) -> torch.Tensor:
+        return actions * 0.5
+
+
+class Own:
+    """A user's policy."""
+
+    action_size, chunk = 2, CHUNK
+
+    def __init__(self, network: Any) -> None:
+        self.network = network
+
+    def __call__(self, batch: Any) -> np.ndarray:
+        with torch.no_grad():
+            return self.network.denormalise(self.network.mean(batch)).numpy()
+
+
+def make() -> Own:
+    return Own(Net())
+
+
+def make_without_network() -> Own:
+    return Own(None)
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A small environment in place of a task's."""
+
+    def environment(a: argparse.Namespace, policy: Any) -> Any:
+        if a.envs == 1:
+            return ActionChunk(Walk(), 3)
+        return SyncVectorEnv([lambda: ActionChunk(Walk(), 3) for _ in range(a.envs)])
+
+    monkeypatch.setattr(preference_study, "environment", environment)
+
+
+def run(out: Path, *words: str, spec: str = "make") -> dict[str, Any]:
+    parser = argparse.ArgumentParser()
+    cli_prefer.add_prefer(parser.add_subparsers())
+    given = ["--policy", f"tests.test_cli_prefer:{spec}", "--task", "PutCupOnMat-v0", "--out", str(out), "--quiet"]
+    sizes = ["--starts", "6", "--tries", "3", "--noise", "0.5", "--evaluations", "8", "--epochs", "5", "--rate", "1e-2"]
+    a = parser.parse_args(["prefer", *given, *sizes, "--json", str(out.parent / "rows.json"), *words])
+    a.verb(a, None)
+    return json.loads((out.parent / "rows.json").read_text())
+
+
+def test_cycles_improve_and_leave_their_pairs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = run(tmp_path / "study", "--cycles", "3", "--epochs", "20")["rows"]
+    assert [row["cycle"] for row in found] == [0, 1, 2, 3]
+    assert found[3]["distance"] < found[0]["distance"] - 0.1
+    assert all(0 < row["pairs"] <= 6 and row["gradient"] > 0.01 and row["winners"] > -1 for row in found[1:])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split()[:3] == ["cycle", "success", "distance"] and [
+        line.split()[0] for line in lines[1:5]
+    ] == list("0123")
+    assert lines[5] == f"weights: {tmp_path / 'study' / 'cycle-03' / 'weights.pt'}"
+    assert len(PreferenceSet.load(tmp_path / "study" / "cycle-02" / "pairs.hdf5")) == found[2]["pairs"]
+    assert sorted(p.name for p in (tmp_path / "study" / "cycle-01").iterdir()) == [
+        "pairs.hdf5",
+        "row.json",
+        "weights.pt",
+    ]
+
+
+def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = run(tmp_path / "whole", "--cycles", "2")["rows"]
+    tune = preference_study.Study._prefer
+
+    def interrupted(self: Any, paths: Any, folder: Path) -> Any:
+        if folder.name == "cycle-02":
+            raise KeyboardInterrupt
+        return tune(self, paths, folder)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(preference_study.Study, "_prefer", interrupted)
+        run(tmp_path / "part", "--cycles", "2")
+    left = tmp_path / "part" / "cycle-02"
+    assert len(list((left / "rollouts").iterdir())) == 6 and not (left / "row.json").exists()
+    stamp = (tmp_path / "part" / "cycle-01" / "row.json").stat().st_mtime_ns
+    again = run(tmp_path / "part", "--cycles", "2", "--envs", "2")["rows"]  # with two environments, for that matter
+    for row, expected in zip(again, whole, strict=True):
+        assert row == pytest.approx(expected, abs=1e-3)
+    assert (tmp_path / "part" / "cycle-01" / "row.json").stat().st_mtime_ns == stamp
+    with joblib.parallel_config("threading"):
+        dealt = run(tmp_path / "dealt", "--cycles", "1", "--jobs", "2")["rows"]
+    for row, expected in zip(dealt, whole[:2], strict=True):
+        assert row == pytest.approx(expected, abs=1e-6)
+    with pytest.raises(EmbodieDreamerError, match="holds a study with other settings"):
+        run(tmp_path / "part", "--cycles", "2", "--beta", "0.5")
+
+
+@pytest.mark.parametrize(("method", "count"), [("best_of", 6), ("top", 4), ("rwr", 18)])
+def test_cloning_beside_it(tmp_path: Path, method: str, count: int) -> None:
+    found = run(tmp_path / "study", "--cycles", "1", "--method", method, "--top", "4")["rows"]
+    assert found[1]["pairs"] == count and found[1]["distance"] != found[0]["distance"]
+
+
+def test_the_paper_taken_literally_warns(tmp_path: Path) -> None:
+    with pytest.warns(UserWarning, match="no gradient at the start"):
+        found = run(tmp_path / "study", "--cycles", "1", "--noise", "0", "--tries", "1", "--variant", "paper",
+                    "--pairing", "global_rank", "--fall", "0")  # fmt: skip
+    assert found["rows"][1]["pairs"] == 3 and found["rows"][1]["gradient"] < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--variant", "dpo"], "'dpo' is none of"),
+        (["--fall", "-1"], "fall is -1.0"),
+        (["--task", "PutCup"], "there is no task 'PutCup'"),
+        (["--json", "nowhere/rows.json"], "nowhere does not exist"),
+    ],
+)
+def test_bad_options_write_nothing(tmp_path: Path, monkeypatch, words: list[str], message: str) -> None:
+    if words[0] == "--task":
+        monkeypatch.setattr(preference_study, "environment", lambda a, policy: preference_study._task(a.task))
+    with pytest.raises(EmbodieDreamerError, match=message):
+        run(tmp_path / "study", *words)
+    assert not (tmp_path / "study").exists()
+
+
+def test_what_cannot_learn_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(PolicyError, match="has no network to fine-tune"):
+        run(tmp_path / "study", spec="make_without_network")
+    with pytest.raises(PolicyError, match="metric 'cup' is not in this trajectory's outcome"):
+        run(tmp_path / "study", "--metric", "cup")
+    with pytest.raises(PolicyError, match="every start was tried once"):
+        run(tmp_path / "other", "--tries", "1")
+    assert not (tmp_path / "other" / "cycle-01" / "row.json").exists()
+
+
+@pytest.mark.parametrize(("envs", "dream", "kind"), [
+    (1, None, ActionChunk), (1, "lean", VisAlignerObservationWrapper), (2, None, SyncVectorEnv),
+    (2, "lean", VisAlignerVectorWrapper),
+])  # fmt: skip
+def test_the_environment_of_the_options(files, envs: int, dream: str | None, kind: type) -> None:  # noqa: F811
+    dream = files["aligner"] if dream else None
+    a = argparse.Namespace(task="PutCupOnMat", robot="aloha", envs=envs, dream=dream, bank=files["bank"], execute=2)
+    policy = make()
+    env = environment(a, policy)
+    assert isinstance(env, kind)
+    assert (env.action_space.shape if envs == 1 else env.single_action_space.shape) == (2, 14)
+    env.close()
+    policy.cameras = ("head", "left_wrist")
+    a.dream = files["aligner"]
+    with pytest.raises(PolicyError, match="only the head camera is dreamed"):
+        environment(a, policy)
+    policy.cameras, a.execute = ("head",), CHUNK + 1
+    with pytest.raises(PolicyError, match="5 actions cannot be executed of a chunk of 4"):
+        environment(a, policy)
