@@ -20,6 +20,12 @@ SAYS = {
     "06_sac_her.py": ("goal [", "300 steps"),
     "08_record_demonstrations.py": ("AlohaEpisodes(2 episodes", "0 attempts failed", "'grab the paper cup'"),
     "07_frames_that_look_real.py": ("frames.png",),
+    "10_train_a_policy.py": (
+        "ActPolicy(Act(head at 64 x 48, chunk 100",
+        "success in ",
+        "100 actions executed per query",
+    ),
+    "11_learn_from_preferences.py": ("PreferenceSet(", "log-likelihoods of winners ("),
     "09_augment.py": (
         "2 new episodes; of 0 the replay failed",
         "JoinedEpisodes(3 episodes",

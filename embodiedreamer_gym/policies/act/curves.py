@@ -10,7 +10,7 @@ from typing import Any
 CSV = "curves.csv"
 EVENTS = "tensorboard"
 COLUMNS = ("step", "loss", "l1", "kl", "gradient", "rate")
-HINT = "no TensorBoard curves: `pip install tensorboard` brings them; curves.csv has the same numbers"
+HINT = "no TensorBoard curves: `pip install 'embodiedreamer-gym[tensorboard]'` brings them; curves.csv has the same numbers"
 
 
 class Curves:

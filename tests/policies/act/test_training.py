@@ -112,7 +112,7 @@ def test_curves_and_progress(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     try:
         import torch.utils.tensorboard  # noqa: F401
     except ImportError:
-        assert len(told) == 1 and "pip install tensorboard" in told[0]
+        assert len(told) == 1 and "embodiedreamer-gym[tensorboard]" in told[0]
     else:
         assert not told and list((tmp_path / "tensorboard").glob("events*"))
 

@@ -1,0 +1,28 @@
+"""Train ACT on demonstrations and judge it on scenes it has not seen; 20 steps here, 4000 in earnest. (twenty seconds)"""
+
+from __future__ import annotations
+
+import gymnasium as gym
+
+import embodiedreamer_gym
+from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
+from embodiedreamer_gym.policies import evaluate
+from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train
+from embodiedreamer_gym.recordings.episodes import open_episodes
+
+
+def main() -> None:
+    record_demonstrations(Demonstrations("GrabPaperCup", size=(64, 48)), 2, "demos")  # 50 in earnest
+    episodes = open_episodes("demos")  # a folder of real logs, or a LeRobot set, will do as well
+
+    config = ActConfig(episodes.state_size, episodes.action_size, episodes.cameras, image_size=(64, 48))
+    policy = train(episodes, config, TrainingConfig(steps=20, batch=8), "act")  # goes on where it was interrupted
+
+    env = gym.make("EmbodieDreamer/GrabPaperCup-v0", image_size=(64, 48))
+    print(embodiedreamer_gym.__version__, policy)
+    print(evaluate(policy, env, seeds=[100_000]))
+    env.close()
+
+
+if __name__ == "__main__":
+    main()
