@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import sys
 import time
 from pathlib import Path
@@ -39,16 +38,14 @@ def add_demos(verbs: Any) -> None:
 
 
 def _demos(a: argparse.Namespace, progress: Any) -> None:
+    from embodiedreamer_gym.camera import read_size
     from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations, record_lerobot
 
     for name in ("episodes", "jobs"):
         if getattr(a, name) < 1:
             raise EmbodieDreamerError(f"--{name} is {getattr(a, name)}, but must be at least 1.")
-    size = re.fullmatch(r"(\d{1,5})x(\d{1,5})", a.size)
-    if size is None:
-        raise EmbodieDreamerError(f"--size {a.size} is no width and height; give two numbers such as 128x96.")
     task = a.task.removeprefix("EmbodieDreamer/").removesuffix("-v0")
-    wanted = Demonstrations(task, a.seed, (int(size[1]), int(size[2])), tuple(a.cameras.split(",")), a.robot)
+    wanted = Demonstrations(task, a.seed, read_size(a.size), tuple(a.cameras.split(",")), a.robot)
     clock = _Clock(a.episodes, a.quiet)
     record = record_demonstrations if a.format == FORMATS[0] else record_lerobot
     failed = record(wanted, a.episodes, a.out, a.jobs, clock)

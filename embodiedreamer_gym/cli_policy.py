@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -99,6 +98,7 @@ def _mirror(robot: str) -> tuple[int, ...]:
 
 def _config(a: argparse.Namespace, episodes: Any) -> Any:
     """The network's sizes, of the options and the episodes."""
+    from embodiedreamer_gym.camera import read_size
     from embodiedreamer_gym.policies.act import ActConfig, check_cameras, picture_size
 
     cameras = tuple(a.cameras or episodes.cameras)
@@ -106,7 +106,7 @@ def _config(a: argparse.Namespace, episodes: Any) -> Any:
     if not cameras:
         raise PolicyError(f"the episodes in {a.data[0]} have no pictures, and ACT needs those of one camera at least.")
     found = picture_size(episodes, cameras[0])
-    size = found if a.size is None else _size(a.size)
+    size = found if a.size is None else read_size(a.size)
     config = ActConfig(episodes.state_size, episodes.action_size, cameras, size)
     config = config.paper() if a.preset == "paper" else config
     return config.with_(chunk=a.chunk, source_size=None if found == size else found)
@@ -183,10 +183,12 @@ def _environment(a: argparse.Namespace, policy: Any) -> Any:
     """The task's environment with the policy's cameras, its pictures as large as those it learnt from."""
     import gymnasium
 
+    from embodiedreamer_gym.camera import read_size
+
     config = getattr(getattr(policy, "network", None), "config", None)
     learnt = (128, 96) if config is None else config.source_size or config.image_size
     cameras = tuple(getattr(policy, "cameras", ())) or ("head",)
-    size = learnt if a.size is None else _size(a.size)
+    size = learnt if a.size is None else read_size(a.size)
     return gymnasium.make(_task(a.task), cameras=cameras, image_size=size, robot=a.robot)
 
 
@@ -227,13 +229,6 @@ def _task(text: str) -> str:
     if name not in NAMES:
         raise EmbodieDreamerError(f"there is no task '{text}'; there are {', '.join(NAMES)}.")
     return f"EmbodieDreamer/{name}-v0"
-
-
-def _size(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
-    if found is None:
-        raise EmbodieDreamerError(f"--size {text} is no width and height; give two numbers such as 128x96.")
-    return int(found[1]), int(found[2])
 
 
 def _count(text: str) -> int:

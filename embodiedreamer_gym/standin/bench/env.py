@@ -97,8 +97,7 @@ class StandInEnv(gym.Env):
         rows = self._check(action)[: STEPS - self._played]
         reward = 0.0
         for target in rows:
-            self.bench.play(target)
-            reward -= self._distance(self.bench.situation())
+            reward -= self._distance(self.bench.play(target))
         self._played += len(rows)
         return self._observe(), reward, False, self._played >= STEPS, self._info(len(rows))
 

@@ -56,8 +56,8 @@ class Bench:
         self.engine.refresh()
         self._side, self._start, self.grasped = side, poses[self.task.object.name], False
 
-    def play(self, target: np.ndarray) -> None:
-        """Ramp to joint targets (n,) within one control period, as the controller does.
+    def play(self, target: np.ndarray) -> Situation:
+        """Ramp to joint targets (n,) within one control period, as the controller does; what the world is then.
 
         Raises: SimulationError when the engine diverges.
         """
@@ -65,7 +65,9 @@ class Bench:
         commands = np.array(self._commands)
         times = np.arange(len(commands)) * self._period
         self.engine.advance(lambda t: np.stack([np.interp(t, times, one) for one in commands.T], axis=1), self._steps)
-        self.grasped = self.grasped or self.task.picked_up(self.situation())
+        now = self.situation()
+        self.grasped = self.grasped or self.task.picked_up(now)
+        return now
 
     def pose(self, name: str) -> Pose:
         """Where the frame of a link or prop is."""
