@@ -34,12 +34,13 @@ def add_augment(verbs: Any) -> None:
 
 
 def _augment(a: argparse.Namespace, progress: Any) -> None:
+    from embodiedreamer_gym.envs import task_name
     from embodiedreamer_gym.wrappers.regenerate import regenerate
 
     for name, least in (("copies", 1), ("jobs", 1), ("seed", 0)):
         if getattr(a, name) < least:
             raise EmbodieDreamerError(f"--{name} is {getattr(a, name)}, but must be at least {least}.")
-    task = None if a.task is None else a.task.removeprefix("EmbodieDreamer/").removesuffix("-v0")
+    task = None if a.task is None else task_name(a.task)
     if a.prompt is not None and not any(edit.startswith("inpaint") for edit in a.edit):
         raise EmbodieDreamerError("--prompt is for --edit inpaint:FOLDER; leave it out.")
 

@@ -39,13 +39,13 @@ def add_demos(verbs: Any) -> None:
 
 def _demos(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.camera import read_size
+    from embodiedreamer_gym.envs import task_name
     from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations, record_lerobot
 
     for name in ("episodes", "jobs"):
         if getattr(a, name) < 1:
             raise EmbodieDreamerError(f"--{name} is {getattr(a, name)}, but must be at least 1.")
-    task = a.task.removeprefix("EmbodieDreamer/").removesuffix("-v0")
-    wanted = Demonstrations(task, a.seed, read_size(a.size), tuple(a.cameras.split(",")), a.robot)
+    wanted = Demonstrations(task_name(a.task), a.seed, read_size(a.size), tuple(a.cameras.split(",")), a.robot)
     clock = _Clock(a.episodes, a.quiet)
     record = record_demonstrations if a.format == FORMATS[0] else record_lerobot
     failed = record(wanted, a.episodes, a.out, a.jobs, clock)

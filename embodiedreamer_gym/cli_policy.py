@@ -117,11 +117,12 @@ def _config(a: argparse.Namespace, episodes: Any) -> Any:
 
 def _evaluate(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.diagnosis.parallel import many
+    from embodiedreamer_gym.envs import task_id
     from embodiedreamer_gym.policies.evaluation import Evaluation, executed
     from embodiedreamer_gym.policies.progress import Progress
     from embodiedreamer_gym.robot.files import write_json
 
-    task, policy = _task(a.task), _policy(a)
+    task, policy = task_id(a.task), _policy(a)
     count = executed(policy, a.execute)
     for folder in filter(None, (a.json and a.json.absolute().parent, a.video and a.video.absolute().parent)):
         if not folder.is_dir():
@@ -184,12 +185,12 @@ def _environment(a: argparse.Namespace, policy: Any) -> Any:
     import gymnasium
 
     from embodiedreamer_gym.camera import read_size
+    from embodiedreamer_gym.envs import task_id
+    from embodiedreamer_gym.policies.protocol import sight
 
-    config = getattr(getattr(policy, "network", None), "config", None)
-    learnt = (128, 96) if config is None else config.source_size or config.image_size
-    cameras = tuple(getattr(policy, "cameras", ())) or ("head",)
+    cameras, learnt = sight(policy)
     size = learnt if a.size is None else read_size(a.size)
-    return gymnasium.make(_task(a.task), cameras=cameras, image_size=size, robot=a.robot)
+    return gymnasium.make(task_id(a.task), cameras=cameras, image_size=size, robot=a.robot)
 
 
 def _policy(a: argparse.Namespace) -> Any:
@@ -219,16 +220,6 @@ def _write(frames: list[Any], folder: Path, row: Any, rate: float) -> None:
 
     folder.mkdir(exist_ok=True)
     write_video(np.stack(frames), folder / f"seed_{row.seed}_{'success' if row.success else 'failure'}.mp4", rate)
-
-
-def _task(text: str) -> str:
-    """Gymnasium's id of a task, given by id or by name."""
-    from embodiedreamer_gym.envs import NAMES
-
-    name = text.removeprefix("EmbodieDreamer/").removesuffix("-v0")
-    if name not in NAMES:
-        raise EmbodieDreamerError(f"there is no task '{text}'; there are {', '.join(NAMES)}.")
-    return f"EmbodieDreamer/{name}-v0"
 
 
 def _count(text: str) -> int:

@@ -15,6 +15,7 @@ from gymnasium.vector import SyncVectorEnv
 from torch import nn
 
 from embodiedreamer_gym import cli_prefer
+from embodiedreamer_gym.envs import task_id
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
 from embodiedreamer_gym.policies.preferences import PreferenceSet
 from embodiedreamer_gym.wrappers import (
@@ -160,7 +161,7 @@ def test_the_paper_taken_literally_warns(tmp_path: Path) -> None:
 )
 def test_bad_options_write_nothing(tmp_path: Path, monkeypatch, words: list[str], message: str) -> None:
     if words[0] == "--task":
-        monkeypatch.setattr(preference_study, "environment", lambda a, policy: preference_study._task(a.task))
+        monkeypatch.setattr(preference_study, "environment", lambda a, policy: task_id(a.task))
     with pytest.raises(EmbodieDreamerError, match=message):
         run(tmp_path / "study", *words)
     assert not (tmp_path / "study").exists()

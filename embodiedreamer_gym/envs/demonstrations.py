@@ -23,6 +23,7 @@ from embodiedreamer_gym.errors import RecordingError, SimulationError
 from embodiedreamer_gym.recordings.episodes import LeRobotWriter, copy_episodes, open_episodes, write_aloha_episode
 from embodiedreamer_gym.recordings.episodes.lerobot_writer import ABOUT
 from embodiedreamer_gym.recordings.episodes.video import check_video
+from embodiedreamer_gym.recordings.settings import check_settings
 
 RECIPE = 2  # to be raised with whatever changes the episodes of the same settings
 STEPS = 300  # control steps, after which an attempt has failed
@@ -134,12 +135,7 @@ def _whole(path: Path, said: dict[str, Any]) -> int:
         raise RecordingError(
             f"{path.parents[1]} is in the way: it is no set of demonstrations; give another folder."
         ) from error
-    for key, value in said.items():
-        if there.get(key) != value:
-            raise RecordingError(
-                f"{path.parents[1]} was made with {key} {json.dumps(there.get(key))}, not {json.dumps(value)}; "
-                "give another folder, or the same options."
-            )
+    check_settings(path.parents[1], there, said)
     return failed
 
 
@@ -160,12 +156,7 @@ def _there(wanted: Demonstrations, folder: Path) -> tuple[int, int]:
         except (OSError, KeyError, ValueError, TypeError) as error:
             raise RecordingError(f"{path} is in the way: it is no demonstration; give another folder.") from error
         attempts = int(there.pop("attempt", 0)) + 1
-        for key, value in wanted.settings().items():
-            if there.get(key) != value:
-                raise RecordingError(
-                    f"{path} was made with {key} {json.dumps(there.get(key))}, not {json.dumps(value)}; "
-                    "give another folder, or the same options."
-                )
+        check_settings(path, there, wanted.settings())
     return len(paths), attempts
 
 

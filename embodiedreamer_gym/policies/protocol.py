@@ -61,3 +61,10 @@ def _made(spec: str, module: str, name: str) -> Policy:
             "with the attributes action_size and chunk."
         )
     return policy
+
+
+def sight(policy: Any) -> tuple[tuple[str, ...], tuple[int, int]]:
+    """Cameras that a policy looks through, and width and height of the pictures it learnt from; head and 128 x 96 else."""
+    config = getattr(getattr(policy, "network", None), "config", None)
+    size = (128, 96) if config is None else getattr(config, "source_size", None) or config.image_size
+    return tuple(getattr(policy, "cameras", ())) or ("head",), size

@@ -163,12 +163,12 @@ def environment(a: argparse.Namespace, policy: Any) -> Any:
     import gymnasium
 
     from embodiedreamer_gym import wrappers
+    from embodiedreamer_gym.envs import task_id
     from embodiedreamer_gym.policies.evaluation import executed
+    from embodiedreamer_gym.policies.protocol import sight
     from embodiedreamer_gym.vis_aligner import load_bank
 
-    config = getattr(policy.network, "config", None)
-    size = (128, 96) if config is None else getattr(config, "source_size", None) or config.image_size
-    cameras, filmed = tuple(getattr(policy, "cameras", ())) or ("head",), {}
+    (cameras, size), filmed = sight(policy), {}
     if a.dream is not None:
         if cameras != ("head",):
             raise PolicyError(f"the policy looks through {', '.join(cameras)}, and only the head camera is dreamed.")
@@ -181,9 +181,9 @@ def environment(a: argparse.Namespace, policy: Any) -> Any:
 
     options = {"cameras": cameras, "image_size": size, "robot": a.robot}
     if a.envs == 1:
-        env = chunked(gymnasium.make(_task(a.task), **options))
+        env = chunked(gymnasium.make(task_id(a.task), **options))
         return env if a.dream is None else wrappers.VisAlignerObservationWrapper(env, a.dream, a.bank)
-    envs = gymnasium.make_vec(_task(a.task), a.envs, "sync", wrappers=[chunked], **options)
+    envs = gymnasium.make_vec(task_id(a.task), a.envs, "sync", wrappers=[chunked], **options)
     return envs if a.dream is None else wrappers.VisAlignerVectorWrapper(envs, a.dream, a.bank)
 
 
@@ -195,13 +195,3 @@ def _config(a: argparse.Namespace) -> Any:
         return CloningConfig(a.epochs, a.batch or 256, a.rate, a.seed)
     loss = LossConfig(a.variant, a.beta)
     return TuningConfig(loss, a.sigma, a.epochs, a.batch or 25, a.rate, a.fall or None, seed=a.seed)
-
-
-def _task(text: str) -> str:
-    """Gymnasium's id of a task, given by id or by name."""
-    from embodiedreamer_gym.envs import NAMES
-
-    name = text.removeprefix("EmbodieDreamer/").removesuffix("-v0")
-    if name not in NAMES:
-        raise EmbodieDreamerError(f"there is no task '{text}'; there are {', '.join(NAMES)}.")
-    return f"EmbodieDreamer/{name}-v0"

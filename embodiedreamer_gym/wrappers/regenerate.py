@@ -16,6 +16,7 @@ from joblib import Parallel, delayed
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.recordings.episodes import frames_of, write_aloha_episode
 from embodiedreamer_gym.recordings.episodes.aloha import AlohaEpisodes
+from embodiedreamer_gym.recordings.settings import check_settings
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, References, dream, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.editing import ReferenceEditor, describe, draws_of, edited, masks_of
 from embodiedreamer_gym.wrappers.recorded import Played, Source, play, read_source, source_files
@@ -177,9 +178,4 @@ def _check_folder(folder: Path, settings: dict[str, Any]) -> None:
                 there = dict(json.loads(str(file.attrs[ABOUT])))
         except (OSError, KeyError, ValueError, TypeError) as error:
             raise RecordingError(f"{path} is in the way: it was not made by this; give another folder.") from error
-        for key, value in settings.items():
-            if there.get(key) != value:
-                raise RecordingError(
-                    f"{path} was made with {key} {json.dumps(there.get(key))}, not {json.dumps(value)}; "
-                    "give another folder, or the same options."
-                )
+        check_settings(path, there, settings)

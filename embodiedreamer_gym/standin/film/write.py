@@ -14,6 +14,7 @@ import numpy as np
 
 from embodiedreamer_gym.envs.rendering import Frame
 from embodiedreamer_gym.errors import RecordingError
+from embodiedreamer_gym.recordings.settings import check_settings
 
 CAMERA = "head"
 REAL, CLEAN, MASKS = (f"observations/{what}/{CAMERA}" for what in ("images", "clean", "masks"))
@@ -77,12 +78,7 @@ def is_filmed(path: Path, settings: Mapping[str, Any]) -> bool:
             there = dict(json.loads(str(file.attrs["film"])))
     except (OSError, KeyError, ValueError, TypeError) as error:
         raise RecordingError(f"{path} is in the way: it is no filmed episode; give another folder.") from error
-    for key, value in settings.items():
-        if there.get(key) != value:
-            raise RecordingError(
-                f"{path} was filmed with {key} {json.dumps(there.get(key))}, not {json.dumps(value)}; "
-                "give another folder, or the same options."
-            )
+    check_settings(path, there, settings, "filmed")
     return True
 
 
