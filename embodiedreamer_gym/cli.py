@@ -29,6 +29,7 @@ from embodiedreamer_gym.phys_aligner import METHODS, calibrate
 from embodiedreamer_gym.recordings import Finding, Recording, Recordings, load_recordings, preflight
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.files import write_json
+from embodiedreamer_gym.terminal import count
 
 LOG = {
     "rate": ("HZ", "samples per second (default 100)"),
@@ -58,7 +59,7 @@ def build_parser() -> argparse.ArgumentParser:
     common.add_argument("--rate", type=_positive, metavar="HZ", help="of logs without time stamps")
     common.add_argument("--hold", choices=("linear", "hold"), help="how the controller gets to the next command")
     common.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
-    common.add_argument("--jobs", type=_count, default=os.cpu_count() or 1, metavar="N", help="processes")
+    common.add_argument("--jobs", type=count, default=os.cpu_count() or 1, metavar="N", help="processes")
     common.add_argument("--quiet", action="store_true", help="no progress")
     common.add_argument("--json", type=Path, metavar="FILE", help="write the answer as JSON")
     common.add_argument("--report", type=Path, metavar="DIR", help="write the answer as a page, DIR/index.html")
@@ -346,11 +347,4 @@ def _positive(text: str) -> float:
     value = float(text)
     if not 0 < value < np.inf:
         raise argparse.ArgumentTypeError(f"{text} is not a positive number")
-    return value
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a count of at least 1")
     return value

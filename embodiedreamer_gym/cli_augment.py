@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.terminal import check_counts
 
 EDITS = "recolour[:NAME,...], background[:FOLDER], table[:FOLDER], paper, inpaint:FOLDER"
 
@@ -37,9 +38,8 @@ def _augment(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.envs import task_name
     from embodiedreamer_gym.wrappers.regenerate import regenerate
 
-    for name, least in (("copies", 1), ("jobs", 1), ("seed", 0)):
-        if getattr(a, name) < least:
-            raise EmbodieDreamerError(f"--{name} is {getattr(a, name)}, but must be at least {least}.")
+    check_counts(a, "copies", "jobs")
+    check_counts(a, "seed", least=0)
     task = None if a.task is None else task_name(a.task)
     if a.prompt is not None and not any(edit.startswith("inpaint") for edit in a.edit):
         raise EmbodieDreamerError("--prompt is for --edit inpaint:FOLDER; leave it out.")

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
-from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.terminal import StatusLine, check_counts
 
 FORMATS = ("aloha", "lerobot")
-BETWEEN = {True: 0.2, False: 15.0}  # s between two lines: on a terminal, in a log
-WIDTH = 78
 
 
 def add_demos(verbs: Any) -> None:
@@ -42,9 +39,7 @@ def _demos(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.envs import task_name
     from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations, record_lerobot
 
-    for name in ("episodes", "jobs"):
-        if getattr(a, name) < 1:
-            raise EmbodieDreamerError(f"--{name} is {getattr(a, name)}, but must be at least 1.")
+    check_counts(a, "episodes", "jobs")
     wanted = Demonstrations(task_name(a.task), a.seed, read_size(a.size), tuple(a.cameras.split(",")), a.robot)
     clock = _Clock(a.episodes, a.quiet)
     record = record_demonstrations if a.format == FORMATS[0] else record_lerobot
@@ -56,18 +51,14 @@ class _Clock:
     """Says on stderr how far it is and how long it takes."""
 
     def __init__(self, episodes: int, quiet: bool) -> None:
-        self._count, self._quiet, self._tty = episodes, quiet, sys.stderr.isatty()
-        self._begun = time.monotonic()
-        self._last, self._first = 0.0, -1
+        self._count, self._line = episodes, StatusLine(quiet)
+        self._begun, self._first = time.monotonic(), -1
 
     def __call__(self, done: int, failed: int) -> None:
-        now = time.monotonic()
         self._first = done - 1 if self._first < 0 else self._first  # those before were there already
-        over = done == self._count
-        if self._quiet or (now - self._last < BETWEEN[self._tty] and not over):
-            return
-        self._last = now
-        each = (now - self._begun) / max(done - self._first, 1)
-        text = f"{done} of {self._count} episodes, {failed} failed, {each:.1f} s each, {each * (self._count - done) / 60.0:.0f} min left"
-        line, end = (f"\r{text:<{WIDTH}}", "\n" if over else "") if self._tty else (text, "\n")
-        print(line, end=end, file=sys.stderr, flush=True)
+        each = (time.monotonic() - self._begun) / max(done - self._first, 1)
+        left = each * (self._count - done) / 60.0
+        self._line.say(
+            f"{done} of {self._count} episodes, {failed} failed, {each:.1f} s each, {left:.0f} min left",
+            last=done == self._count,
+        )

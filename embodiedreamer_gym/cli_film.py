@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.terminal import check_counts
 
 
 def add_film(actions: Any) -> None:
@@ -40,9 +40,7 @@ def _film(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.standin.film.run import film_episodes
     from embodiedreamer_gym.standin.film.settings import Film
 
-    for name in ("episodes", "jobs"):
-        if getattr(a, name) < 1:
-            raise EmbodieDreamerError(f"--{name} is {getattr(a, name)}, but must be at least 1.")
+    check_counts(a, "episodes", "jobs")
     size = read_size(a.size)
     tasks = list(TASKS) if a.task == ["all"] else [name.removesuffix("-v0") for name in a.task]
     films = [Film(task, a.look, size, a.seed, a.frames, a.every, a.samples) for task in dict.fromkeys(tasks)]

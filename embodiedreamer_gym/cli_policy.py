@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
+from embodiedreamer_gym.terminal import count
 
 PRESETS = {"small": 1e-3, "paper": 1e-5}  # peak learning rates
 FIRST_SEED = 100_000  # of an evaluation, as in the benchmark of the experts
@@ -29,10 +30,10 @@ def _train_parser(actions: Any) -> None:
     one.add_argument("--data", type=Path, nargs="+", required=True, metavar="DIR",
                      help="ALOHA/AgileX HDF5 files or a LeRobot set; of several, all episodes")  # fmt: skip
     one.add_argument("--out", type=Path, required=True, metavar="DIR", help="policy, checkpoint and curves")
-    one.add_argument("--steps", type=_count, default=4000, metavar="N", help="of the optimiser (default %(default)s)")
-    one.add_argument("--batch", type=_count, default=32, metavar="B", help="starts of a step (default %(default)s)")
+    one.add_argument("--steps", type=count, default=4000, metavar="N", help="of the optimiser (default %(default)s)")
+    one.add_argument("--batch", type=count, default=32, metavar="B", help="starts of a step (default %(default)s)")
     one.add_argument("--rate", type=float, metavar="R", help="peak learning rate (default: small 1e-3, paper 1e-5)")
-    one.add_argument("--chunk", type=_count, default=100, metavar="K", help="actions predicted (default %(default)s)")
+    one.add_argument("--chunk", type=count, default=100, metavar="K", help="actions predicted (default %(default)s)")
     one.add_argument("--cameras", nargs="+", metavar="NAME", help="one to three (default: all of the data)")
     one.add_argument("--size", metavar="WxH", help="to which pictures are scaled (default: as they are)")
     one.add_argument("--mirror", metavar="M", help="learn each demonstration's mirror image too, of the other arm of this robot:"
@@ -50,13 +51,13 @@ def _evaluate_parser(actions: Any) -> None:
     one.add_argument("--policy", required=True, metavar="P",
                      help="a folder (of `policy train`, or a LeRobot ACT checkpoint), or package.module:function")  # fmt: skip
     one.add_argument("--task", required=True, metavar="ID", help="such as PutCupOnMat-v0")
-    one.add_argument("--episodes", type=_count, default=50, metavar="N", help="default: %(default)s")
+    one.add_argument("--episodes", type=count, default=50, metavar="N", help="default: %(default)s")
     one.add_argument("--seed", type=int, default=FIRST_SEED, metavar="S", help="of the first one (default %(default)s)")
-    one.add_argument("--execute", type=_count, metavar="N", help="actions executed of each chunk (default: all)")
+    one.add_argument("--execute", type=count, metavar="N", help="actions executed of each chunk (default: all)")
     one.add_argument("--ensemble", type=float, metavar="K", help="temporal ensembling; the paper's k is 0.01")
     one.add_argument("--robot", default="aloha", metavar="M", help="JSON file or built-in robot (default %(default)s)")
     one.add_argument("--size", metavar="WxH", help="of the pictures (default: as the policy learnt, or 128x96)")
-    one.add_argument("--jobs", type=_count, default=1, metavar="J", help="processes (default %(default)s)")
+    one.add_argument("--jobs", type=count, default=1, metavar="J", help="processes (default %(default)s)")
     one.add_argument("--json", type=Path, metavar="FILE", help="write the episodes as JSON")
     one.add_argument("--video", type=Path, metavar="DIR", help="write what the cameras saw, a video for each episode")
     one.add_argument("--quiet", action="store_true", help="no progress")
@@ -220,10 +221,3 @@ def _write(frames: list[Any], folder: Path, row: Any, rate: float) -> None:
 
     folder.mkdir(exist_ok=True)
     write_video(np.stack(frames), folder / f"seed_{row.seed}_{'success' if row.success else 'failure'}.mp4", rate)
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a count of at least 1")
-    return value

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.terminal import count
 
 METHODS = ("preferences", "best_of", "top", "rwr")
 ROW_KEYS = ("success", "distance", "object_distance", "pairs", "contrast", "gradient", "winners", "losers")
@@ -21,18 +22,18 @@ def add_prefer(actions: Any) -> None:
     one.add_argument("--policy", required=True, metavar="P", help="a folder, or package.module:function")
     one.add_argument("--task", required=True, metavar="ID", help="such as PutCupOnMat-v0")
     one.add_argument("--out", type=Path, required=True, metavar="DIR", help="the policy, and what each cycle left")
-    one.add_argument("--cycles", type=_count, default=5, metavar="N", help="default: %(default)s")
+    one.add_argument("--cycles", type=count, default=5, metavar="N", help="default: %(default)s")
     one.add_argument(
-        "--evaluations", type=_count, default=100, metavar="N", help="episodes after each cycle (default %(default)s)"
+        "--evaluations", type=count, default=100, metavar="N", help="episodes after each cycle (default %(default)s)"
     )
     one.add_argument("--robot", default="aloha", metavar="M", help="JSON file or built-in robot (default %(default)s)")
     one.add_argument(
         "--dream", nargs="?", const="lean", metavar="ALIGNER", help="see through VisAligner (default: lean)"
     )
     one.add_argument("--bank", default="lab", metavar="B", help="references to dream from (default %(default)s)")
-    one.add_argument("--execute", type=_count, metavar="K", help="actions executed of each chunk (default: all)")
-    one.add_argument("--envs", type=_count, default=1, metavar="E", help="episodes at once (default %(default)s)")
-    one.add_argument("--jobs", type=_count, default=1, metavar="J", help="processes (default %(default)s)")
+    one.add_argument("--execute", type=count, metavar="K", help="actions executed of each chunk (default: all)")
+    one.add_argument("--envs", type=count, default=1, metavar="E", help="episodes at once (default %(default)s)")
+    one.add_argument("--jobs", type=count, default=1, metavar="J", help="processes (default %(default)s)")
     one.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
     one.add_argument("--quiet", action="store_true", help="no progress")
     one.add_argument("--json", type=Path, metavar="FILE", help="write the rows as JSON")
@@ -41,8 +42,8 @@ def add_prefer(actions: Any) -> None:
 
 
 def _rollout_options(group: Any) -> None:
-    group.add_argument("--starts", type=_count, default=100, metavar="N", help="of a cycle (default %(default)s)")
-    group.add_argument("--tries", type=_count, default=4, metavar="K", help="from each start (default %(default)s)")
+    group.add_argument("--starts", type=count, default=100, metavar="N", help="of a cycle (default %(default)s)")
+    group.add_argument("--tries", type=count, default=4, metavar="K", help="from each start (default %(default)s)")
     group.add_argument(
         "--noise", type=float, default=0.1, metavar="S", help="of exploration, normalised (default %(default)s)"
     )
@@ -53,7 +54,7 @@ def _rollout_options(group: Any) -> None:
     group.add_argument(
         "--pairing", choices=("same_start", "global_rank"), default="same_start", help="default: %(default)s"
     )
-    group.add_argument("--top", type=_count, metavar="M", help="pairs, or trajectories, at most (the paper's 25)")
+    group.add_argument("--top", type=count, metavar="M", help="pairs, or trajectories, at most (the paper's 25)")
     group.add_argument(
         "--margin", type=float, default=0.01, metavar="X", help="near ties are left out, m (default %(default)s)"
     )
@@ -67,8 +68,8 @@ def _learning_options(group: Any) -> None:
     )
     group.add_argument("--beta", type=float, default=0.1, metavar="B", help="default: %(default)s")
     group.add_argument("--sigma", type=float, default=1.0, metavar="S", help="of the likelihood (default %(default)s)")
-    group.add_argument("--epochs", type=_count, default=80, metavar="N", help="of a cycle (default %(default)s)")
-    group.add_argument("--batch", type=_count, metavar="N", help="pairs of a step (25), or chunks to clone (256)")
+    group.add_argument("--epochs", type=count, default=80, metavar="N", help="of a cycle (default %(default)s)")
+    group.add_argument("--batch", type=count, metavar="N", help="pairs of a step (25), or chunks to clone (256)")
     group.add_argument("--rate", type=float, default=1e-5, metavar="R", help="of Adam (default %(default)s)")
     group.add_argument("--fall", type=float, default=5.0, metavar="NATS",
                        help="the guard stops where winners fall further (default %(default)s; 0: no guard)")  # fmt: skip
@@ -112,10 +113,3 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         note = f"   stopped in epoch {row['stopped']}" if row.get("stopped") else ""
         lines.append(f"{row['cycle']:>5}" + "".join(cells) + note)
     return "\n".join(lines)
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a count of at least 1")
-    return value

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.terminal import check_counts
 
 MODELS = ("lean", "svd")
 LOWER = 0.3  # of the learning rate, for a model that has learnt already
@@ -107,9 +108,7 @@ def _fit(a: argparse.Namespace, aligner: Any, share: float, progress: Any) -> No
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
     from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train
 
-    for name in ("steps", "batch"):
-        if getattr(a, name) < 1:
-            raise EmbodieDreamerError(f"--{name} is {getattr(a, name)}, but must be at least 1.")
+    check_counts(a, "steps", "batch")
     config = TrainingConfig(a.steps, a.batch, share * TrainingConfig.rate, seed=a.seed)
     train(aligner, load_episodes(a.episodes), config, a.out, None if a.quiet else progress)
     print(f"{save_aligner(aligner, a.out)}: {aligner!r}")

@@ -66,10 +66,10 @@ def test_what_cannot_be(run, tmp_path: Path, words: tuple[str, ...], message: st
 
 
 def test_how_long_it_takes(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    now = iter([0.0, 30.0, 60.0, 61.0, 90.0])
-    monkeypatch.setattr(cli_demos.time, "monotonic", lambda: next(now))
+    now = 0.0
+    monkeypatch.setattr(cli_demos.time, "monotonic", lambda: now)
     clock = cli_demos._Clock(13, quiet=False)
-    for done, failed in ((11, 0), (12, 0), (12, 1), (13, 1)):  # ten were there already
+    for now, done, failed in ((30.0, 11, 0), (60.0, 12, 0), (61.0, 12, 1), (90.0, 13, 1)):  # noqa: B007  ten were there
         clock(done, failed)
     assert capsys.readouterr().err.splitlines() == [
         "11 of 13 episodes, 0 failed, 30.0 s each, 1 min left",

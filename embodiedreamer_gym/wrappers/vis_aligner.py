@@ -118,7 +118,7 @@ class VisAlignerVectorWrapper(VectorWrapper):
         views, steps = self._views(info), info["steps"]
         going = [i for i, count in enumerate(steps) if count > 0]
         frames = np.stack([view.rgb for view in views])
-        before = [self.references[i] for i in going]
+        before = [self._reference(i) for i in going]
         made, after = _dream(self.aligner, before, [views[i] for i in going], [steps[i] for i in going])
         for i, clip, reference in zip(going, made, after, strict=True):
             frames[i], self.references[i] = clip, reference
@@ -188,15 +188,13 @@ def first(bank: Bank, condition: Condition, entry: Entry | None) -> References:
     return References.start(frame, condition.part(0, 1), bank.bench)
 
 
-def _dream(aligner: Aligner, references: Sequence[References | None], views: Sequence[Condition], steps: Sequence[int]
+def _dream(aligner: Aligner, references: Sequence[References], views: Sequence[Condition], steps: Sequence[int]
            ) -> tuple[list[np.ndarray], list[References]]:  # fmt: skip
     """Frames (k, H, W, 3) of each view of k frames, piece by piece as the aligner was trained, and the references after.
 
     steps: of each, that were played; later frames repeat the last one.
     """
-    known = [reference for reference in references if reference is not None]
-    if len(known) < len(references):
-        raise gym.error.ResetNeeded("call reset before the first step.")
+    known = list(references)
     frames = [np.repeat(reference.last[None], len(view), axis=0) for reference, view in zip(known, views, strict=True)]
     for start in range(0, int(max(steps, default=0)), aligner.chunk):
         going = [i for i, count in enumerate(steps) if count > start]

@@ -81,11 +81,14 @@ class DecoderLayer(nn.Module):
         self.dropout, self.pre_norm = nn.Dropout(c.dropout), c.pre_norm
 
     def forward(
-        self, x: torch.Tensor, query: torch.Tensor, memory: torch.Tensor, position: torch.Tensor
+        self, x: torch.Tensor, query: torch.Tensor, memory: torch.Tensor, position: torch.Tensor, alike: bool = False
     ) -> torch.Tensor:
-        """Queries (B, k, d) at (k, d); memory (B, T, d) at (T, d)."""
+        """Queries (B, k, d) at (k, d); memory (B, T, d) at (T, d); alike: all queries are the same."""
         y = self.norm1(x) if self.pre_norm else x
-        x = x + self.dropout(self.self_attn(y + query, y + query, y, need_weights=False)[0])
+        if alike and not (self.training and self.dropout.p):
+            x = x + self._of_alike(y[:1, :1])
+        else:
+            x = x + self.dropout(self.self_attn(y + query, y + query, y, need_weights=False)[0])
         x = x if self.pre_norm else self.norm1(x)
         y = self.norm2(x) if self.pre_norm else x
         x = x + self.dropout(self.multihead_attn(y + query, memory + position, memory, need_weights=False)[0])
@@ -93,6 +96,12 @@ class DecoderLayer(nn.Module):
         y = self.norm3(x) if self.pre_norm else x
         x = x + self.dropout(self.linear2(self.dropout(torch.relu(self.linear1(y)))))
         return x if self.pre_norm else self.norm3(x)
+
+    def _of_alike(self, value: torch.Tensor) -> torch.Tensor:
+        """What self-attention finds where all values are this one (1, 1, d), whatever it looks at."""
+        own, width = self.self_attn, value.shape[-1]
+        seen = nn.functional.linear(value, own.in_proj_weight[2 * width :], own.in_proj_bias[2 * width :])
+        return own.out_proj(seen)
 
 
 class Decoder(nn.Module):
@@ -106,6 +115,6 @@ class Decoder(nn.Module):
     def forward(self, query: torch.Tensor, memory: torch.Tensor, position: torch.Tensor) -> torch.Tensor:
         """What the queries at (k, d) find in memory (B, T, d) at (T, d): (B, k, d)."""
         x = torch.zeros(len(memory), *query.shape, dtype=memory.dtype, device=memory.device)
-        for layer in self.layers:
-            x = layer(x, query, memory, position)
+        for number, layer in enumerate(self.layers):
+            x = layer(x, query, memory, position, alike=number == 0)
         return self.norm(x)

@@ -12,11 +12,11 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.film.blender import Studio, check_blender
 from embodiedreamer_gym.standin.film.episode import AWAY
-from embodiedreamer_gym.standin.film.geometry import FIRST_PROP, prop_parts, robot_parts
+from embodiedreamer_gym.standin.film.geometry import scene_parts
 from embodiedreamer_gym.standin.film.lens import Optics, meter, sense
 from embodiedreamer_gym.standin.film.looks import find_look
 from embodiedreamer_gym.standin.film.scene import Take, make_scene
-from embodiedreamer_gym.standin.film.settings import SIZES
+from embodiedreamer_gym.standin.film.settings import check_size
 from embodiedreamer_gym.standin.film.write import CAMERA
 
 SAMPLES = 4  # light paths per pixel, as in the films
@@ -33,14 +33,11 @@ class PathTraced:
     def __init__(self, robot: RobotModel, props: Sequence[Prop], look: str, size: tuple[int, int]) -> None:
         if look == "many":
             raise VisionError("a bench has one look; give lab, or a whole number that draws one.")
-        if not all(SIZES[0] <= edge <= SIZES[1] for edge in size):
-            raise VisionError(f"pictures cannot be {size[0]} x {size[1]} pixels; each may be {SIZES[0]} to {SIZES[1]}.")
+        check_size(size)
         self._look = find_look(look, 0)
         check_blender()
         self._optics = Optics(CAMERAS[CAMERA], size, self._look.lens)
-        links = robot_parts(robot.urdf)
-        things = [part for i, prop in enumerate(props) for part in prop_parts(prop, FIRST_PROP + i)]
-        self._parts = [*links, *things]
+        self._parts = scene_parts(robot.urdf, props)
         self._props = {prop.name for prop in props}
         self.bodies = tuple(dict.fromkeys(part.body for part in self._parts))
         self._studio: Studio | None = None

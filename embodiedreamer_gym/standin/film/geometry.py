@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -80,6 +80,11 @@ def prop_parts(prop: Prop, number: int) -> list[Part]:
         parts.append(Part(prop.name, number, prop.name + (f"{which + 1}" if which else ""), points, faces, rounding,
                           colour[:3]))  # fmt: skip
     return parts
+
+
+def scene_parts(urdf: Path, props: Sequence[Prop]) -> list[Part]:
+    """The parts of a robot, then those of what stands before it."""
+    return [*robot_parts(urdf), *(part for i, prop in enumerate(props) for part in prop_parts(prop, FIRST_PROP + i))]
 
 
 def box(size: tuple[float, ...]) -> tuple[np.ndarray, Faces]:

@@ -11,7 +11,7 @@ from embodiedreamer_gym.camera import Camera
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.cameras import Frame
 from embodiedreamer_gym.envs.experts import ScriptedExpert
-from embodiedreamer_gym.standin.film.geometry import FIRST_PROP, Part, prop_parts, robot_parts
+from embodiedreamer_gym.standin.film.geometry import Part, scene_parts
 from embodiedreamer_gym.standin.film.settings import STEPS
 
 STILL = 15  # control steps that are kept after the last in which something moves
@@ -54,11 +54,9 @@ class Stage:
 
     def __init__(self, task: str) -> None:
         self.env = AlohaEnv(task, obs_type="state", renderer="tiny")
-        links = robot_parts(self.env.robot.urdf)
-        props = [part for i, prop in enumerate(self.env.task.props) for part in prop_parts(prop, FIRST_PROP + i)]
-        self.parts: list[Part] = [*links, *props]
-        self.links = tuple(dict.fromkeys(part.body for part in links))
+        self.parts: list[Part] = scene_parts(self.env.robot.urdf, self.env.task.props)
         self.props = tuple(prop.name for prop in self.env.task.props)
+        self.links = tuple(dict.fromkeys(part.body for part in self.parts if part.body not in self.props))
 
     def play(self, seed: int, steps: int | None = None, watch: Callable[[int], None] | None = None) -> Played:
         """An episode, the same every time, or its first steps.

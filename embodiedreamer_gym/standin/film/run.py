@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -15,46 +14,39 @@ from embodiedreamer_gym.standin.film.blender import check_blender
 from embodiedreamer_gym.standin.film.episode import Render, film_episode
 from embodiedreamer_gym.standin.film.settings import Film
 from embodiedreamer_gym.standin.film.write import is_filmed
+from embodiedreamer_gym.terminal import StatusLine
 
-BETWEEN = {True: 0.2, False: 15.0}  # s between two lines: on a terminal, in a log
 TYPICAL = 200  # pictures of a whole episode
 ENOUGH = 5  # pictures by which the time left is judged
-WIDTH = 78
 
 
 class Clock:
     """Says on stderr how far the filming is."""
 
     def __init__(self, films: Sequence[Film], quiet: bool = False) -> None:
-        self._quiet, self._tty = quiet, sys.stderr.isatty()
+        self._line, self._begun = StatusLine(quiet), time.monotonic()
         self._whole = sum(min(film.frames or TYPICAL, TYPICAL // film.every) for film in films)
         self._count, self._pictures, self._done = len(films), 0, 0
-        self._begun = time.monotonic()
-        self._last = self._begun
 
     def picture(self, more: int = 1) -> None:
         """Pictures have been made."""
         self._pictures += more
-        self._say()
+        if self._pictures >= ENOUGH:
+            self._say()
 
     def episode(self) -> None:
         """An episode has been written."""
         self._done += 1
-        self._say(now=self._done == self._count)
+        if self._done == self._count:
+            self._say(last=True)
 
-    def _say(self, now: bool = False) -> None:
-        passed, last = time.monotonic() - self._begun, self._last - self._begun
-        early = self._pictures < ENOUGH or passed - last < BETWEEN[self._tty]
-        if self._quiet or (early and not now):
-            return
-        self._last = self._begun + passed
-        left = (
-            passed / max(self._pictures, 1) * max(self._whole - self._pictures, 0) if self._done < self._count else 0.0
+    def _say(self, last: bool = False) -> None:
+        each = (time.monotonic() - self._begun) / max(self._pictures, 1)
+        left = 0.0 if last else each * max(self._whole - self._pictures, 0)
+        self._line.say(
+            f"{self._done} of {self._count} episodes, {self._pictures} pictures, {each:.2f} s each, {left / 60.0:.0f} min left",
+            last=last,
         )
-        text = (f"{self._done} of {self._count} episodes, {self._pictures} pictures, "
-                f"{passed / max(self._pictures, 1):.2f} s each, {left / 60.0:.0f} min left")  # fmt: skip
-        line, end = (f"\r{text:<{WIDTH}}", "\n" if now else "") if self._tty else (text, "\n")
-        print(line, end=end, file=sys.stderr, flush=True)
 
 
 def film_episodes(films: Sequence[Film], episodes: int, folder: str | Path, jobs: int = 1, python: str | None = None,

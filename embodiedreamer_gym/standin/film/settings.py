@@ -21,6 +21,12 @@ SIZES = (16, 2048)
 LEAST = {"seed": 0, "frames": FEWEST, "every": 1, "samples": 1}
 
 
+def check_size(size: tuple[int, int]) -> None:
+    """Raises: VisionError for pictures of a width and height that cannot be."""
+    if not all(SIZES[0] <= edge <= SIZES[1] for edge in size):
+        raise VisionError(f"pictures cannot be {size[0]} x {size[1]} pixels; each may be {SIZES[0]} to {SIZES[1]}.")
+
+
 @dataclass(frozen=True)
 class Film:
     """Episodes of a task in a look, pictures of a size (width, height).
@@ -42,10 +48,7 @@ class Film:
         if self.task not in TASKS:
             raise SimulationError(f"there is no task '{self.task}'; there are {', '.join(TASKS)}.")
         find_look(self.look, 0)
-        if not all(SIZES[0] <= edge <= SIZES[1] for edge in self.size):
-            raise VisionError(
-                f"pictures cannot be {self.size[0]} x {self.size[1]} pixels; each may be {SIZES[0]} to {SIZES[1]}."
-            )
+        check_size(self.size)
         for name, smallest in LEAST.items():
             value = getattr(self, name)
             if value is not None and value < smallest:

@@ -54,3 +54,11 @@ def test_places_can_be_learnt() -> None:
     with torch.no_grad():
         found = layer(points(pictures(wanted))) * 32.0 + 30.0
     assert (found - wanted).abs().mean() < 1.0
+
+
+def test_answers_are_those_of_the_filters_as_convolutions() -> None:
+    torch.manual_seed(0)
+    points, pictures = Keypoints(4), torch.rand(3, 3, 12, 16)
+    with torch.no_grad():
+        answers = points._answers(pictures.transpose(0, 1).flatten(1)).unflatten(1, (3, -1)).transpose(0, 1)
+        torch.testing.assert_close(answers, points.filters(pictures).flatten(2))
