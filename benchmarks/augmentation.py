@@ -11,16 +11,15 @@ its own, and on another table with a sheet. Everything is kept in DIR: an interr
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common import clopper_pearson, pin_threads, save
+from benchmarks.act_runs import SIZE, play_chunks, play_each, train_act
+from benchmarks.common import clopper_pearson, pin_threads
 
 POLICIES = {"original": ("original",), "mixed": ("original", "generated"), "generated": ("generated",)}
 SCENES = ("original", "foreground", "background")
-FIRST_SEED, SAVED_EVERY = 600_000, 5
-SIZE, SMALL = (128, 96), (96, 72)
+FIRST_SEED = 600_000
 COLOUR = (40, 70, 220)  # of the object, where it is changed; the shipped one is red
 
 
@@ -53,21 +52,16 @@ def episodes(a: argparse.Namespace) -> dict[str, Path]:
 
 def trained(a: argparse.Namespace, name: str, data: dict[str, Path]) -> Path:
     """Folder of a policy; all of them take as many steps."""
-    from embodiedreamer_gym.envs.robots import load_robot
-    from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train
     from embodiedreamer_gym.recordings.episodes import mixed
-    from embodiedreamer_gym.robot.mirror import mirrored_joints
 
     folder = a.out / f"policy_{a.task}_{name}_{a.seed}"
-    joined = mixed(*(data[kind] for kind in POLICIES[name]))
-    config = ActConfig(joined.state_size, joined.action_size, ("head",), SMALL, source_size=SIZE)
-    training = TrainingConfig(a.steps, mirror=mirrored_joints(load_robot("aloha")), seed=a.seed)
 
-    def said(stage: str, count: int, of: int, text: str) -> None:
+    def told(count: int, of: int, text: str) -> None:
         if count % 500 == 0:
             print(f"{name}: step {count} of {of}, {text}", flush=True)
 
-    train(joined, config, training, folder, said)
+    joined = mixed(*(data[kind] for kind in POLICIES[name]))
+    train_act(joined, folder, {"steps": a.steps, "seed": a.seed}, told)
     return folder
 
 
@@ -75,24 +69,16 @@ def judged(a: argparse.Namespace, name: str, scene: str, data: dict[str, Path]) 
     """Successes on unseen scenes; those of an interrupted run are kept."""
     import gymnasium as gym
 
-    from benchmarks.closed_loop import play
     from embodiedreamer_gym.policies import load_policy
     from embodiedreamer_gym.wrappers import VisAlignerObservationWrapper
 
     path = a.out / f"judged_{a.task}_{name}_{scene}_{a.seed}.json"
-    rows = json.loads(path.read_text()) if path.is_file() else []
-    if len(rows) >= a.episodes:
-        return rows[: a.episodes]
     policy = load_policy(str(trained(a, name, data)))
     env: Any = gym.make(f"EmbodieDreamer/{a.task}-v0", image_size=SIZE)
     env = VisAlignerObservationWrapper(env, chunk=policy.chunk, editor=edits(scene, a.task))
-    for seed in range(FIRST_SEED + len(rows), FIRST_SEED + a.episodes):
-        rows.append(play(policy, env, seed)["success"])
-        if len(rows) % SAVED_EVERY == 0 or len(rows) == a.episodes:
-            save(rows, path)
-            print(f"{name} on {scene}: {sum(rows)}/{len(rows)}", flush=True)
+    rows = play_each(path, a.episodes, lambda n: play_chunks(policy, env, FIRST_SEED + n), f"{name} on {scene}")
     env.close()
-    return rows
+    return [row["success"] for row in rows]
 
 
 def main() -> None:

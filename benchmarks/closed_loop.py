@@ -12,7 +12,6 @@ Everything is kept in DIR: an interrupted run goes on where it was, and two proc
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -20,13 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common import clopper_pearson, pin_threads, save
+from benchmarks.act_runs import SIZE, play_chunks, play_each, train_act
+from benchmarks.common import clopper_pearson, pin_threads
 
 TASKS = ("GrabPaperCup", "PutPenInCup", "PutRemoteInBox", "PutCupOnMat")
 KINDS = ("plain", "calibrated", "dreamed", "preferred")
 FIRST_SEED = 500_000  # of the world
-SAVED_EVERY = 5  # episodes
-SIZE, SMALL = (128, 96), (96, 72)
 
 
 def hidden() -> dict[str, dict[str, Any]]:
@@ -70,25 +68,19 @@ def episodes(a: argparse.Namespace, task: str, kind: str, seed: int) -> Path:
 
 def trained(a: argparse.Namespace, task: str, kind: str, seed: int) -> Path:
     """Folder of a policy."""
-    from embodiedreamer_gym.envs.robots import load_robot
-    from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train
     from embodiedreamer_gym.recordings.episodes import open_episodes
-    from embodiedreamer_gym.robot.mirror import mirrored_joints
 
     folder = a.out / f"policy_{task}_{kind}_{seed}"
     if (folder / "done").is_file():
         return folder
     if kind == "preferred":
         return preferred(a, task, seed, folder)
-    data = open_episodes(episodes(a, task, kind, seed))
-    config = ActConfig(data.state_size, data.action_size, ("head",), SMALL, source_size=SIZE)
-    training = TrainingConfig(a.steps, mirror=mirrored_joints(load_robot("aloha")), seed=seed)
 
-    def said(stage: str, count: int, of: int, text: str) -> None:
+    def told(count: int, of: int, text: str) -> None:
         if count % 500 == 0:
             print(f"{task} {kind} {seed}: step {count} of {of}, {text}", flush=True)
 
-    train(data, config, training, folder, said)
+    train_act(open_episodes(episodes(a, task, kind, seed)), folder, {"steps": a.steps, "seed": seed}, told)
     (folder / "done").touch()
     return folder
 
@@ -116,32 +108,11 @@ def judged(a: argparse.Namespace, task: str, kind: str, seed: int) -> list[dict[
     from embodiedreamer_gym.standin.bench import StandInEnv
 
     path = a.out / f"world_{task}_{kind}_{seed}.json"
-    rows = json.loads(path.read_text()) if path.is_file() else []
-    if len(rows) >= a.episodes:
-        return rows[: a.episodes]
     policy, env = load_policy(str(trained(a, task, kind, seed))), StandInEnv(task, hidden(), size=SIZE)
     try:
-        for number in range(FIRST_SEED + len(rows), FIRST_SEED + a.episodes):
-            rows.append(play(policy, env, number))
-            if len(rows) % SAVED_EVERY == 0 or len(rows) == a.episodes:
-                save(rows, path)
-                print(f"{task} {kind} {seed}: {sum(row['success'] for row in rows)}/{len(rows)}", flush=True)
+        return play_each(path, a.episodes, lambda n: play_chunks(policy, env, FIRST_SEED + n), f"{task} {kind} {seed}")
     finally:
         env.close()
-    return rows
-
-
-def play(policy: Any, env: Any, seed: int) -> dict[str, Any]:
-    """One episode, whole chunks executed."""
-    from embodiedreamer_gym.policies.evaluation import as_batch
-
-    observation, info = env.reset(seed=seed)
-    over = False
-    while not over:
-        chunk = np.asarray(policy(as_batch(observation, ("head",))))[0]
-        observation, _, _, over, info = env.step(chunk)
-    return {"seed": seed, "success": bool(info["is_success"]), "grasped": bool(info["grasp_success"]),
-            "distance": info["object_distance"]}  # fmt: skip
 
 
 def report(found: Mapping[tuple[str, str, int], Sequence[Mapping[str, Any]]], kinds: Sequence[str]) -> str:

@@ -19,6 +19,7 @@ from typing import Any
 import gymnasium as gym
 
 import embodiedreamer_gym  # noqa: F401  its environments are registered
+from benchmarks.act_runs import SIZE, play_each, train_act
 from benchmarks.common import clopper_pearson, pin_threads, save
 
 VARIANTS: dict[str, dict[str, Any]] = {  # of the network; and whether mirror images are learnt
@@ -29,7 +30,6 @@ VARIANTS: dict[str, dict[str, Any]] = {  # of the network; and whether mirror im
     "cloning": {"chunk": 1, "mirror": True},
 }
 FIRST_SEED = 100_000
-SAVED_EVERY = 5  # episodes
 
 
 def demonstrations(a: argparse.Namespace) -> Path:
@@ -44,31 +44,25 @@ def demonstrations(a: argparse.Namespace) -> Path:
 
 def trained(a: argparse.Namespace, variant: str, data: Path) -> tuple[Any, float]:
     """The policy of a variant, and the processor time (s) that training took, interruptions left out."""
-    from embodiedreamer_gym.envs.robots import load_robot
-    from embodiedreamer_gym.policies.act import ActConfig, ActPolicy, TrainingConfig, train
+    from embodiedreamer_gym.camera import read_size
+    from embodiedreamer_gym.policies.act import ActPolicy
     from embodiedreamer_gym.recordings.episodes import open_episodes
-    from embodiedreamer_gym.robot.mirror import mirrored_joints
 
     folder = a.out / f"{a.task}_{variant}_{a.demos}_{a.steps}x{a.batch}_{a.size}_{a.seed}"
     clock = folder / "processor_time.json"
     if clock.is_file() and json.loads(clock.read_text())["step"] == a.steps:
         return ActPolicy.load(folder), json.loads(clock.read_text())["seconds"]
     before = json.loads(clock.read_text())["seconds"] if clock.is_file() else 0.0
-    episodes, began = open_episodes(data), time.process_time()
-    width, height = (int(side) for side in a.size.split("x"))
-    sizes = dict(VARIANTS[variant])
-    mirror = mirrored_joints(load_robot("aloha")) if sizes.pop("mirror") else ()
-    config = ActConfig(
-        episodes.state_size, episodes.action_size, ("head",), (width, height), source_size=(128, 96), **sizes
-    )
+    began = time.process_time()
 
-    def said(stage: str, count: int, of: int, text: str) -> None:
+    def told(count: int, of: int, text: str) -> None:
         if count % 250 == 0 or count == of:
             seconds = before + time.process_time() - began
             save({"step": count, "seconds": seconds}, clock)
             print(f"{variant}: step {count}/{of}, {text}, {seconds:.0f} s of processor time", flush=True)
 
-    policy = train(episodes, config, TrainingConfig(a.steps, a.batch, mirror=mirror, seed=a.seed), folder, said)
+    training = {"steps": a.steps, "batch": a.batch, "seed": a.seed}
+    policy = train_act(open_episodes(data), folder, training, told, small=read_size(a.size), **VARIANTS[variant])
     return policy, json.loads(clock.read_text())["seconds"]
 
 
@@ -79,15 +73,9 @@ def judged(a: argparse.Namespace, variant: str, policy: Any, execute: int) -> li
     from embodiedreamer_gym.policies.evaluation import play
 
     path = a.out / f"{a.task}_{variant}_{a.demos}_{a.steps}x{a.batch}_{a.size}_{a.seed}_execute{execute}.json"
-    rows = json.loads(path.read_text()) if path.is_file() else []
-    if len(rows) >= a.episodes:
-        return rows[: a.episodes]
-    env = gym.make(f"EmbodieDreamer/{a.task}-v0", image_size=(128, 96))
-    for seed in range(FIRST_SEED + len(rows), FIRST_SEED + a.episodes):
-        rows.append(asdict(play(policy, env, seed, execute)))
-        if len(rows) % SAVED_EVERY == 0 or len(rows) == a.episodes:
-            save(rows, path)
-            print(f"{variant}, {execute} executed: {sum(r['success'] for r in rows)}/{len(rows)}", flush=True)
+    env = gym.make(f"EmbodieDreamer/{a.task}-v0", image_size=SIZE)
+    rows = play_each(path, a.episodes, lambda n: asdict(play(policy, env, FIRST_SEED + n, execute)),
+                     f"{variant}, {execute} executed")  # fmt: skip
     env.close()
     return rows
 

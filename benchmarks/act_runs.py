@@ -1,0 +1,51 @@
+"""What benchmarks of ACT share: a training into a folder, and episodes played one by one that an interruption does not lose."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.common import save
+
+SIZE, SMALL = (128, 96), (96, 72)  # of the pictures, and of those that a policy is shown
+SAVED_EVERY = 5  # episodes
+
+
+def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Callable[[int, int, str], None],
+              small: tuple[int, int] = SMALL, mirror: bool = True, **network: Any) -> Any:  # fmt: skip
+    """A policy of the head camera, trained or gone on with; training: of `TrainingConfig`; network: of `ActConfig`."""
+    from embodiedreamer_gym.envs.robots import load_robot
+    from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train
+    from embodiedreamer_gym.robot.mirror import mirrored_joints
+
+    config = ActConfig(episodes.state_size, episodes.action_size, ("head",), small, source_size=SIZE, **network)
+    signs = mirrored_joints(load_robot("aloha")) if mirror else ()
+    return train(episodes, config, TrainingConfig(mirror=signs, **training), folder,
+                 lambda stage, count, of, text: told(count, of, text))  # fmt: skip
+
+
+def play_each(path: Path, count: int, play: Callable[[int], Any], name: str) -> list[Any]:
+    """What each of the first episodes gave, by `play(number)`: rows with a success, kept in a file as they come."""
+    rows = json.loads(path.read_text()) if path.is_file() else []
+    for number in range(len(rows), count):
+        rows.append(play(number))
+        if len(rows) % SAVED_EVERY == 0 or len(rows) == count:
+            save(rows, path)
+            print(f"{name}: {sum(row['success'] for row in rows)}/{len(rows)}", flush=True)
+    return rows[:count]
+
+
+def play_chunks(policy: Any, env: Any, seed: int) -> dict[str, Any]:
+    """One episode of an environment that takes chunks, each executed whole."""
+    from embodiedreamer_gym.policies.evaluation import as_batch
+
+    observation, info = env.reset(seed=seed)
+    over = False
+    while not over:
+        observation, _, _, over, info = env.step(np.asarray(policy(as_batch(observation, ("head",))))[0])
+    return {"seed": seed, "success": bool(info["is_success"]), "grasped": bool(info["grasp_success"]),
+            "distance": info["object_distance"]}  # fmt: skip

@@ -1,0 +1,29 @@
+"""Episodes of a benchmark, kept as they come."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks.act_runs import play_each
+
+
+def test_an_interrupted_run_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    played: list[int] = []
+
+    def play(number: int) -> dict[str, bool | int]:
+        played.append(number)
+        if len(played) == 8:
+            raise KeyboardInterrupt
+        return {"seed": number, "success": number % 2 == 0}
+
+    path = tmp_path / "rows.json"
+    with pytest.raises(KeyboardInterrupt):
+        play_each(path, 12, play, "policy")
+    assert len(json.loads(path.read_text())) == 5
+    rows = play_each(path, 12, play, "policy")
+    assert [row["seed"] for row in rows] == list(range(12)) and played[8:] == list(range(5, 12))
+    assert capsys.readouterr().out.splitlines()[-1] == "policy: 6/12"
+    assert play_each(path, 3, play, "policy") == rows[:3]
