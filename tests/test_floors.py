@@ -16,7 +16,7 @@ PACKAGE = Path(embodiedreamer_gym.__file__).parent
 TOP = 8
 FLOORS = {
     "errors": -1,  # below the ground floor: everybody may see it
-    **dict.fromkeys(["camera", "motions", "poses", "recordings", "terminal"], 0),
+    **dict.fromkeys(["camera", "motions", "poses", "recordings", "terminal", "unseen"], 0),
     **dict.fromkeys(["effects", "policies", "vis_aligner"], 1),
     "robot": 2,
     "simulation": 3,

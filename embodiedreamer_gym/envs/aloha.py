@@ -87,6 +87,8 @@ class AlohaEnv(gym.Env, EzPickle):
         self._joint_space = observe.joint_space(self.robot)
         self._state_space = observe.state_space(self.robot)
         self.observation_space = self._space()
+        self.blind = False  # while it is set, observations repeat the pictures that were drawn last
+        self._pictures: dict[str, np.ndarray] = {}
         self._command: np.ndarray | None = None
         self._arms: dict[str, list[tuple[int, int]]] = dict(zip(SIDES, self.scene.fingers, strict=True))
 
@@ -179,6 +181,10 @@ class AlohaEnv(gym.Env, EzPickle):
         size = self.image_size if size is None else check_size("size", size)
         return self.renderer.capture(found, size, self._mount(found), self.scene.classes, self.scene.parts)
 
+    def observe(self) -> Any:
+        """The observation of this instant, as the last `reset` or `step` gave it."""
+        return self._observe()[0]
+
     def joint_positions(self) -> np.ndarray:
         """What the encoders (14,) read at this instant, in the units of the action."""
         return self.scene.plant.observe()[0]
@@ -241,11 +247,12 @@ class AlohaEnv(gym.Env, EzPickle):
         if self.obs_type == "state":
             tips = [self.scene.tip(arm).position for arm in range(len(SIDES))]
             return observe.clipped(observe.state_vector(position, velocity, tips, now, target), self._state_space)
-        pictures = {
-            name: self.renderer.rgb(camera, self.image_size, self._mount(camera))
-            for name, camera in self.cameras.items()
-        }
-        pixels = pictures if len(pictures) > 1 else next(iter(pictures.values()))
+        if not self.blind or not self._pictures:
+            self._pictures = {
+                name: self.renderer.rgb(camera, self.image_size, self._mount(camera))
+                for name, camera in self.cameras.items()
+            }
+        pixels = dict(self._pictures) if len(self._pictures) > 1 else next(iter(self._pictures.values()))
         if self.obs_type == "pixels":
             return pixels
         return {"pixels": pixels, "agent_pos": observe.clipped(position, self._joint_space)}

@@ -12,6 +12,7 @@ from scipy.stats import binomtest
 
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.protocol import Policy
+from embodiedreamer_gym.unseen import see_through, unseen
 
 HELD = 30  # steps in a row that a success has to last for an episode to end early
 Watch = Callable[[Any, dict[str, Any]], None]
@@ -122,10 +123,12 @@ def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | N
         forget()
     observation, info = env.reset(seed=seed)
     steps, held, first, over = 0, 0, None, False
+    world = see_through(env) if watch is None else None
     while not over:
-        chunk = np.asarray(policy(as_batch(observation, cameras)))[0]
-        for action in chunk[:execute]:
-            observation, _, terminated, truncated, info = env.step(action)
+        actions = np.asarray(policy(as_batch(observation, cameras)))[0][:execute]
+        for number, action in enumerate(actions, 1):
+            with unseen(world, number < len(actions)):  # the policy is asked again after the last
+                observation, _, terminated, truncated, info = env.step(action)
             steps += 1
             held = held + 1 if info["is_success"] else 0
             first = steps if first is None and held else first

@@ -11,6 +11,7 @@ from gymnasium import spaces
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.rendering import Frame, stacked
 from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.unseen import see_through, unseen
 
 
 class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
@@ -58,11 +59,14 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
             raise ValueError(f"a chunk has shape {self.action_space.shape}, not {action.shape}.")
         rewards, looks = [], []
         observation, info, terminated, truncated = None, {}, False, False
-        for one in action:
-            observation, reward, terminated, truncated, info = self.env.step(one)
+        world = see_through(self.env)
+        for number, one in enumerate(action, 1):
+            with unseen(world, number < len(action)):  # only the last observation is shown
+                observation, reward, terminated, truncated, info = self.env.step(one)
             rewards.append(float(reward))
             looks.append(self._look())
             if terminated or truncated:
+                observation = observation if world is None or number == len(action) else world.observe()
                 break
         return observation, float(sum(rewards)), terminated, truncated, info | self._told(rewards, looks)
 

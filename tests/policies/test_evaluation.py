@@ -140,3 +140,21 @@ def test_cameras_by_name_stay_as_they_are() -> None:
     batch = as_batch({"agent_pos": np.zeros(2), "pixels": pictures}, ("a", "b"))
     assert {name: value.shape for name, value in batch["pixels"].items()} == {"a": (1, 4, 4, 3), "b": (1, 4, 4, 3)}
     assert batch["agent_pos"].dtype == np.float32
+
+
+def test_pictures_are_drawn_for_the_policy_and_for_who_watches() -> None:
+    class Blindable(Walk):
+        blind = False
+
+        def step(self, action):
+            unseen.append(self.blind)
+            return super().step(action)
+
+    unseen: list[bool] = []
+    env = gym.wrappers.TimeLimit(Blindable(), 8)
+    evaluate(Goes(-1.0), env, [0], 3)
+    assert unseen == [True, True, False, True, True, False, True, True]
+    unseen.clear()
+    evaluate(Goes(-1.0), env, [0], 3, watch=lambda seed: lambda observation, info: None)
+    evaluate(Goes(-1.0), gym.wrappers.TransformObservation(env, lambda seen: seen, None), [0], 3)
+    assert unseen == [False] * 16

@@ -91,3 +91,41 @@ def test_bad_chunks_are_refused(options, says) -> None:
     with pytest.raises(ValueError, match=r"\(3, 14\), not \(2, 14\)"):
         chunked.step(actions(2))
     env.close()
+
+
+def drawn(env: gym.Env, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """A list that grows with each picture that the environment draws for an observation."""
+    world, pictures = env.unwrapped, []
+    draw = world.renderer.rgb
+    monkeypatch.setattr(world.renderer, "rgb", lambda *given: (pictures.append(1), draw(*given))[1])
+    return pictures
+
+
+def test_only_the_picture_that_is_shown_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And it is the right one, where the chunk ends as where the episode is cut in its middle."""
+    options = {"obs_type": "pixels_agent_pos", "image_size": (32, 24), "max_episode_steps": 6}
+    single, chunked, plan = make(**options), ActionChunk(make(**options), k=4), actions(8)
+    single.reset(seed=3)
+    chunked.reset(seed=3)
+    pictures = drawn(chunked, monkeypatch)
+    for part in plan.reshape(2, 4, 14):
+        for action in part:
+            observation, *_, truncated, _ = single.step(action)
+            if truncated:
+                break
+        seen, *_, cut, _ = chunked.step(part)
+        assert np.array_equal(seen["pixels"], observation["pixels"]) and cut == truncated
+        assert np.array_equal(seen["agent_pos"], observation["agent_pos"])
+    assert cut and len(pictures) == 2 and not chunked.unwrapped.blind
+    single.close()
+    chunked.close()
+
+
+def test_a_wrapper_that_looks_at_observations_sees_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    inner = make(obs_type="pixels", image_size=(32, 24))
+    env = ActionChunk(gym.wrappers.FrameStackObservation(inner, 3), k=4)
+    env.reset(seed=3)
+    pictures = drawn(env, monkeypatch)
+    seen = env.step(actions(4) + np.linspace(0.0, 0.3, 4, dtype=np.float32)[:, None])[0]
+    assert len(pictures) == 4 and not np.array_equal(seen[0], seen[1])
+    env.close()
