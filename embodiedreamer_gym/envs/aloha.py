@@ -252,7 +252,8 @@ class AlohaEnv(gym.Env, EzPickle):
                 name: self.renderer.rgb(camera, self.image_size, self._mount(camera))
                 for name, camera in self.cameras.items()
             }
-        pixels = dict(self._pictures) if len(self._pictures) > 1 else next(iter(self._pictures.values()))
+        pictures = {name: picture.copy() for name, picture in self._pictures.items()}  # observations share nothing
+        pixels = pictures if len(pictures) > 1 else next(iter(pictures.values()))
         if self.obs_type == "pixels":
             return pixels
         return {"pixels": pixels, "agent_pos": observe.clipped(position, self._joint_space)}

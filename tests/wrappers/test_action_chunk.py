@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -104,8 +106,13 @@ def drawn(env: gym.Env, monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def test_only_the_picture_that_is_shown_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """And it is the right one, where the chunk ends as where the episode is cut in its middle."""
     options = {"obs_type": "pixels_agent_pos", "image_size": (32, 24), "max_episode_steps": 6}
-    single, chunked, plan = make(**options), ActionChunk(make(**options), k=4), actions(8)
-    single.reset(seed=3)
+    single, plan = make(**options), actions(8)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # of Gymnasium's checker too
+        chunked = ActionChunk(make(**options, disable_env_checker=False), k=4)
+        single.reset(seed=3)
+        chunked.reset(seed=3)
+        chunked.step(plan[:4])
     chunked.reset(seed=3)
     pictures = drawn(chunked, monkeypatch)
     for part in plan.reshape(2, 4, 14):
