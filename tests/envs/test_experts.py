@@ -251,6 +251,23 @@ def test_gripper_poses_point_where_they_say() -> None:
         np.testing.assert_allclose(np.linalg.det(pose.rotation), 1.0)
 
 
+@pytest.mark.parametrize("name", ["PutPenInCup", "PutRemoteInBox"])
+def test_a_grip_depends_on_what_can_be_seen(name: str) -> None:
+    """A thing the other way round is gripped in the same place, with the gripper turned by no more than a quarter."""
+    task, rng, turn = TASKS[name](), np.random.default_rng(3), Rotation.from_euler("z", np.pi)
+    for _ in range(20):
+        side, places = task.place(rng)
+        there = places[task.object.name]
+        back = Pose(there.position, (Rotation.from_quat(there.quaternion) * turn).as_quat())
+        first, other = (
+            next(iter(task.grips(standing(task, side, places | {task.object.name: pose})))) for pose in (there, back)
+        )
+        np.testing.assert_allclose(first.position, other.position, atol=1e-9)
+        np.testing.assert_allclose(first.rotation, other.rotation, atol=1e-9)
+        away = there.position - arm(side).base
+        assert first.rotation[:2, 0] @ away[:2] <= 0.0  # as an arm that faces it has its gripper
+
+
 def test_an_expert_wants_an_aloha_environment_that_has_been_reset() -> None:
     with pytest.raises(SimulationError, match="no ALOHA environment"):
         ScriptedExpert(gym.make("CartPole-v1"))

@@ -20,6 +20,17 @@ def downward(point: np.ndarray, across: np.ndarray) -> Pose:
     return _pose(point, np.array([0.0, 0.0, -1.0]), flat / np.linalg.norm(flat))
 
 
+def ways(situation: Situation, point: np.ndarray, across: np.ndarray) -> tuple[float, float]:
+    """Signs of an axis (3,) along which the gripper may close at a point (3,): first the one that turns it less.
+
+    Which end of a thing is which is hard to see; which way it lies is not. An expert that goes by ends shows a policy two
+    ways of doing the same, and it learns their mean.
+    """
+    x, y = (point - situation.base)[:2]
+    sign = 1.0 if across[:2] @ (-y, x) >= 0.0 else -1.0  # as in `outward`
+    return sign, -sign
+
+
 def _pose(point: np.ndarray, ahead: np.ndarray, across: np.ndarray) -> Pose:
     (a, b, c), (d, e, f) = across.tolist(), ahead.tolist()
     down = (b * f - c * e, c * d - a * f, a * e - b * d)  # across x ahead

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from embodiedreamer_gym.envs.tasks.grips import downward, outward
+from embodiedreamer_gym.envs.tasks.grips import downward, outward, ways
 from embodiedreamer_gym.envs.tasks.prop import Prop
 from embodiedreamer_gym.envs.tasks.shapes import Shape, beaker, frustum, staves
 from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
@@ -57,10 +57,10 @@ class PutPenInCup(Task):
         return bool(inside and situation.on_goal and situation.speed < 0.02 and situation.fingers == 0)
 
     def grips(self, situation: Situation) -> Iterator[Pose]:
-        """Across it from above, near one end: the longer part points to the arm, and will hang down from the gripper."""
-        for way in (1.0, -1.0):
-            point = situation.object.point((way * (LENGTH / 2 - END), 0.0, GRIP))
-            yield downward(point, way * situation.object.rotation[:, 1])
+        """Across it from above, near the end away from the arm: the longer part will hang down from the gripper."""
+        across = situation.object.rotation[:, 1]
+        for way in ways(situation, situation.object.position, across):
+            yield downward(situation.object.point((way * (LENGTH / 2 - END), 0.0, GRIP)), way * across)
 
     def releases(self, situation: Situation) -> Iterator[Pose]:
         """Ahead over the holder, the pen's lower end below its rim, slanting from inwards to outwards."""

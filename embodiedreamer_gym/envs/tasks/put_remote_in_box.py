@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from embodiedreamer_gym.envs.tasks.grips import downward
+from embodiedreamer_gym.envs.tasks.grips import downward, ways
 from embodiedreamer_gym.envs.tasks.prop import Prop
 from embodiedreamer_gym.envs.tasks.shapes import Shape, open_box
 from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
@@ -55,10 +55,12 @@ class PutRemoteInBox(Task):
 
     def grips(self, situation: Situation) -> Iterator[Pose]:
         """Across its middle, from above."""
-        for way in (1.0, -1.0):
-            yield downward(situation.object.point((0.0, 0.0, GRIP)), way * situation.object.rotation[:, 1])
+        point, across = situation.object.point((0.0, 0.0, GRIP)), situation.object.rotation[:, 1]
+        for way in ways(situation, point, across):
+            yield downward(point, way * across)
 
     def releases(self, situation: Situation) -> Iterator[Pose]:
         """Over the box's middle, the remote along the box."""
-        for way in (1.0, -1.0):
-            yield downward(self.target(situation), way * situation.goal.rotation[:, 1])
+        point, across = self.target(situation), situation.goal.rotation[:, 1]
+        for way in ways(situation, point, across):
+            yield downward(point, way * across)

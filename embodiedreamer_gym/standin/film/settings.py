@@ -13,7 +13,7 @@ from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.standin.film.looks import find_look
 
-RECIPE = 1  # to be raised with whatever changes the pictures of the same settings
+RECIPE = 2  # to be raised with whatever changes the pictures of the same settings
 FEWEST = 10  # samples that a recording must have
 STEPS = 300  # control steps of an episode
 MOST_APART = (STEPS - 1) // (FEWEST - 1)
