@@ -179,7 +179,7 @@ def _attempt(wanted: Demonstrations, number: int, folder: Path) -> Path | None:
             if played is None:
                 return None
             path = folder / f".attempt_{number}.hdf5"
-            shape = (len(played["action"]), len(env.cameras), wanted.size[1], wanted.size[0], 3)
+            shape = (len(played["action"]), len(env.cameras), wanted.size[1], wanted.size[0], 4)
             attributes = {
                 "demonstration": {**wanted.settings(), "attempt": number}, "task": wanted.task, "side": env.side,
                 "seed": wanted.attempt_seed(number), "renderer": env.renderer.name, "control_hz": env.control_hz,
@@ -187,9 +187,10 @@ def _attempt(wanted: Demonstrations, number: int, folder: Path) -> Path | None:
                 "units": list(env.robot.units),
             }  # fmt: skip
             write_aloha_episode(
-                path, played["qpos"], played["action"], _frames(film, tuple(env.cameras), shape), env.task_description,
-                rate=env.control_hz, images="gzip", velocities=played["qvel"], attributes=attributes,
+                path, played["qpos"], played["action"], _seen(film, tuple(env.cameras), shape, slice(3)),
+                env.task_description, rate=env.control_hz, images="gzip", velocities=played["qvel"],
                 objects={prop.name: played[prop.name] for prop in env.task.props},
+                masks=_seen(film, tuple(env.cameras), shape, 3), classes=env.segmentation_classes, attributes=attributes,
             )  # fmt: skip
             return path
     except OSError as error:
@@ -199,15 +200,16 @@ def _attempt(wanted: Demonstrations, number: int, folder: Path) -> Path | None:
 
 
 def _play(env: AlohaEnv, seed: int, film: IO[bytes]) -> dict[str, np.ndarray] | None:
-    """Signals (T, ...) of an episode whose frames go to a file as they come; None where it did not succeed."""
+    """Signals (T, ...) of an episode whose frames and masks go to a file as they come; None where it did not succeed."""
     observation, info = env.reset(seed=seed)
+    env.blind = True  # frames and masks are drawn at once
     expert = ScriptedExpert(env)
     rows: list[dict[str, np.ndarray]] = []
     still = 0
     while len(rows) < STEPS and not (info["is_success"] and still >= STILL):
-        pixels = observation["pixels"]
         for camera in env.cameras:
-            film.write((pixels[camera] if len(env.cameras) > 1 else pixels).tobytes())
+            frame = env.capture(camera)
+            film.write(np.dstack([frame.rgb, frame.segmentation]).tobytes())
         position, action = observation["agent_pos"], expert.act()
         poses = {prop.name: env.scene.pose(prop.name) for prop in env.task.props}
         rows.append({
@@ -219,14 +221,14 @@ def _play(env: AlohaEnv, seed: int, film: IO[bytes]) -> dict[str, np.ndarray] | 
     return {key: np.array([row[key] for row in rows]) for key in rows[0]} if info["is_success"] else None
 
 
-def _frames(film: IO[bytes], cameras: tuple[str, ...], shape: tuple[int, ...]) -> dict[str, Iterator[np.ndarray]]:
-    """Frames of each camera in a file of (T, cameras, H, W, 3), one after another."""
+def _seen(film: IO[bytes], cameras: tuple[str, ...], shape: tuple[int, ...], which: Any) -> dict[str, Iterator[np.ndarray]]:
+    """Some channels of what each camera saw, one step after another, of a file of (T, cameras, H, W, 4)."""
     film.flush()
 
     def of(place: int) -> Iterator[np.ndarray]:
         size = int(np.prod(shape[2:]))
         for step in range(shape[0]):
             film.seek((step * shape[1] + place) * size)
-            yield np.frombuffer(film.read(size), np.uint8).reshape(shape[2:])
+            yield np.frombuffer(film.read(size), np.uint8).reshape(shape[2:])[..., which]
 
     return {camera: of(place) for place, camera in enumerate(cameras)}

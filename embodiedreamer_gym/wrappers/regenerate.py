@@ -22,7 +22,7 @@ from embodiedreamer_gym.vis_aligner.editing import ReferenceEditor, describe, dr
 from embodiedreamer_gym.wrappers.recorded import Played, Source, play, read_source, source_files
 from embodiedreamer_gym.wrappers.vis_aligner import first
 
-RECIPE = 1  # to be raised with whatever changes the episodes of the same settings
+RECIPE = 2  # to be raised with whatever changes the episodes of the same settings
 ABOUT = "augmentation"  # the attribute that tells how an episode was made
 OWN = (
     "sim",
@@ -162,7 +162,8 @@ def _write(work: _Work, source: Source, copy: int, played: Played, start: Refere
     write_aloha_episode(
         work.path(source.name, copy), source.states, source.actions, {CAMERA: iter([start.last, *frames])},
         source.instruction, rate=source.rate, images="gzip", velocities=source.velocities, efforts=source.efforts,
-        objects=source.objects, attributes={**attributes, ABOUT: about},
+        objects=source.objects, masks={CAMERA: played.condition.classes}, classes=played.names,
+        attributes={**attributes, ABOUT: about},
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ Source: collect_data.py of agilexrobotics/cobot_magic, record_sim_episodes.py of
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,6 +26,8 @@ from embodiedreamer_gym.recordings.frames import decode
 
 SAME_RATE = 0.02  # by which the rates of files may differ: clocks jitter
 STATE, ACTION, IMAGES = "observations/qpos", "action", "observations/images"
+MASKS, CLASSES = "observations/masks", "class_names"  # beside the images; names of the numbers in them, a JSON list
+NO_OBJECTS = ("background", "table", "robot")
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,7 @@ class _File:
     cameras: dict[str, tuple[int, int]]
     task: str
     rate: float | None
+    objects: dict[str, int]
 
 
 class AlohaEpisodes(EpisodeSet):
@@ -59,6 +63,7 @@ class AlohaEpisodes(EpisodeSet):
         self.state_size, self.action_size = first.state_size, first.action_size
         self.lengths = tuple(file.length for file in self._files)
         self.names = tuple(file.path.stem for file in self._files)
+        self.objects = first.objects
         self._rate = rate or next((file.rate for file in self._files if file.rate is not None), None)
 
     @property
@@ -91,6 +96,11 @@ class AlohaEpisodes(EpisodeSet):
         path = self._files[episode].path
         with _opened(path) as file:
             return check_numbers(_dataset(file, path, key)[()], f"{path}: /{key}")
+
+    def _read_masks(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
+        path = self._files[episode].path
+        with _opened(path) as file:
+            return _dataset(file, path, f"{MASKS}/{camera}")[start:stop]
 
     def _read_frames(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
         path, key = self._files[episode].path, f"{IMAGES}/{camera}"
@@ -150,7 +160,8 @@ def _inspect(path: Path) -> _File:
                 f"{path}: /{ACTION} has {sizes[ACTION][0]} steps, /{STATE} {length}; they must agree and be at least one"
             )
         cameras = {name: _frame_size(file, path, name, length) for name in _camera_names(file, path)}
-        return _File(path, length, sizes[STATE][1], sizes[ACTION][1], cameras, _task(file), _rate(file, path, length))
+        return _File(path, length, sizes[STATE][1], sizes[ACTION][1], cameras, _task(file), _rate(file, path, length),
+                     _objects(file, path, cameras, length))  # fmt: skip
 
 
 def _camera_names(file: h5py.File, path: Path) -> list[str]:
@@ -182,6 +193,23 @@ def _frame_size(file: h5py.File, path: Path, camera: str, length: int) -> tuple[
     return int(shape[1]), int(shape[0])
 
 
+def _objects(file: h5py.File, path: Path, cameras: dict[str, tuple[int, int]], length: int) -> dict[str, int]:
+    """Objects by their number in the masks; none where a camera has no masks, or their numbers no names."""
+    try:
+        names = json.loads(str(file.attrs.get(CLASSES, "[]")))
+    except ValueError:
+        names = []
+    if not cameras or not isinstance(names, list) or any(f"{MASKS}/{camera}" not in file for camera in cameras):
+        return {}
+    for camera, (width, height) in cameras.items():
+        data = _dataset(file, path, f"{MASKS}/{camera}")
+        if data.shape != (length, height, width) or data.dtype != np.uint8:
+            raise RecordingError(
+                f"{path}: /{MASKS}/{camera} is {data.dtype} of shape {data.shape}; uint8 {(length, height, width)} is expected"
+            )
+    return {str(name): number for number, name in enumerate(names) if name not in NO_OBJECTS}
+
+
 def _task(file: h5py.File) -> str:
     found = file.attrs.get("instruction", file.attrs.get("task", ""))
     return found.decode(errors="replace") if isinstance(found, bytes) else str(found)
@@ -207,6 +235,7 @@ def _agree(one: _File, other: _File) -> None:
         ("a state size of", one.state_size, other.state_size),
         ("the cameras", ", ".join(one.cameras) or "none", ", ".join(other.cameras) or "none"),
         ("frames of", list(one.cameras.values()), list(other.cameras.values())),
+        ("masks of", ", ".join(one.objects) or "nothing", ", ".join(other.objects) or "nothing"),
     ):
         if a != b:
             raise RecordingError(f"{other.path} has {what} {b}, {one.path.name} {a}; all episodes must have the same")

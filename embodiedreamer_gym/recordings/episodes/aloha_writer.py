@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.recordings.episodes.aloha import ACTION, IMAGES, STATE
+from embodiedreamer_gym.recordings.episodes.aloha import ACTION, CLASSES, IMAGES, MASKS, STATE
 from embodiedreamer_gym.recordings.episodes.episode_set import check_numbers
 
 IMAGE_FORMS = ("raw", "gzip", "jpeg")
@@ -73,12 +73,14 @@ class AlohaWriter:
 def write_aloha_episode(
     path: str | Path, states: np.ndarray, actions: np.ndarray, frames: Frames, task: str = "", *, rate: float,
     images: str = "raw", velocities: np.ndarray | None = None, efforts: np.ndarray | None = None,
-    objects: Mapping[str, np.ndarray] | None = None, attributes: Mapping[str, Any] | None = None,
+    objects: Mapping[str, np.ndarray] | None = None, masks: Frames | None = None, classes: Sequence[str] = (),
+    attributes: Mapping[str, Any] | None = None,
 ) -> None:  # fmt: skip
     """Write one episode beside its place, a frame at a time, and rename it when it is whole.
 
     velocities, efforts (T, n): zeros where None, as loaders index them; objects: name -> poses (T, 7), position m and
-    quaternion xyzw, as `/objects/<name>`; task: a sentence, the attribute `instruction`.
+    quaternion xyzw, as `/objects/<name>`; masks: camera -> T masks (H, W) uint8 of its frames, whose numbers `classes` names;
+    task: a sentence, the attribute `instruction`.
     Raises: RecordingError where lengths disagree, a number is not finite or the file cannot be written.
     """
     path = Path(path)
@@ -99,6 +101,9 @@ def write_aloha_episode(
                         raise RecordingError(f"{path}: /{key} has {len(array)} steps for {len(states)} states")
                     file[key] = array
                 _write_frames(file, path, frames, len(states), images)
+                _write_masks(file, path, masks or {}, len(states))
+                if masks:
+                    file.attrs[CLASSES] = json.dumps(list(classes))
                 file.attrs.update({"sim": True, "compress": images == "jpeg", "rate": float(rate), "instruction": task})
                 for key, value in (attributes or {}).items():
                     file.attrs[key] = json.dumps(value) if isinstance(value, dict | list | tuple) else value
@@ -130,6 +135,18 @@ def _write_frames(file: h5py.File, path: Path, frames: Frames, length: int, imag
             raise RecordingError(f"{path}: camera {camera} has more than {length} frames, one per step")
     if images == "jpeg" and rooms:
         file["compress_len"] = np.array(sizes).T
+
+
+def _write_masks(file: h5py.File, path: Path, masks: Frames, length: int) -> None:
+    """Masks of each camera, packed."""
+    for camera, source in masks.items():
+        room, rows = None, iter(source)
+        for step in range(length):
+            mask = np.asarray(_next(rows, path, camera, step, length))
+            if room is None:
+                room = file.create_dataset(f"{MASKS}/{camera}", (length, *mask.shape), np.uint8, chunks=(1, *mask.shape),
+                                           compression="gzip", compression_opts=4)  # fmt: skip
+            room[step] = mask
 
 
 def _next(source: Iterator[np.ndarray], path: Path, camera: str, step: int, length: int) -> np.ndarray:

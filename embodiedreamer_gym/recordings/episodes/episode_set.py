@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -16,7 +17,8 @@ class EpisodeSet(ABC):
     """Episodes of one robot with the frames of its cameras; what is asked for is read, and nothing is kept.
 
     cameras: names, none for a set without frames; state_size n, action_size m; lengths: steps of each episode; names: of
-    the episodes. The action of a step is the one that follows its state and frame.
+    the episodes; objects: of each object that the masks of all cameras tell apart, its number in them (none without masks).
+    The action of a step is the one that follows its state and frame.
     """
 
     cameras: tuple[str, ...]
@@ -25,6 +27,7 @@ class EpisodeSet(ABC):
     lengths: tuple[int, ...]
     names: tuple[str, ...]
     source: str
+    objects: Mapping[str, int] = {}
 
     @property
     @abstractmethod
@@ -59,6 +62,27 @@ class EpisodeSet(ABC):
 
         Raises: RecordingError for a camera or steps that there are not, and for frames that cannot be read.
         """
+        start, stop = self._window(episode, camera, start, stop)
+        if start == stop:
+            width, height = self.frame_size(camera)
+            return np.empty((0, height, width, 3), np.uint8)
+        return self._read_frames(episode, camera, start, stop)
+
+    def masks(self, episode: int, camera: str, start: int = 0, stop: int | None = None) -> np.ndarray:
+        """Masks (k, H, W) uint8 of the same frames: at each pixel the number of what is there.
+
+        Raises: RecordingError as `frames`, and where there are no masks.
+        """
+        if not self.objects:
+            raise RecordingError(f"{self.source} has no masks of objects")
+        return self._read_masks(episode, camera, *self._window(episode, camera, start, stop))
+
+    def _read_masks(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
+        """Masks of frames that there are."""
+        raise NotImplementedError
+
+    def _window(self, episode: int, camera: str, start: int, stop: int | None) -> tuple[int, int]:
+        """First and last but one of the steps that are asked for."""
         if camera not in self.cameras:
             raise RecordingError(
                 f"{self.source} has no camera '{camera}'; it has {', '.join(self.cameras) or 'no frames at all'}"
@@ -67,10 +91,7 @@ class EpisodeSet(ABC):
         stop = length if stop is None else stop
         if not 0 <= start <= stop <= length:
             raise RecordingError(f"{self.names[episode]} has the steps 0 .. {length - 1}, not {start} .. {stop - 1}")
-        if start == stop:
-            width, height = self.frame_size(camera)
-            return np.empty((0, height, width, 3), np.uint8)
-        return self._read_frames(episode, camera, start, stop)
+        return start, stop
 
     def __len__(self) -> int:
         return len(self.lengths)

@@ -33,6 +33,8 @@ class JoinedEpisodes(EpisodeSet):
         self.cameras = first.cameras if cameras is None else tuple(cameras)
         for one in sets:
             _agree(first, one, self.cameras, strict=cameras is None)
+        same = all(dict(one.objects) == dict(first.objects) for one in sets)
+        self.objects = first.objects if same else {}
         self._sets = tuple(sets)
         self._places = [(one, number) for one in sets for number in range(len(one))]
         self.state_size, self.action_size = first.state_size, first.action_size
@@ -70,6 +72,10 @@ class JoinedEpisodes(EpisodeSet):
     def frame_size(self, camera: str) -> tuple[int, int]:
         """Width and height of a camera's frames, pixels."""
         return self._sets[0].frame_size(camera)
+
+    def _read_masks(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
+        one, number = self._places[episode]
+        return one.masks(number, camera, start, stop)
 
     def _read_frames(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
         one, number = self._places[episode]
