@@ -11,18 +11,19 @@ import numpy as np
 
 from benchmarks.common import save
 
-SIZE, SMALL = (128, 96), (96, 72)  # of the pictures, and of those that a policy is shown
+SIZE = (128, 96)  # of the pictures
 SAVED_EVERY = 5  # episodes
 
 
 def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Callable[[int, int, str], None],
-              small: tuple[int, int] = SMALL, mirror: bool = True, **network: Any) -> Any:  # fmt: skip
+              small: tuple[int, int] = SIZE, mirror: bool = True, eyes: bool = True, **network: Any) -> Any:  # fmt: skip
     """A policy of the head camera, trained or gone on with; training: of `TrainingConfig`; network: of `ActConfig`."""
     from embodiedreamer_gym.envs.robots import load_robot
-    from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train
+    from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train, with_eyes
     from embodiedreamer_gym.robot.mirror import mirrored_joints
 
     config = ActConfig(episodes.state_size, episodes.action_size, ("head",), small, source_size=SIZE, **network)
+    config = with_eyes(config, episodes) if eyes else config
     signs = mirrored_joints(load_robot("aloha")) if mirror else ()
     return train(episodes, config, TrainingConfig(mirror=signs, **training), folder,
                  lambda stage, count, of, text: told(count, of, text))  # fmt: skip

@@ -1,11 +1,11 @@
 """ACT on a task's demonstrations: success on seeds not looked at, with and without chunks, and the time training takes.
 
 python -m benchmarks policy_act --out DIR [--task PutCupOnMat] [--demos 50] [--episodes 200] [--steps 4000] [--batch 32]
-                                [--size 96x72] [--variant act unmirrored cloning ...] [--execute 100 25 ...] [--seed 0]
+                                [--size 128x96] [--variant act unmirrored cloning ...] [--execute 100 25 ...] [--seed 0]
 
 Everything is kept in DIR, and an interrupted run goes on where it was. Variants: act, chunks of 100, each demonstration's
-mirror image learnt too; unmirrored, without that; pictures, without key points either; chunk20; cloning, behaviour cloning
-without chunks (one action per query). One process, one thread.
+mirror image learnt too; unmirrored, without that; keypoints, without the objects' masks; pictures, without key points either;
+chunk20; cloning, behaviour cloning without chunks (one action per query). One process, one thread.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from benchmarks.common import clopper_pearson, pin_threads, save
 VARIANTS: dict[str, dict[str, Any]] = {  # of the network; and whether mirror images are learnt
     "act": {"chunk": 100, "mirror": True},
     "unmirrored": {"chunk": 100, "mirror": False},
-    "pictures": {"chunk": 100, "mirror": False, "keypoints": 0},
+    "keypoints": {"chunk": 100, "mirror": True, "eyes": False},
+    "pictures": {"chunk": 100, "mirror": True, "eyes": False, "keypoints": 0},
     "chunk20": {"chunk": 20, "mirror": True},
     "cloning": {"chunk": 1, "mirror": True},
 }
@@ -87,7 +88,7 @@ def main() -> None:
     parser.add_argument("--task", default="PutCupOnMat")
     parser.add_argument("--variant", nargs="+", choices=VARIANTS, default=["act", "unmirrored", "cloning"])
     parser.add_argument("--execute", nargs="+", type=int, default=[100])
-    parser.add_argument("--size", default="96x72")
+    parser.add_argument("--size", default="128x96")
     for name, value in (("demos", 50), ("episodes", 200), ("steps", 4000), ("batch", 32), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()

@@ -38,6 +38,11 @@ def _train_parser(actions: Any) -> None:
     one.add_argument("--size", metavar="WxH", help="to which pictures are scaled (default: as they are)")
     one.add_argument("--mirror", metavar="M", help="learn each demonstration's mirror image too, of the other arm of this robot:"
                      " JSON file or built-in robot, symmetric as its cameras")  # fmt: skip
+    one.add_argument(
+        "--no-masks", action="store_true", help="do not learn from the objects' masks that the data may have"
+    )
+    one.add_argument("--no-rest", action="store_true", help="what follows an episode's end is not known: the robot is not to"
+                     " learn to rest there")  # fmt: skip
     one.add_argument("--preset", choices=PRESETS, default="small", help="sizes of the network (default %(default)s)")
     one.add_argument("--device", default="cpu", metavar="D", help="cpu or cuda (default %(default)s)")
     one.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
@@ -82,7 +87,7 @@ def _train(a: argparse.Namespace, progress: Any) -> None:
     said = Progress(a.quiet)
     rate = PRESETS[a.preset] if a.rate is None else a.rate
     mirror = () if a.mirror is None else _mirror(a.mirror)
-    settings = TrainingConfig(a.steps, a.batch, rate, mirror=mirror, seed=a.seed)
+    settings = TrainingConfig(a.steps, a.batch, rate, mirror=mirror, rest=not a.no_rest, seed=a.seed)
     try:
         policy = train(episodes, config, settings, a.out, said, lambda text: print(text, file=sys.stderr), a.device)
     finally:
@@ -100,7 +105,7 @@ def _mirror(robot: str) -> tuple[int, ...]:
 def _config(a: argparse.Namespace, episodes: Any) -> Any:
     """The network's sizes, of the options and the episodes."""
     from embodiedreamer_gym.camera import read_size
-    from embodiedreamer_gym.policies.act import ActConfig, check_cameras, picture_size
+    from embodiedreamer_gym.policies.act import ActConfig, check_cameras, picture_size, with_eyes
 
     cameras = tuple(a.cameras or episodes.cameras)
     check_cameras(episodes, cameras)
@@ -109,7 +114,7 @@ def _config(a: argparse.Namespace, episodes: Any) -> Any:
     found = picture_size(episodes, cameras[0])
     size = found if a.size is None else read_size(a.size)
     config = ActConfig(episodes.state_size, episodes.action_size, cameras, size)
-    config = config.paper() if a.preset == "paper" else config
+    config = config.paper() if a.preset == "paper" else config if a.no_masks else with_eyes(config, episodes)
     return config.with_(chunk=a.chunk, source_size=None if found == size else found)
 
 

@@ -221,7 +221,9 @@ def _play(env: AlohaEnv, seed: int, film: IO[bytes]) -> dict[str, np.ndarray] | 
     return {key: np.array([row[key] for row in rows]) for key in rows[0]} if info["is_success"] else None
 
 
-def _seen(film: IO[bytes], cameras: tuple[str, ...], shape: tuple[int, ...], which: Any) -> dict[str, Iterator[np.ndarray]]:
+def _seen(
+    film: IO[bytes], cameras: tuple[str, ...], shape: tuple[int, ...], which: Any
+) -> dict[str, Iterator[np.ndarray]]:
     """Some channels of what each camera saw, one step after another, of a file of (T, cameras, H, W, 4)."""
     film.flush()
 

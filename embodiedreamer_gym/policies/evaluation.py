@@ -14,7 +14,6 @@ from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.protocol import Policy
 from embodiedreamer_gym.unseen import see_through, unseen
 
-HELD = 30  # steps in a row that a success has to last for an episode to end early
 Watch = Callable[[Any, dict[str, Any]], None]
 
 
@@ -116,13 +115,13 @@ def as_batch(observation: Any, cameras: Iterable[str]) -> dict[str, Any]:
 
 
 def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | None = None) -> EpisodeResult:
-    """One episode; watch: called with each observation and info. It ends early once a success has lasted 30 steps."""
+    """One episode to its end; watch: called with each observation and info."""
     cameras = tuple(getattr(env.unwrapped, "cameras", ()) or getattr(policy, "cameras", ()))
     forget = getattr(policy, "reset", None)
     if forget is not None:
         forget()
     observation, info = env.reset(seed=seed)
-    steps, held, first, over = 0, 0, None, False
+    steps, first, over = 0, None, False
     world = see_through(env) if watch is None else None
     while not over:
         actions = np.asarray(policy(as_batch(observation, cameras)))[0][:execute]
@@ -130,11 +129,10 @@ def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | N
             with unseen(world, number < len(actions)):  # the policy is asked again after the last
                 observation, _, terminated, truncated, info = env.step(action)
             steps += 1
-            held = held + 1 if info["is_success"] else 0
-            first = steps if first is None and held else first
+            first = steps if first is None and info["is_success"] else first
             if watch is not None:
                 watch(observation, info)
-            over = terminated or truncated or held >= HELD
+            over = terminated or truncated
             if over:
                 break
     return EpisodeResult(seed, bool(info["is_success"]), first, bool(info.get("grasp_success", False)), steps,

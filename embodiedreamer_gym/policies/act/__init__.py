@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from embodiedreamer_gym.policies.act.config import ActConfig
 from embodiedreamer_gym.policies.act.ensemble import TemporalEnsemble
+from embodiedreamer_gym.policies.act.eyes import with_eyes
 from embodiedreamer_gym.policies.act.network import Act
 from embodiedreamer_gym.policies.act.policy import ActPolicy
 from embodiedreamer_gym.policies.act.samples import Samples, check_cameras, picture_size
@@ -20,4 +21,5 @@ __all__ = [
     "check_cameras",
     "picture_size",
     "train",
+    "with_eyes",
 ]

@@ -11,9 +11,11 @@ from torch import nn
 
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.act.config import ActConfig
+from embodiedreamer_gym.policies.act.eyes import NUMBERS, Eyes, Progress, material
 from embodiedreamer_gym.policies.act.keypoints import Keypoints
 from embodiedreamer_gym.policies.act.pictures import scaled
 from embodiedreamer_gym.policies.act.resnet import ResNet
+from embodiedreamer_gym.policies.act.samples import Episodes
 from embodiedreamer_gym.policies.act.statistics import Statistics
 from embodiedreamer_gym.policies.act.transformer import Decoder, Encoder, sine_1d, sine_2d
 
@@ -35,7 +37,8 @@ class Act(nn.Module):
         with torch.random.fork_rng(devices=[]):  # the world's chance is left alone
             torch.manual_seed(seed)
             self._build(config)
-        rows, columns = (-(-side // 2 ** (len(config.widths) + 1)) for side in config.image_size[::-1])
+        coarse = 2 ** (len(config.widths) + 1)
+        rows, columns = (-(-(side // config.shrink) // coarse) for side in config.image_size[::-1])
         self.register_buffer("positions", sine_2d(rows, columns, config.width), persistent=False)
         self.register_buffer("latent_positions", sine_1d(2 + config.chunk, config.width), persistent=False)
         self.statistics = Statistics.neutral(config) if statistics is None else statistics
@@ -47,9 +50,14 @@ class Act(nn.Module):
         self.picture = nn.Conv2d(c.widths[-1], c.width, 1)
         self.keypoints = nn.ModuleList([Keypoints(c.keypoints) for _ in c.cameras]) if c.keypoints else None
         self.places = nn.Linear(2 * c.keypoints * len(c.cameras), c.width) if c.keypoints else None
+        self.eyes = nn.ModuleList([Eyes(len(c.objects)) for _ in c.cameras]) if c.objects else None
+        told = NUMBERS * len(c.objects) * len(c.cameras)
+        self.things = (
+            nn.Sequential(nn.Linear(told, c.width), nn.ReLU(), nn.Linear(c.width, c.width)) if c.objects else None
+        )
         self.state = nn.Linear(c.state_size, c.width)
         self.latent = nn.Linear(c.latent, c.width) if c.latent else None
-        self.own_positions = nn.Embedding(1 + bool(c.latent) + bool(c.keypoints), c.width)
+        self.own_positions = nn.Embedding(1 + bool(c.latent) + bool(c.keypoints) + bool(c.objects), c.width)
         self.encoder, self.decoder = Encoder(c, c.encoders), Decoder(c)
         self.queries = nn.Embedding(c.chunk, c.width)
         self.head = nn.Linear(c.width, c.action_size)
@@ -91,6 +99,13 @@ class Act(nn.Module):
         divergence = 0.5 * (mu.square() + log_variance.exp() - 1.0 - log_variance).sum(1)
         return self._decode(batch, mu + (0.5 * log_variance).exp() * noise), divergence
 
+    def look(self, episodes: Episodes, seed: int = 0, progress: Progress | None = None) -> None:
+        """Teach the eyes, where there are any, the masks of a set of episodes."""
+        for number, eyes in enumerate(self.eyes or ()):
+            assert isinstance(eyes, Eyes)
+            pictures, masks = material(episodes, self.config.cameras[number], self.config)
+            eyes.learn(pictures, masks, lambda seen, n=number: self._normalised(seen, n), seed, progress)
+
     def normalise(self, actions: torch.Tensor) -> torch.Tensor:
         """Actions (..., m) in the environment's units to normalised ones."""
         return (actions - self.get_buffer("action_mean")) / self.get_buffer("action_scale")
@@ -122,12 +137,16 @@ class Act(nn.Module):
                 )
             if pixels.shape[1:3] != (height, width):
                 pixels = scaled(np.asarray(pixels), (width, height))
-            if isinstance(pixels, np.ndarray):
-                pixels = torch.from_numpy(np.require(pixels, requirements=["C", "W"]))
-            picture = pixels.to(self.positions.device).permute(0, 3, 1, 2).float() / 255.0
-            mean, scale = self.get_buffer("pixel_mean")[number], self.get_buffer("pixel_scale")[number]
-            found.append((picture - mean[:, None, None]) / scale[:, None, None])
+            found.append(self._normalised(pixels, number))
         return found
+
+    def _normalised(self, pixels: Any, camera: int) -> torch.Tensor:
+        """Pictures (B, H, W, 3) of a camera as the layers take them, (B, 3, H, W)."""
+        if isinstance(pixels, np.ndarray):
+            pixels = torch.from_numpy(np.require(pixels, requirements=["C", "W"]))
+        picture = pixels.to(self.positions.device).permute(0, 3, 1, 2).float() / 255.0
+        mean, scale = self.get_buffer("pixel_mean")[camera], self.get_buffer("pixel_scale")[camera]
+        return (picture - mean[:, None, None]) / scale[:, None, None]
 
     def _encode_latent(
         self, state: torch.Tensor, actions: torch.Tensor, padding: torch.Tensor
@@ -149,7 +168,12 @@ class Act(nn.Module):
         if self.keypoints is not None and self.places is not None:
             found = [points(one) for points, one in zip(self.keypoints, pictures, strict=True)]
             tokens.append(self.places(torch.cat(found, 1))[:, None])
-        features = self.picture(self.backbone(torch.cat(pictures))).flatten(2).transpose(1, 2)
+        if self.eyes is not None and self.things is not None:
+            told = [eyes(one) for eyes, one in zip(self.eyes, pictures, strict=True)]
+            tokens.append(self.things(torch.cat(told, 1))[:, None])
+        whole = torch.cat(pictures)
+        small = whole if self.config.shrink == 1 else nn.functional.avg_pool2d(whole, self.config.shrink)
+        features = self.picture(self.backbone(small)).flatten(2).transpose(1, 2)
         if self.config.placed:
             features = features + self.positions
         tokens += features.chunk(len(pictures))

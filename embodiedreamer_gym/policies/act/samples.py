@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -59,6 +60,15 @@ class Episodes(Protocol):
 
     def frames(self, i: int, camera: str, start: int, stop: int, /) -> np.ndarray:
         """Pictures (stop - start, H, W, 3) uint8 of an episode."""
+        ...
+
+    @property
+    def objects(self) -> Mapping[str, int]:
+        """Of each object, its number in the masks; none without masks."""
+        ...
+
+    def masks(self, i: int, camera: str, start: int, stop: int, /) -> np.ndarray:
+        """Masks (stop - start, H, W) uint8 of the pictures."""
         ...
 
 

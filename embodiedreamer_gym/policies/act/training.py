@@ -35,7 +35,8 @@ class TrainingConfig:
 
     steps: of the optimiser; batch: starts; rate: peak learning rate of AdamW, down as a cosine; kl: weight of the
     CVAE's divergence; clip: largest norm of a gradient; average: of the weights, per step; mirror: joint numbers with signs, see `Mirror`, for half
-    of the starts to be mirrored; seed: of all that is drawn.
+    of the starts to be mirrored; rest: an episode's last action goes on past its end and is learnt, so that a robot that is done
+    stays so (else what lies past the end does not count); seed: of all that is drawn.
     """
 
     steps: int = 4000
@@ -46,6 +47,7 @@ class TrainingConfig:
     clip: float = 1.0
     average: float = 0.99
     mirror: tuple[int, ...] = ()
+    rest: bool = True
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -121,7 +123,7 @@ class Training:
             torch.manual_seed(int(rng.integers(2**62)))
             predicted, divergence = self.network(sample.batch, actions, padding, noise)
         off = (predicted - actions).abs().mean(2)
-        return off[~padding].mean(), divergence.mean()
+        return (off if self.config.rest else off[~padding]).mean(), divergence.mean()
 
     def _advance(self, step: int) -> dict[str, float]:
         """One step of the optimiser."""
@@ -187,10 +189,12 @@ def train(episodes: Episodes, config: ActConfig, training: TrainingConfig, folde
     """
     run, folder = Training(Samples(episodes, config), training), Path(folder)
     run.network.to(device)
-    run.averaged = {name: value.to(device) for name, value in run.averaged.items()}
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / CHECKPOINT).is_file():
         run.load(folder / CHECKPOINT)
+    else:
+        run.network.look(episodes, training.seed, progress)
+        run.averaged = {name: value.detach().clone() for name, value in run.network.state_dict().items()}
     curves = Curves(folder, run.step)
     if curves.said and tell is not None:
         tell(curves.said)

@@ -1,0 +1,127 @@
+"""Where objects are in a picture, how they lie and how large they look, learnt from masks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import nn
+from torch.nn.functional import cross_entropy
+
+from embodiedreamer_gym.policies.act.config import ActConfig
+from embodiedreamer_gym.policies.act.pictures import scaled, scaled_masks
+from embodiedreamer_gym.policies.act.samples import Episodes
+
+CHANNELS = 16
+REACH = (1, 2, 4)  # dilations of the layers: a pixel is judged by 15 x 15 around it
+NUMBERS = 6  # that are told of an object
+STEPS, BATCH, RATE = 800, 8, 5e-3
+EVERY = 4  # of the recorded frames, as many are looked at
+LIGHT = 0.15  # standard deviation of a picture's brightness and of its colours', drawn anew each time
+LEAST = 1e-3  # pixels
+
+Progress = Callable[[str, int, int, str], None]
+
+
+class Eyes(nn.Module):
+    """Pictures (B, 3, H, W) to NUMBERS of each object (B, objects * NUMBERS), as a mask of it has them.
+
+    Of an object: its place, x and y, -1 .. 1 from edge to edge; cosine and sine of twice the angle at which it lies, times how
+    long against how wide it is; the roots of its length and of its area. Masks are told pixel by pixel, which a few
+    demonstrations teach: each of them has thousands of pixels.
+    """
+
+    seen_mean: torch.Tensor
+    seen_scale: torch.Tensor
+
+    def __init__(self, objects: int) -> None:
+        super().__init__()
+        self.classes = 1 + objects
+        layers: list[nn.Module] = []
+        for number, reach in enumerate(REACH):
+            layers += [nn.Conv2d(CHANNELS if number else 3, CHANNELS, 3, padding=reach, dilation=reach), nn.ReLU()]
+        self.layers = nn.Sequential(*layers, nn.Conv2d(CHANNELS, self.classes, 1))
+        self.register_buffer("seen_mean", torch.zeros(NUMBERS * objects))
+        self.register_buffer("seen_scale", torch.ones(NUMBERS * objects))
+
+    def forward(self, pictures: torch.Tensor) -> torch.Tensor:
+        """Numbers of the objects, normalised; no gradient goes through them."""
+        with torch.no_grad():
+            return (measured(self.layers(pictures).softmax(1)[:, 1:]) - self.seen_mean) / self.seen_scale
+
+    def learn(self, pictures: np.ndarray, masks: np.ndarray, ready: Callable[[np.ndarray], torch.Tensor], seed: int,
+              progress: Progress | None = None) -> None:  # fmt: skip
+        """Learn to tell masks (N, H, W), 0 for no object, from pictures (N, H, W, 3) uint8 that `ready` normalises."""
+        rng = np.random.default_rng([seed, len(masks)])
+        share = np.bincount(masks.ravel(), minlength=self.classes) / masks.size
+        weight = (
+            torch.from_numpy(np.maximum(share, 1e-5) ** -0.5).float().to(self.seen_mean.device)
+        )  # small things count too
+        optimiser = torch.optim.AdamW(self.layers.parameters(), RATE)
+        for step in range(STEPS):
+            for group in optimiser.param_groups:
+                group["lr"] = RATE * 0.5 * (1.0 + np.cos(np.pi * step / STEPS))
+            chosen, turned = rng.integers(len(masks), size=BATCH), rng.random(BATCH) < 0.5
+            light = np.exp(
+                LIGHT * (rng.standard_normal((BATCH, 1, 1, 1)) + 0.5 * rng.standard_normal((BATCH, 1, 1, 3)))
+            )
+            seen, there = np.clip(pictures[chosen] * light, 0, 255).astype(np.uint8), masks[chosen]
+            seen[turned], there[turned] = seen[turned, :, ::-1], there[turned, :, ::-1]
+            loss = cross_entropy(
+                self.layers(ready(seen)), torch.from_numpy(there.astype(np.int64)).to(weight.device), weight
+            )
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            if progress is not None:
+                progress("objects", step + 1, STEPS, f"loss {float(loss.detach()):.4f}")
+        with torch.no_grad():
+            told = torch.cat([
+                measured(self.layers(ready(pictures[i : i + BATCH])).softmax(1)[:, 1:])
+                for i in range(0, len(pictures), BATCH)
+            ])  # fmt: skip
+        self.seen_mean.copy_(told.mean(0))
+        self.seen_scale.copy_(told.std(0).clamp(min=0.05))
+
+
+def measured(shares: torch.Tensor) -> torch.Tensor:
+    """Numbers (B, objects * NUMBERS) of masks (B, objects, H, W) with shares 0 .. 1, of which those above a half count."""
+    shares = (2.0 * shares - 1.0).clamp(min=0.0)
+    height, width = shares.shape[2:]
+    x = torch.arange(width, device=shares.device) - 0.5 * (width - 1)  # pixels from the middle
+    y = torch.arange(height, device=shares.device) - 0.5 * (height - 1)
+    columns, rows = shares.sum(2), shares.sum(3)
+    area = columns.sum(2) + LEAST
+    mx, my = (columns @ x) / area, (rows @ y) / area
+    xx, yy = (columns @ x.square()) / area - mx.square(), (rows @ y.square()) / area - my.square()
+    xy = ((shares @ x) * y).sum(2) / area - mx * my
+    spread = (xx + yy).clamp(min=0.0) + 0.1
+    told = [
+        2.0 * mx / width,
+        2.0 * my / height,
+        (xx - yy) / spread,
+        2.0 * xy / spread,
+        spread.sqrt() / 8.0,
+        area.sqrt() / 20.0,
+    ]
+    return torch.stack(told, 2).flatten(1)
+
+
+def material(episodes: Episodes, camera: str, config: ActConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Pictures (N, H, W, 3) and masks (N, H, W), 0 for no object, of a set of episodes, at the policy's size."""
+    table = np.zeros(256, np.uint8)
+    for place, name in enumerate(config.objects, 1):
+        table[episodes.objects[name]] = place
+    pictures, masks = [], []
+    for i, length in enumerate(episodes.lengths):
+        for step in range(0, length, EVERY):
+            pictures.append(scaled(episodes.frames(i, camera, step, step + 1), config.image_size)[0])
+            masks.append(scaled_masks(episodes.masks(i, camera, step, step + 1), config.image_size)[0])
+    return np.stack(pictures), table[np.stack(masks)]
+
+
+def with_eyes(config: ActConfig, episodes: Episodes) -> ActConfig:
+    """The same with eyes, in place of key points, for the objects that the masks of a set tell apart; as it is without."""
+    names = tuple(getattr(episodes, "objects", {}))
+    return config.with_(objects=names, keypoints=0, shrink=2) if names else config
