@@ -48,7 +48,7 @@ def test_the_latent_is_learnt_and_dropped() -> None:
 
 def test_padding_does_not_count() -> None:
     episodes = Tiny(lengths=(3,))  # shorter than a chunk
-    training = Training(Samples(episodes, CONFIG), SHORT)
+    training = Training(Samples(episodes, CONFIG), replace(SHORT, rest=False))
     step = training.loss(0)[0]
     with torch.no_grad():  # what is said about the fourth step never matters
         training.network.queries.weight[3] += 100.0

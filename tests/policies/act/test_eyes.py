@@ -1,0 +1,101 @@
+"""Objects found by eyes that learnt from masks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from embodiedreamer_gym.policies.act import ActConfig, ActPolicy, TrainingConfig, train, with_eyes
+from embodiedreamer_gym.policies.act import eyes as module
+from embodiedreamer_gym.policies.act.eyes import NUMBERS, Eyes, material, measured
+from tests.policies.act.tiny import CONFIG, Tiny
+
+
+class Masked(Tiny):
+    """The tiny episodes, with masks of the square; something else is number 4."""
+
+    objects = {"thing": 7}
+
+    def masks(self, i: int, camera: str, start: int, stop: int) -> np.ndarray:
+        frames = self.frames(i, camera, start, stop)
+        masks = np.where(frames[..., 1] == 250, 7, 4).astype(np.uint8)
+        return masks
+
+
+def bar(x: float, y: float, angle: float, length: float = 10.0, width: float = 3.0) -> torch.Tensor:
+    """A mask (1, 1, 48, 64) of a bar around a place from the middle."""
+    rows, columns = torch.meshgrid(torch.arange(48.0) - 23.5, torch.arange(64.0) - 31.5, indexing="ij")
+    c, s = np.cos(angle), np.sin(angle)
+    along, across = c * (columns - x) + s * (rows - y), c * (rows - y) - s * (columns - x)
+    return ((along.abs() < length) & (across.abs() < width)).float()[None, None]
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 1.2, 2.5])
+def test_a_mask_says_where_a_thing_is_and_how_it_lies(angle: float) -> None:
+    x, y, cosine, sine, size, area = measured(bar(9.0, -6.0, angle))[0].tolist()
+    assert (32 * x, 24 * y) == (pytest.approx(9.0, abs=0.3), pytest.approx(-6.0, abs=0.3))
+    off = 0.5 * np.arctan2(sine, cosine) - angle
+    assert abs(np.sin(off)) < 0.03 and np.hypot(cosine, sine) > 0.75
+    larger = measured(bar(9.0, -6.0, angle, 14.0, 4.0))[0].tolist()
+    assert larger[4] > size and larger[5] > area
+
+
+def test_nothing_seen_is_finite() -> None:
+    assert bool(torch.isfinite(measured(torch.zeros(2, 3, 8, 8))).all())
+    assert measured(torch.zeros(2, 3, 8, 8)).shape == (2, 3 * NUMBERS)
+
+
+def test_objects_are_found_where_no_demonstration_had_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To a tenth of the picture's width, after a few steps on a few places."""
+    monkeypatch.setattr(module, "STEPS", 150)
+    config = with_eyes(CONFIG, Masked())
+    assert config.objects == ("thing",) and config.keypoints == 0 and with_eyes(CONFIG, Tiny()) == CONFIG
+    pictures, masks = material(Masked(lengths=(9,) * 8), "head", config)
+    assert set(np.unique(masks)) == {0, 1} and pictures.shape[:3] == masks.shape
+    torch.manual_seed(0)
+    eyes = Eyes(1)
+
+    def ready(seen: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(seen).permute(0, 3, 1, 2).float() / 128.0 - 1.0
+
+    eyes.learn(pictures, masks, ready, 0)
+    other = Masked(lengths=(9,) * 8, seed=5)
+    seen, _ = material(other, "head", config)
+    told = (eyes(ready(seen)) * eyes.seen_scale + eyes.seen_mean)[:, 0].numpy()
+    truth = np.repeat([(int(x * 28) + 1.5 - 15.5) / 16 for x in other.columns], 3)
+    assert np.abs(told - truth).max() < 0.1
+    assert not eyes(ready(seen)).requires_grad
+
+
+def test_a_policy_with_eyes_is_trained_saved_and_gone_on_with(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "STEPS", 3)
+    config = with_eyes(CONFIG, Masked()).with_(image_size=(16, 12))
+    said: list[str] = []
+    one = train(Masked(), config, TrainingConfig(steps=4, batch=4), tmp_path / "a",
+                lambda stage, count, of, text: said.append(stage))  # fmt: skip
+    assert said == ["objects"] * 3 + ["training"] * 4
+    two = ActPolicy.load(tmp_path / "a")
+    batch = {"agent_pos": np.zeros((2, 3), np.float32), "pixels": {"head": Masked().frames(0, "head", 0, 2)}}
+    np.testing.assert_array_equal(one(batch), two(batch))
+    said.clear()
+    train(Masked(), config, TrainingConfig(steps=4, batch=4), tmp_path / "a",
+          lambda stage, count, of, text: said.append(stage))  # fmt: skip
+    assert said == []  # done: neither looked nor trained again
+
+
+def test_what_is_done_stays_done() -> None:
+    """Past an episode's end its last action counts, unless it is not known."""
+    from embodiedreamer_gym.policies.act import Samples, Training
+
+    for rest in (True, False):
+        training = Training(Samples(Tiny(lengths=(2,)), CONFIG), TrainingConfig(steps=8, batch=4, rest=rest))
+        before = float(training.loss(0)[0].detach())
+        with torch.no_grad():  # what is said of the last step of a chunk that is longer than the episode
+            training.network.queries.weight[3] += 100.0
+        assert (abs(float(training.loss(0)[0].detach()) - before) > 1e-3) == rest
+
+
+def test_a_configuration_is_checked() -> None:
+    with pytest.raises(Exception, match="shrink"):
+        ActConfig(2, 2, ("head",), (16, 12), shrink=0)
