@@ -69,10 +69,12 @@ def test_an_episode_is_what_happened(real: Path) -> None:
     env = REAL.make_env()
     seen, info = env.reset(seed=int(said["seed"]))
     assert info["side"] == said["side"]
-    frames = episodes.frames(1, "left_wrist")
+    frames, masks = episodes.frames(1, "left_wrist"), episodes.masks(1, "head")
+    assert episodes.objects == {name: env.segmentation_classes.index(name) for name in objects}
     for step, (state, action) in enumerate(zip(episodes.states(1), episodes.actions(1), strict=True)):
         assert np.array_equal(seen["agent_pos"], state)
         assert step % 20 or np.array_equal(seen["pixels"]["left_wrist"], frames[step])
+        assert step % 20 or np.array_equal(env.capture("head").segmentation, masks[step])
         for name, poses in objects.items():
             assert np.allclose(env.scene.pose(name).position, poses[step, :3]) and poses.shape[1] == 7
         assert np.allclose(env.scene.plant.observe()[1], speeds[step], atol=1e-6)

@@ -128,6 +128,7 @@ def test_a_sheet_under_what_is_taken_away(demos: Path, replayed: Played, tmp_pat
     x, y = read_source(demos / "episode_0.hdf5").objects["cup"][0, :2].tolist()
     regenerate(demos, tmp_path, editor=PaperSheet(CAMERAS["head"], pose=(x, y, 0.0)))
     frames, classes = open_episodes(tmp_path).frames(0, "head"), replayed.condition.classes
+    assert np.array_equal(open_episodes(tmp_path).masks(0, "head"), classes)
     left = (classes[0] == 3) & (classes[-1] == 1)
     assert frames[-1][left].mean() > 200 and np.ptp(frames[-1][left].mean(axis=0)) < 20
 
