@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -102,9 +103,9 @@ class Act(nn.Module):
     def look(self, episodes: Episodes, seed: int = 0, progress: Progress | None = None) -> None:
         """Teach the eyes, where there are any, the masks of a set of episodes."""
         for number, eyes in enumerate(self.eyes or ()):
-            assert isinstance(eyes, Eyes)
             pictures, masks = material(episodes, self.config.cameras[number], self.config)
-            eyes.learn(pictures, masks, lambda seen, n=number: self._normalised(seen, n), seed, progress)
+            ready = partial(self._normalised, camera=number)
+            cast(Eyes, eyes).learn(pictures, masks, ready, seed, progress)
 
     def normalise(self, actions: torch.Tensor) -> torch.Tensor:
         """Actions (..., m) in the environment's units to normalised ones."""
