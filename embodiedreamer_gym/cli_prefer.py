@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -81,12 +82,13 @@ def _prefer(a: argparse.Namespace, progress: Any) -> None:
 
     from embodiedreamer_gym.policies.progress import Progress
     from embodiedreamer_gym.robot.files import write_json
-    from embodiedreamer_gym.wrappers.preference_study import WEIGHTS, Study
+    from embodiedreamer_gym.wrappers.preference_study import WEIGHTS, Study, StudySettings
 
     torch.set_num_threads(1)
     if a.json is not None and not a.json.absolute().parent.is_dir():
         raise EmbodieDreamerError(f"folder {a.json.absolute().parent} does not exist; make it first.")
-    study = Study(a, Progress(a.quiet))  # complains before anything is written
+    settings = StudySettings(**{field.name: getattr(a, field.name) for field in fields(StudySettings)})
+    study = Study(settings, a.out, Progress(a.quiet))  # complains before anything is written
     try:
         rows = []
         for cycle in range(a.cycles + 1):

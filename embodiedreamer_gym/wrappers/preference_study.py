@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,32 +15,71 @@ FIRST_START, FIRST_EVALUATION = (
     200_000,
 )  # seeds; demonstrations count from 0, `policy evaluate` from 100 000
 SETTINGS, ROW, WEIGHTS, PAIRS = "settings.json", "row.json", "weights.pt", "pairs.hdf5"
-NOT_SETTINGS = ("verb", "out", "cycles", "quiet", "json", "envs", "jobs")  # a study may go on with others
+FREE = ("envs", "jobs")  # settings with others of which a study may go on
 PREFERENCES = "preferences"  # the method that compares; the others clone
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """What a study does.
+
+    policy: as `load_policy` takes it; task: id or name; robot: a built-in one or a model file; dream: an aligner, None to see
+    the simulator's pictures, from references of a bank; execute: actions of each chunk, None for all; envs: episodes at once
+    in each of jobs processes; starts of a cycle, tries from each, noise (normalised) per chunk or step; metric, pairing, top,
+    margin (m): as of `PreferenceSet.choose`; method: preferences, best_of, top or rwr; variant, beta: of the loss; sigma,
+    epochs, batch, rate, fall: as of `TuningConfig`; evaluations: episodes after each cycle; seed: of all that is drawn.
+    """
+
+    policy: str
+    task: str
+    evaluations: int
+    robot: str
+    dream: str | None
+    bank: str
+    execute: int | None
+    envs: int
+    jobs: int
+    seed: int
+    starts: int
+    tries: int
+    noise: float
+    per: str
+    metric: str
+    pairing: str
+    top: int | None
+    margin: float
+    method: str
+    variant: str
+    beta: float
+    sigma: float
+    epochs: int
+    batch: int | None
+    rate: float
+    fall: float
 
 
 class Study:
     """A policy, an environment, and a folder with what each cycle left: weights, pairs, and a row, written last."""
 
-    def __init__(self, a: argparse.Namespace, said: Any) -> None:
+    def __init__(self, a: StudySettings, out: Path, said: Any) -> None:
         from embodiedreamer_gym.policies import load_policy
 
-        self.a, self.said = a, said
+        self.a, self.out, self.said = a, out, said
         self.policy: Any = load_policy(a.policy)  # one with a network
         if not hasattr(getattr(self.policy, "network", None), "mean"):
             raise PolicyError(f"policy {a.policy} has no network to fine-tune; give one that `policy train` wrote.")
         self.config = _config(a)
-        self.settings = {k: v for k, v in sorted(vars(a).items()) if k not in NOT_SETTINGS}
+        self.settings = {key: value for key, value in sorted(asdict(a).items()) if key not in FREE}
         self.env = environment(a, self.policy)
-        path = a.out / SETTINGS
+        path = out / SETTINGS
         if not path.is_file():
             from embodiedreamer_gym.robot.files import write_json
 
-            a.out.mkdir(parents=True, exist_ok=True)
+            out.mkdir(parents=True, exist_ok=True)
             write_json(self.settings, path)
         elif json.loads(path.read_text()) != self.settings:
             raise EmbodieDreamerError(
-                f"{a.out} holds a study with other settings; give another folder, or the same settings."
+                f"{out} holds a study with other settings; give another folder, or the same settings."
             )
 
     def close(self) -> None:
@@ -50,7 +89,7 @@ class Study:
 
     def folder(self, cycle: int) -> Path:
         """Where a cycle leaves what it made; 0 is the policy as it was given."""
-        return self.a.out / f"cycle-{cycle:02d}"
+        return self.out / f"cycle-{cycle:02d}"
 
     def row(self, cycle: int) -> dict[str, Any]:
         """What a cycle reached: read, with its weights, or run."""
@@ -134,7 +173,7 @@ class Study:
         return {"pairs": len(found)}
 
 
-def rolled(a: argparse.Namespace, policy: Any, env: Any, seeds: range, tries: int, noise: float, folder: Path | None,
+def rolled(a: StudySettings, policy: Any, env: Any, seeds: range, tries: int, noise: float, folder: Path | None,
            said: Any = None) -> list[Any]:  # fmt: skip
     """Files of the tries from each seed's start, written into a folder; without one, the outcome of one try."""
     from embodiedreamer_gym.wrappers import preference_rollout as rollout
@@ -146,7 +185,7 @@ def rolled(a: argparse.Namespace, policy: Any, env: Any, seeds: range, tries: in
     return [one.outcome for one in player.rollouts(policy, seeds, progress=said)]
 
 
-def _numbered(number: int, a: argparse.Namespace, policy: Any, *given: Any) -> tuple[int, list[Any]]:
+def _numbered(number: int, a: StudySettings, policy: Any, *given: Any) -> tuple[int, list[Any]]:
     """The same in a process of its own."""
     import torch
 
@@ -158,7 +197,7 @@ def _numbered(number: int, a: argparse.Namespace, policy: Any, *given: Any) -> t
         env.close()
 
 
-def environment(a: argparse.Namespace, policy: Any) -> Any:
+def environment(a: StudySettings, policy: Any) -> Any:
     """The task's environment, or a vector of them, that takes chunks; dreamed where asked for."""
     import gymnasium
 
@@ -187,7 +226,7 @@ def environment(a: argparse.Namespace, policy: Any) -> Any:
     return envs if a.dream is None else wrappers.VisAlignerVectorWrapper(envs, a.dream, a.bank)
 
 
-def _config(a: argparse.Namespace) -> Any:
+def _config(a: StudySettings) -> Any:
     """How the policy learns, of the options."""
     from embodiedreamer_gym.policies.preferences import CloningConfig, LossConfig, TuningConfig
 
