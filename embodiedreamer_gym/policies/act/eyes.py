@@ -19,6 +19,8 @@ NUMBERS = 6  # that are told of an object
 STEPS, BATCH, RATE = 800, 8, 5e-3
 EVERY = 4  # of the recorded frames, as many are looked at
 LIGHT = 0.15  # standard deviation of a picture's brightness and of its colours', drawn anew each time
+SURE = 0.3  # share from which a pixel counts
+ROUNDS, BEYOND = 3, 2.5  # of leaving out what is further away, standard deviations; no bar or disc has so long a tail
 LEAST = 1e-3  # pixels
 
 Progress = Callable[[str, int, int, str], None]
@@ -86,16 +88,19 @@ class Eyes(nn.Module):
 
 
 def measured(shares: torch.Tensor) -> torch.Tensor:
-    """Numbers (B, objects * NUMBERS) of masks (B, objects, H, W) with shares 0 .. 1, of which those above a half count."""
-    shares = (2.0 * shares - 1.0).clamp(min=0.0)
+    """Numbers (B, objects * NUMBERS) of masks (B, objects, H, W) with shares 0 .. 1.
+
+    Specks far from an object would tilt it: what lies beyond so many standard deviations is left out, again and again.
+    """
+    shares = (shares - SURE).clamp(min=0.0)
     height, width = shares.shape[2:]
     x = torch.arange(width, device=shares.device) - 0.5 * (width - 1)  # pixels from the middle
     y = torch.arange(height, device=shares.device) - 0.5 * (height - 1)
-    columns, rows = shares.sum(2), shares.sum(3)
-    area = columns.sum(2) + LEAST
-    mx, my = (columns @ x) / area, (rows @ y) / area
-    xx, yy = (columns @ x.square()) / area - mx.square(), (rows @ y.square()) / area - my.square()
-    xy = ((shares @ x) * y).sum(2) / area - mx * my
+    for _ in range(ROUNDS):
+        area, mx, my, xx, yy, _ = _moments(shares, x, y)
+        off = (x - mx[..., None, None]).square() + (y[:, None] - my[..., None, None]).square()
+        shares = shares * (off <= BEYOND**2 * (xx + yy)[..., None, None] + 1.0)
+    area, mx, my, xx, yy, xy = _moments(shares, x, y)
     spread = (xx + yy).clamp(min=0.0) + 0.1
     told = [
         2.0 * mx / width,
@@ -106,6 +111,15 @@ def measured(shares: torch.Tensor) -> torch.Tensor:
         area.sqrt() / 20.0,
     ]
     return torch.stack(told, 2).flatten(1)
+
+
+def _moments(shares: torch.Tensor, x: torch.Tensor, y: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """Area, means, variances and covariance, each (B, objects), of masks over columns x and rows y."""
+    columns, rows = shares.sum(2), shares.sum(3)
+    area = columns.sum(2) + LEAST
+    mx, my = (columns @ x) / area, (rows @ y) / area
+    xx, yy = (columns @ x.square()) / area - mx.square(), (rows @ y.square()) / area - my.square()
+    return area, mx, my, xx, yy, ((shares @ x) * y).sum(2) / area - mx * my
 
 
 def material(episodes: Episodes, camera: str, config: ActConfig) -> tuple[np.ndarray, np.ndarray]:

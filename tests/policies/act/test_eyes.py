@@ -35,6 +35,10 @@ def bar(x: float, y: float, angle: float, length: float = 10.0, width: float = 3
 def test_a_mask_says_where_a_thing_is_and_how_it_lies(angle: float) -> None:
     x, y, cosine, sine, size, area = measured(bar(9.0, -6.0, angle))[0].tolist()
     assert (32 * x, 24 * y) == (pytest.approx(9.0, abs=0.3), pytest.approx(-6.0, abs=0.3))
+    specks = bar(9.0, -6.0, angle)
+    specks[..., 3:5, 3:5] = 1.0
+    specks[..., 44:46, 2] = 0.9
+    np.testing.assert_allclose(measured(specks)[0], [x, y, cosine, sine, size, area], atol=1e-5)
     off = 0.5 * np.arctan2(sine, cosine) - angle
     assert abs(np.sin(off)) < 0.03 and np.hypot(cosine, sine) > 0.75
     larger = measured(bar(9.0, -6.0, angle, 14.0, 4.0))[0].tolist()
