@@ -17,7 +17,10 @@ SAVED_EVERY = 5  # episodes
 
 def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Callable[[int, int, str], None],
               small: tuple[int, int] = SIZE, mirror: bool = True, eyes: bool = True, **network: Any) -> Any:  # fmt: skip
-    """A policy of the head camera, trained or gone on with; training: of `TrainingConfig`; network: of `ActConfig`."""
+    """A policy of the head camera, trained or gone on with.
+
+    training: of `TrainingConfig`; network: of `ActConfig`; told: hears of the steps of the optimiser.
+    """
     from embodiedreamer_gym.envs.robots import load_robot
     from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train, with_eyes
     from embodiedreamer_gym.robot.mirror import mirrored_joints
@@ -26,7 +29,7 @@ def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Calla
     config = with_eyes(config, episodes) if eyes else config
     signs = mirrored_joints(load_robot("aloha")) if mirror else ()
     return train(episodes, config, TrainingConfig(mirror=signs, **training), folder,
-                 lambda stage, count, of, text: told(count, of, text))  # fmt: skip
+                 lambda stage, count, of, text: told(count, of, text) if stage == "training" else None)  # fmt: skip
 
 
 def play_each(path: Path, count: int, play: Callable[[int], Any], name: str) -> list[Any]:

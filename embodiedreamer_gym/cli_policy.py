@@ -129,7 +129,7 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.robot.files import write_json
 
     task, policy = task_id(a.task), _policy(a)
-    count = executed(policy, a.execute)
+    actions = executed(policy, a.execute)
     for folder in filter(None, (a.json and a.json.absolute().parent, a.video and a.video.absolute().parent)):
         if not folder.is_dir():
             raise EmbodieDreamerError(f"folder {folder} does not exist; make it first.")
@@ -153,7 +153,7 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
             many(_play, calls, a.jobs, told_all)
     finally:
         said.close()
-    found = Evaluation(task, count, tuple(rows))
+    found = Evaluation(task, actions, tuple(rows))
     print(found)
     if a.json is not None:
         write_json({"policy": str(a.policy), "robot": str(a.robot), **found.as_dict()}, a.json)

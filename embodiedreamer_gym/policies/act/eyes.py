@@ -10,14 +10,12 @@ from torch import nn
 from torch.nn.functional import cross_entropy
 
 from embodiedreamer_gym.policies.act.config import ActConfig
-from embodiedreamer_gym.policies.act.pictures import scaled, scaled_masks
 from embodiedreamer_gym.policies.act.samples import Episodes
 
 CHANNELS = 16
 REACH = (1, 2, 4)  # dilations of the layers: a pixel is judged by 15 x 15 around it
 NUMBERS = 6  # that are told of an object
 STEPS, BATCH, RATE = 800, 8, 5e-3
-EVERY = 4  # of the recorded frames, as many are looked at
 LIGHT = 0.15  # standard deviation of a picture's brightness and of its colours', drawn anew each time
 SURE = 0.3  # share from which a pixel counts
 ROUNDS, BEYOND = 3, 2.5  # of leaving out what is further away, standard deviations; no bar or disc has so long a tail
@@ -120,19 +118,6 @@ def _moments(shares: torch.Tensor, x: torch.Tensor, y: torch.Tensor) -> tuple[to
     mx, my = (columns @ x) / area, (rows @ y) / area
     xx, yy = (columns @ x.square()) / area - mx.square(), (rows @ y.square()) / area - my.square()
     return area, mx, my, xx, yy, ((shares @ x) * y).sum(2) / area - mx * my
-
-
-def material(episodes: Episodes, camera: str, config: ActConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Pictures (N, H, W, 3) and masks (N, H, W), 0 for no object, of a set of episodes, at the policy's size."""
-    table = np.zeros(256, np.uint8)
-    for place, name in enumerate(config.objects, 1):
-        table[episodes.objects[name]] = place
-    pictures, masks = [], []
-    for i, length in enumerate(episodes.lengths):
-        for step in range(0, length, EVERY):
-            pictures.append(scaled(episodes.frames(i, camera, step, step + 1), config.image_size)[0])
-            masks.append(scaled_masks(episodes.masks(i, camera, step, step + 1), config.image_size)[0])
-    return np.stack(pictures), table[np.stack(masks)]
 
 
 def with_eyes(config: ActConfig, episodes: Episodes) -> ActConfig:

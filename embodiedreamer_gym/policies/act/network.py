@@ -12,11 +12,11 @@ from torch import nn
 
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.act.config import ActConfig
-from embodiedreamer_gym.policies.act.eyes import NUMBERS, Eyes, Progress, material
+from embodiedreamer_gym.policies.act.eyes import NUMBERS, Eyes, Progress
 from embodiedreamer_gym.policies.act.keypoints import Keypoints
 from embodiedreamer_gym.policies.act.pictures import scaled
 from embodiedreamer_gym.policies.act.resnet import ResNet
-from embodiedreamer_gym.policies.act.samples import Episodes
+from embodiedreamer_gym.policies.act.samples import Samples
 from embodiedreamer_gym.policies.act.statistics import Statistics
 from embodiedreamer_gym.policies.act.transformer import Decoder, Encoder, sine_1d, sine_2d
 
@@ -100,12 +100,11 @@ class Act(nn.Module):
         divergence = 0.5 * (mu.square() + log_variance.exp() - 1.0 - log_variance).sum(1)
         return self._decode(batch, mu + (0.5 * log_variance).exp() * noise), divergence
 
-    def look(self, episodes: Episodes, seed: int = 0, progress: Progress | None = None) -> None:
+    def look(self, samples: Samples, seed: int = 0, progress: Progress | None = None) -> None:
         """Teach the eyes, where there are any, the masks of a set of episodes."""
         for number, eyes in enumerate(self.eyes or ()):
-            pictures, masks = material(episodes, self.config.cameras[number], self.config)
             ready = partial(self._normalised, camera=number)
-            cast(Eyes, eyes).learn(pictures, masks, ready, seed, progress)
+            cast(Eyes, eyes).learn(*samples.masked(self.config.cameras[number]), ready, seed, progress)
 
     def normalise(self, actions: torch.Tensor) -> torch.Tensor:
         """Actions (..., m) in the environment's units to normalised ones."""

@@ -9,10 +9,11 @@ import numpy as np
 
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.act.config import ActConfig
-from embodiedreamer_gym.policies.act.pictures import scaled
+from embodiedreamer_gym.policies.act.pictures import scaled, scaled_masks
 
 MEMORY = 4 << 30  # bytes of pictures kept; more are read again whenever they are drawn
 BLOCK = 64  # frames read at once
+LOOKED_AT = 4  # every fourth step's masks
 
 
 class Episodes(Protocol):
@@ -157,6 +158,16 @@ class Samples:
         }
         states = np.stack([self.states[i][s] for i, s in zip(which, starts, strict=True)])
         return Sample({"agent_pos": states, "pixels": pixels}, np.stack(actions), ahead > last)
+
+    def masked(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
+        """Pictures (N, H, W, 3) of every fourth step, and their masks (N, H, W), which number the policy's objects from 1."""
+        numbers = np.zeros(256, np.uint8)
+        for place, name in enumerate(self.config.objects, 1):
+            numbers[self._episodes.objects[name]] = place
+        steps = [(i, step) for i, length in enumerate(self._episodes.lengths) for step in range(0, length, LOOKED_AT)]
+        masks = [scaled_masks(self._episodes.masks(i, camera, step, step + 1), self.config.image_size)[0]
+                 for i, step in steps]  # fmt: skip
+        return np.stack([self._picture(i, camera, step) for i, step in steps]), numbers[np.stack(masks)]
 
     def _picture(self, i: int, camera: str, step: int) -> np.ndarray:
         if self._kept:

@@ -193,7 +193,7 @@ def train(episodes: Episodes, config: ActConfig, training: TrainingConfig, folde
     if (folder / CHECKPOINT).is_file():
         run.load(folder / CHECKPOINT)
     else:
-        run.network.look(episodes, training.seed, progress)
+        run.network.look(run.samples, training.seed, progress)
         run.averaged = {name: value.detach().clone() for name, value in run.network.state_dict().items()}
     curves = Curves(folder, run.step)
     if curves.said and tell is not None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from embodiedreamer_gym.policies.act import ActConfig, ActPolicy, TrainingConfig, train, with_eyes
+from embodiedreamer_gym.policies.act import ActConfig, ActPolicy, Samples, Training, TrainingConfig, train, with_eyes
 from embodiedreamer_gym.policies.act import eyes as module
-from embodiedreamer_gym.policies.act.eyes import NUMBERS, Eyes, material, measured
+from embodiedreamer_gym.policies.act.eyes import NUMBERS, Eyes, measured
 from tests.policies.act.tiny import CONFIG, Tiny
 
 
@@ -55,7 +55,7 @@ def test_objects_are_found_where_no_demonstration_had_them(monkeypatch: pytest.M
     monkeypatch.setattr(module, "STEPS", 150)
     config = with_eyes(CONFIG, Masked())
     assert config.objects == ("thing",) and config.keypoints == 0 and with_eyes(CONFIG, Tiny()) == CONFIG
-    pictures, masks = material(Masked(lengths=(9,) * 8), "head", config)
+    pictures, masks = Samples(Masked(lengths=(9,) * 8), config).masked("head")
     assert set(np.unique(masks)) == {0, 1} and pictures.shape[:3] == masks.shape
     torch.manual_seed(0)
     eyes = Eyes(1)
@@ -65,7 +65,7 @@ def test_objects_are_found_where_no_demonstration_had_them(monkeypatch: pytest.M
 
     eyes.learn(pictures, masks, ready, 0)
     other = Masked(lengths=(9,) * 8, seed=5)
-    seen, _ = material(other, "head", config)
+    seen, _ = Samples(other, config).masked("head")
     told = (eyes(ready(seen)) * eyes.seen_scale + eyes.seen_mean)[:, 0].numpy()
     truth = np.repeat([(int(x * 28) + 1.5 - 15.5) / 16 for x in other.columns], 3)
     assert np.abs(told - truth).max() < 0.1
@@ -90,8 +90,6 @@ def test_a_policy_with_eyes_is_trained_saved_and_gone_on_with(tmp_path, monkeypa
 
 def test_what_is_done_stays_done() -> None:
     """Past an episode's end its last action counts, unless it is not known."""
-    from embodiedreamer_gym.policies.act import Samples, Training
-
     for rest in (True, False):
         training = Training(Samples(Tiny(lengths=(2,)), CONFIG), TrainingConfig(steps=8, batch=4, rest=rest))
         before = float(training.loss(0)[0].detach())
