@@ -28,7 +28,7 @@ def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Calla
     config = ActConfig(episodes.state_size, episodes.action_size, ("head",), small, source_size=SIZE, **network)
     config = with_eyes(config, episodes) if eyes else config
     signs = mirrored_joints(load_robot("aloha")) if mirror else ()
-    return train(episodes, config, TrainingConfig(mirror=signs, **training), folder,
+    return train(episodes, config, TrainingConfig.usual(config, mirror=signs, **training), folder,
                  lambda stage, count, of, text: told(count, of, text) if stage == "training" else None)  # fmt: skip
 
 

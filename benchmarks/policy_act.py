@@ -1,11 +1,12 @@
 """ACT on a task's demonstrations: success on seeds not looked at, with and without chunks, and the time training takes.
 
-python -m benchmarks policy_act --out DIR [--task PutCupOnMat] [--demos 50] [--episodes 200] [--steps 4000] [--batch 32]
+python -m benchmarks policy_act --out DIR [--task PutCupOnMat] [--demos 50] [--episodes 200] [--steps N] [--batch B]
                                 [--size 128x96] [--variant act unmirrored cloning ...] [--execute 100 25 ...] [--seed 0]
 
-Everything is kept in DIR, and an interrupted run goes on where it was. Variants: act, chunks of 100, each demonstration's
-mirror image learnt too; unmirrored, without that; keypoints, without the objects' masks; pictures, without key points either;
-chunk20; cloning, behaviour cloning without chunks (one action per query). One process, one thread.
+Everything is kept in DIR, and an interrupted run goes on where it was. Variants: act, chunks of 100 from what the eyes tell,
+each demonstration's mirror image learnt too; unmirrored, without that; anywhere, each step as likely a start; keypoints, the
+transformer with key points, without the objects' masks; pictures, without key points either; cloning, behaviour cloning
+without chunks (one action per query). Steps and batch are those of `policy train` where none are said. One process, one thread.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from benchmarks.common import clopper_pearson, pin_threads, save
 VARIANTS: dict[str, dict[str, Any]] = {  # of the network; and whether mirror images are learnt
     "act": {"chunk": 100, "mirror": True},
     "unmirrored": {"chunk": 100, "mirror": False},
+    "anywhere": {"chunk": 100, "mirror": True, "asked": 0.0},
     "keypoints": {"chunk": 100, "mirror": True, "eyes": False},
     "pictures": {"chunk": 100, "mirror": True, "eyes": False, "keypoints": 0},
-    "chunk20": {"chunk": 20, "mirror": True},
     "cloning": {"chunk": 1, "mirror": True},
 }
 FIRST_SEED = 100_000
@@ -49,22 +50,31 @@ def trained(a: argparse.Namespace, variant: str, data: Path) -> tuple[Any, float
     from embodiedreamer_gym.policies.act import ActPolicy
     from embodiedreamer_gym.recordings.episodes import open_episodes
 
-    folder = a.out / f"{a.task}_{variant}_{a.demos}_{a.steps}x{a.batch}_{a.size}_{a.seed}"
+    folder = a.out / run_name(a, variant)
     clock = folder / "processor_time.json"
-    if clock.is_file() and json.loads(clock.read_text())["step"] == a.steps:
+    if (folder / "done").is_file():
         return ActPolicy.load(folder), json.loads(clock.read_text())["seconds"]
     before = json.loads(clock.read_text())["seconds"] if clock.is_file() else 0.0
     began = time.process_time()
 
     def told(count: int, of: int, text: str) -> None:
-        if count % 250 == 0 or count == of:
+        if count % 250 == 0:
             seconds = before + time.process_time() - began
-            save({"step": count, "seconds": seconds}, clock)
+            save({"seconds": seconds}, clock)
             print(f"{variant}: step {count}/{of}, {text}, {seconds:.0f} s of processor time", flush=True)
 
-    training = {"steps": a.steps, "batch": a.batch, "seed": a.seed}
-    policy = train_act(open_episodes(data), folder, training, told, small=read_size(a.size), **VARIANTS[variant])
-    return policy, json.loads(clock.read_text())["seconds"]
+    network = dict(VARIANTS[variant])
+    training = {"steps": a.steps, "batch": a.batch, "seed": a.seed, "asked": network.pop("asked", None)}
+    policy = train_act(open_episodes(data), folder, training, told, small=read_size(a.size), **network)
+    seconds = before + time.process_time() - began
+    save({"seconds": seconds}, clock)
+    (folder / "done").touch()
+    return policy, seconds
+
+
+def run_name(a: argparse.Namespace, variant: str) -> str:
+    """What a variant's files are called."""
+    return f"{a.task}_{variant}_{a.demos}_{a.steps or 'usual'}x{a.batch or 'usual'}_{a.size}_{a.seed}"
 
 
 def judged(a: argparse.Namespace, variant: str, policy: Any, execute: int) -> list[dict[str, Any]]:
@@ -73,7 +83,7 @@ def judged(a: argparse.Namespace, variant: str, policy: Any, execute: int) -> li
 
     from embodiedreamer_gym.policies.evaluation import play
 
-    path = a.out / f"{a.task}_{variant}_{a.demos}_{a.steps}x{a.batch}_{a.size}_{a.seed}_execute{execute}.json"
+    path = a.out / f"{run_name(a, variant)}_execute{execute}.json"
     env = gym.make(f"EmbodieDreamer/{a.task}-v0", image_size=SIZE)
     rows = play_each(path, a.episodes, lambda n: asdict(play(policy, env, FIRST_SEED + n, execute)),
                      f"{variant}, {execute} executed")  # fmt: skip
@@ -89,7 +99,7 @@ def main() -> None:
     parser.add_argument("--variant", nargs="+", choices=VARIANTS, default=["act", "unmirrored", "cloning"])
     parser.add_argument("--execute", nargs="+", type=int, default=[100])
     parser.add_argument("--size", default="128x96")
-    for name, value in (("demos", 50), ("episodes", 200), ("steps", 4000), ("batch", 32), ("seed", 0)):
+    for name, value in (("demos", 50), ("episodes", 200), ("steps", None), ("batch", None), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
     pin_threads()
@@ -106,7 +116,7 @@ def main() -> None:
             low, high = clopper_pearson(hits, len(rows))
             lines.append(f"{variant:<10}{policy.chunk:>7}{execute:>9}{grasps:>7}/{len(rows)}{hits:>6}/{len(rows)}"
                          f"{f'{low:.1%} .. {high:.1%}':>18}{seconds:>10.0f} s")  # fmt: skip
-    print(f"{a.task}, {a.demos} demonstrations, {a.steps} steps of {a.batch}, pictures {a.size}")
+    print(f"{a.task}, {a.demos} demonstrations, {a.steps or 'usual'} steps, pictures {a.size}")
     print(
         f"{'variant':<10}{'chunk':>7}{'executed':>9}{'picked up':>11}{'success':>10}{'95 % interval':>18}{'training':>12}"
     )

@@ -30,8 +30,8 @@ def _train_parser(actions: Any) -> None:
     one.add_argument("--data", type=Path, nargs="+", required=True, metavar="DIR",
                      help="ALOHA/AgileX HDF5 files or a LeRobot set; of several, all episodes")  # fmt: skip
     one.add_argument("--out", type=Path, required=True, metavar="DIR", help="policy, checkpoint and curves")
-    one.add_argument("--steps", type=count, default=4000, metavar="N", help="of the optimiser (default %(default)s)")
-    one.add_argument("--batch", type=count, default=32, metavar="B", help="starts of a step (default %(default)s)")
+    one.add_argument("--steps", type=count, metavar="N", help="of the optimiser (default 8000 with masks, else 4000)")
+    one.add_argument("--batch", type=count, metavar="B", help="starts of a step (default 64 with masks, else 32)")
     one.add_argument("--rate", type=float, metavar="R", help="peak learning rate (default: small 1e-3, paper 1e-5)")
     one.add_argument("--chunk", type=count, default=100, metavar="K", help="actions predicted (default %(default)s)")
     one.add_argument("--cameras", nargs="+", metavar="NAME", help="one to three (default: all of the data)")
@@ -41,6 +41,8 @@ def _train_parser(actions: Any) -> None:
     one.add_argument(
         "--no-masks", action="store_true", help="do not learn from the objects' masks that the data may have"
     )
+    one.add_argument("--asked", type=float, metavar="S", help="share of the starts near which a policy is asked that plays"
+                     " whole chunks (default 0.7); 0 for one that is asked more often")  # fmt: skip
     one.add_argument("--no-rest", action="store_true", help="what follows an episode's end is not known: the robot is not to"
                      " learn to rest there")  # fmt: skip
     one.add_argument("--preset", choices=PRESETS, default="small", help="sizes of the network (default %(default)s)")
@@ -87,7 +89,8 @@ def _train(a: argparse.Namespace, progress: Any) -> None:
     said = Progress(a.quiet)
     rate = PRESETS[a.preset] if a.rate is None else a.rate
     mirror = () if a.mirror is None else _mirror(a.mirror)
-    settings = TrainingConfig(a.steps, a.batch, rate, mirror=mirror, rest=not a.no_rest, seed=a.seed)
+    settings = TrainingConfig.usual(config, steps=a.steps, batch=a.batch, rate=rate, mirror=mirror, asked=a.asked,
+                                    rest=not a.no_rest, seed=a.seed)  # fmt: skip
     try:
         policy = train(episodes, config, settings, a.out, said, lambda text: print(text, file=sys.stderr), a.device)
     finally:

@@ -20,8 +20,8 @@ class ActConfig:
     height of a picture, to which others are scaled; chunk: actions predicted at once (k); widths: channels of the
     ResNet's stages, two blocks each, the last of 1 / 2^(stages + 1) of the picture's size; norm: group, or frozen (batch
     normalisation with fixed statistics, as pretrained weights have it); keypoints: places in each picture that are a token
-    beside the ResNet's, 0 for none; objects: names of those whose masks the eyes learn, whose places are a token then; shrink:
-    by which pictures shrink before the ResNet; width, heads, feedforward: of the transformer;
+    beside the ResNet's, 0 for none; objects: names of those whose masks the eyes learn: what they tell goes straight to
+    the chunk, through `encoders` layers, and there is no ResNet and no transformer; width, heads, feedforward: of the transformer, or of those layers;
     encoders, decoders: its layers; latent: numbers in the CVAE's z, 0 without a CVAE; latent_encoders: layers of the
     CVAE's encoder; dropout: share; pre_norm: normalise before attention, not after; placed: tokens of
     pictures carry where they are, which otherwise only queries and keys do; source_size: width and height of the
@@ -39,7 +39,6 @@ class ActConfig:
     norm: str = "group"
     keypoints: int = 16
     objects: tuple[str, ...] = ()
-    shrink: int = 1
     width: int = 128
     heads: int = 8
     feedforward: int = 256
@@ -55,7 +54,6 @@ class ActConfig:
     def __post_init__(self) -> None:
         """Check."""
         for name in (
-            "shrink",
             "state_size",
             "action_size",
             "chunk",
@@ -94,7 +92,7 @@ class ActConfig:
         One decoder layer: upstream asks for seven, but returns the first one's output (tonyzhaozh/act, issue 25).
         """
         return self.with_(
-            chunk=100, widths=(64, 128, 256, 512), norm="frozen", keypoints=0, objects=(), shrink=1, width=512, heads=8, feedforward=3200, encoders=4,
+            chunk=100, widths=(64, 128, 256, 512), norm="frozen", keypoints=0, objects=(), width=512, heads=8, feedforward=3200, encoders=4,
             decoders=1, latent=32, latent_encoders=4, dropout=0.1, placed=False,
         )  # fmt: skip
 

@@ -10,7 +10,7 @@ from torch import nn
 from torch.nn.functional import cross_entropy
 
 from embodiedreamer_gym.policies.act.config import ActConfig
-from embodiedreamer_gym.policies.act.samples import Episodes
+from embodiedreamer_gym.policies.act.samples import Episodes, Progress
 
 CHANNELS = 16
 REACH = (1, 2, 4)  # dilations of the layers: a pixel is judged by 15 x 15 around it
@@ -20,8 +20,6 @@ LIGHT = 0.15  # standard deviation of a picture's brightness and of its colours'
 SURE = 0.3  # share from which a pixel counts
 ROUNDS, BEYOND = 3, 2.5  # of leaving out what is further away, standard deviations; no bar or disc has so long a tail
 LEAST = 1e-3  # pixels
-
-Progress = Callable[[str, int, int, str], None]
 
 
 class Eyes(nn.Module):
@@ -121,6 +119,6 @@ def _moments(shares: torch.Tensor, x: torch.Tensor, y: torch.Tensor) -> tuple[to
 
 
 def with_eyes(config: ActConfig, episodes: Episodes) -> ActConfig:
-    """The same with eyes, in place of key points, for the objects that the masks of a set tell apart; as it is without."""
+    """The same with eyes, and layers of their size, for the objects that the masks of a set tell apart; as it is without."""
     names = tuple(getattr(episodes, "objects", {}))
-    return config.with_(objects=names, keypoints=0, shrink=2) if names else config
+    return config.with_(objects=names, keypoints=0, width=256, feedforward=512, encoders=2) if names else config

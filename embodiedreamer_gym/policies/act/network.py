@@ -12,15 +12,17 @@ from torch import nn
 
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.act.config import ActConfig
-from embodiedreamer_gym.policies.act.eyes import NUMBERS, Eyes, Progress
+from embodiedreamer_gym.policies.act.direct import Direct
+from embodiedreamer_gym.policies.act.eyes import NUMBERS, Eyes
 from embodiedreamer_gym.policies.act.keypoints import Keypoints
 from embodiedreamer_gym.policies.act.pictures import scaled
 from embodiedreamer_gym.policies.act.resnet import ResNet
-from embodiedreamer_gym.policies.act.samples import Samples
+from embodiedreamer_gym.policies.act.samples import Progress, Samples
 from embodiedreamer_gym.policies.act.statistics import Statistics
 from embodiedreamer_gym.policies.act.transformer import Decoder, Encoder, sine_1d, sine_2d
 
-Batch = Mapping[str, Any]  # agent_pos (B, n) and pixels {camera: (B, H, W, 3) uint8}, arrays or tensors
+# agent_pos (B, n) and pixels {camera: (B, H, W, 3) uint8}, arrays or tensors; or told, what the eyes tell of the pixels
+Batch = Mapping[str, Any]
 
 
 class Act(nn.Module):
@@ -38,39 +40,46 @@ class Act(nn.Module):
         with torch.random.fork_rng(devices=[]):  # the world's chance is left alone
             torch.manual_seed(seed)
             self._build(config)
-        coarse = 2 ** (len(config.widths) + 1)
-        rows, columns = (-(-(side // config.shrink) // coarse) for side in config.image_size[::-1])
-        self.register_buffer("positions", sine_2d(rows, columns, config.width), persistent=False)
         self.register_buffer("latent_positions", sine_1d(2 + config.chunk, config.width), persistent=False)
         self.statistics = Statistics.neutral(config) if statistics is None else statistics
         self.statistics.register(self)
 
     def _build(self, c: ActConfig) -> None:
         """Make the layers."""
-        self.backbone = ResNet(c.widths, c.norm)
-        self.picture = nn.Conv2d(c.widths[-1], c.width, 1)
-        self.keypoints = nn.ModuleList([Keypoints(c.keypoints) for _ in c.cameras]) if c.keypoints else None
-        self.places = nn.Linear(2 * c.keypoints * len(c.cameras), c.width) if c.keypoints else None
         self.eyes = nn.ModuleList([Eyes(len(c.objects)) for _ in c.cameras]) if c.objects else None
-        told = NUMBERS * len(c.objects) * len(c.cameras)
-        self.things = (
-            nn.Sequential(nn.Linear(told, c.width), nn.ReLU(), nn.Linear(c.width, c.width)) if c.objects else None
-        )
-        self.state = nn.Linear(c.state_size, c.width)
-        self.latent = nn.Linear(c.latent, c.width) if c.latent else None
-        self.own_positions = nn.Embedding(1 + bool(c.latent) + bool(c.keypoints) + bool(c.objects), c.width)
-        self.encoder, self.decoder = Encoder(c, c.encoders), Decoder(c)
-        self.queries = nn.Embedding(c.chunk, c.width)
-        self.head = nn.Linear(c.width, c.action_size)
         if c.latent:
             self.latent_encoder = Encoder(c, c.latent_encoders)
             self.latent_token = nn.Embedding(1, c.width)
             self.latent_state, self.latent_action = nn.Linear(c.state_size, c.width), nn.Linear(c.action_size, c.width)
             self.latent_head = nn.Linear(c.width, 2 * c.latent)
+        if c.objects:
+            self.direct = Direct(c.state_size + c.latent + NUMBERS * len(c.objects) * len(c.cameras), c)
+        else:
+            self._build_transformer(c)
+
+    def _build_transformer(self, c: ActConfig) -> None:
+        """Make the layers from pictures to a chunk."""
+        self.backbone = ResNet(c.widths, c.norm)
+        self.picture = nn.Conv2d(c.widths[-1], c.width, 1)
+        self.keypoints = nn.ModuleList([Keypoints(c.keypoints) for _ in c.cameras]) if c.keypoints else None
+        self.places = nn.Linear(2 * c.keypoints * len(c.cameras), c.width) if c.keypoints else None
+        self.state = nn.Linear(c.state_size, c.width)
+        self.latent = nn.Linear(c.latent, c.width) if c.latent else None
+        self.own_positions = nn.Embedding(1 + bool(c.latent) + bool(c.keypoints), c.width)
+        self.encoder, self.decoder = Encoder(c, c.encoders), Decoder(c)
+        self.queries = nn.Embedding(c.chunk, c.width)
+        self.head = nn.Linear(c.width, c.action_size)
         for part in (self.encoder, self.decoder):
             for weights in part.parameters():
                 if weights.dim() > 1:
                     nn.init.xavier_uniform_(weights)
+        rows, columns = (-(-side // 2 ** (len(c.widths) + 1)) for side in c.image_size[::-1])
+        self.register_buffer("positions", sine_2d(rows, columns, c.width), persistent=False)
+
+    @property
+    def device(self) -> torch.device:
+        """Where the weights are."""
+        return self.get_buffer("state_mean").device
 
     def __repr__(self) -> str:
         c, weights = self.config, sum(p.numel() for p in self.parameters())
@@ -106,6 +115,11 @@ class Act(nn.Module):
             ready = partial(self._normalised, camera=number)
             cast(Eyes, eyes).learn(*samples.masked(self.config.cameras[number]), ready, seed, progress)
 
+    def told(self, pictures: Mapping[str, Any]) -> torch.Tensor:
+        """What the eyes tell (B, numbers) of each camera's pictures (B, H, W, 3); no gradient goes through it."""
+        seen = self._pictures(pictures)
+        return torch.cat([eyes(one) for eyes, one in zip(self.eyes or (), seen, strict=True)], 1)
+
     def normalise(self, actions: torch.Tensor) -> torch.Tensor:
         """Actions (..., m) in the environment's units to normalised ones."""
         return (actions - self.get_buffer("action_mean")) / self.get_buffer("action_scale")
@@ -118,20 +132,20 @@ class Act(nn.Module):
 
     def _state(self, batch: Batch) -> torch.Tensor:
         """Normalised states (B, n)."""
-        state = torch.as_tensor(batch["agent_pos"], dtype=torch.float32, device=self.positions.device)
+        state = torch.as_tensor(batch["agent_pos"], dtype=torch.float32, device=self.device)
         if state.dim() != 2 or state.shape[1] != self.config.state_size:
             raise PolicyError(
                 f"this policy takes states of {self.config.state_size} numbers, not {tuple(state.shape)}."
             )
         return (state - self.get_buffer("state_mean")) / self.get_buffer("state_scale")
 
-    def _pictures(self, batch: Batch) -> list[torch.Tensor]:
+    def _pictures(self, pictures: Mapping[str, Any]) -> list[torch.Tensor]:
         """Normalised pictures (B, 3, H, W), one for each camera."""
         found, (width, height) = [], self.config.image_size
         for number, name in enumerate(self.config.cameras):
-            pixels = batch["pixels"].get(name)
+            pixels = pictures.get(name)
             if pixels is None:
-                known = ", ".join(batch["pixels"]) or "none"
+                known = ", ".join(pictures) or "none"
                 raise PolicyError(
                     f"this policy sees with the camera '{name}', and there are only pictures of: {known}."
                 )
@@ -144,7 +158,7 @@ class Act(nn.Module):
         """Pictures (B, H, W, 3) of a camera as the layers take them, (B, 3, H, W)."""
         if isinstance(pixels, np.ndarray):
             pixels = torch.from_numpy(np.require(pixels, requirements=["C", "W"]))
-        picture = pixels.to(self.positions.device).permute(0, 3, 1, 2).float() / 255.0
+        picture = pixels.to(self.device).permute(0, 3, 1, 2).float() / 255.0
         mean, scale = self.get_buffer("pixel_mean")[camera], self.get_buffer("pixel_scale")[camera]
         return (picture - mean[:, None, None]) / scale[:, None, None]
 
@@ -160,20 +174,23 @@ class Act(nn.Module):
 
     def _decode(self, batch: Batch, z: torch.Tensor | None) -> torch.Tensor:
         """Normalised actions (B, k, m) of latents (B, latent)."""
-        state, pictures = self._state(batch), self._pictures(batch)
+        state = self._state(batch)
+        if self.config.latent and z is None:
+            z = torch.zeros(len(state), self.config.latent, device=state.device)
+        if self.eyes is None:
+            return self._attend(state, self._pictures(batch["pixels"]), z)
+        told = batch["told"] if "told" in batch else self.told(batch["pixels"])
+        return self.direct(torch.cat([state, told] if z is None else [state, told, z], 1))
+
+    def _attend(self, state: torch.Tensor, pictures: list[torch.Tensor], z: torch.Tensor | None) -> torch.Tensor:
+        """Normalised actions (B, k, m) of states (B, n), pictures (B, 3, H, W) and latents, by the transformer."""
         tokens = [self.state(state)[:, None]]
-        if self.latent is not None:
-            z = torch.zeros(len(state), self.config.latent, device=state.device) if z is None else z
+        if self.latent is not None and z is not None:
             tokens.insert(0, self.latent(z)[:, None])
         if self.keypoints is not None and self.places is not None:
             found = [points(one) for points, one in zip(self.keypoints, pictures, strict=True)]
             tokens.append(self.places(torch.cat(found, 1))[:, None])
-        if self.eyes is not None and self.things is not None:
-            told = [eyes(one) for eyes, one in zip(self.eyes, pictures, strict=True)]
-            tokens.append(self.things(torch.cat(told, 1))[:, None])
-        whole = torch.cat(pictures)
-        small = whole if self.config.shrink == 1 else nn.functional.avg_pool2d(whole, self.config.shrink)
-        features = self.picture(self.backbone(small)).flatten(2).transpose(1, 2)
+        features = self.picture(self.backbone(torch.cat(pictures))).flatten(2).transpose(1, 2)
         if self.config.placed:
             features = features + self.positions
         tokens += features.chunk(len(pictures))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+import torch
 
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.act.config import ActConfig
@@ -14,6 +15,11 @@ from embodiedreamer_gym.policies.act.pictures import scaled, scaled_masks
 MEMORY = 4 << 30  # bytes of pictures kept; more are read again whenever they are drawn
 BLOCK = 64  # frames read at once
 LOOKED_AT = 4  # every fourth step's masks
+TOLD_AT_ONCE = 16  # pictures; more do not fit a processor's cache
+NEAR = 8  # steps from where a policy that plays whole chunks is asked
+
+
+Progress = Callable[[str, int, int, str], None]
 
 
 class Episodes(Protocol):
@@ -122,7 +128,10 @@ class Samples:
         width, height = config.image_size
         size = int(self._ends[-1]) * len(config.cameras) * width * height * 3
         self._kept: dict[tuple[int, str], np.ndarray] = {}
-        if size <= memory:
+        self._told: torch.Tensor | None = None
+        steps = np.concatenate([np.arange(length) for length in episodes.lengths])
+        self._asked = np.flatnonzero(steps % config.chunk < NEAR)
+        if size <= memory and not config.objects:  # what eyes have told is kept instead
             self._kept = {
                 (i, camera): self._read(i, camera, 0, episodes.lengths[i])
                 for i in range(len(episodes)) for camera in config.cameras
@@ -141,9 +150,13 @@ class Samples:
         sums = [float(np.abs(actions, dtype=np.float64).sum()) for actions in self.actions]
         return [list(row) for row in zip(self._episodes.names, self._episodes.lengths, sums, strict=True)]
 
-    def draw(self, rng: np.random.Generator, count: int) -> Sample:
-        """A number of starts, each step of each episode as likely."""
-        return self.at(rng.integers(len(self), size=count))
+    def draw(self, rng: np.random.Generator, count: int, asked: float = 0.0) -> Sample:
+        """A number of starts, each step of each episode as likely.
+
+        asked: share of them near the steps at which a policy is asked that plays whole chunks.
+        """
+        anywhere, near = rng.integers(len(self), size=count), rng.integers(len(self._asked), size=count)
+        return self.at(np.where(rng.random(count) < asked, self._asked[near], anywhere))
 
     def at(self, steps: np.ndarray) -> Sample:
         """The starts at these steps, counted through all episodes."""
@@ -152,12 +165,30 @@ class Samples:
         ahead = starts[:, None] + np.arange(self.config.chunk)
         last = np.array(self._episodes.lengths)[which, None] - 1
         actions = [self.actions[i][row] for i, row in zip(which, np.minimum(ahead, last), strict=True)]
+        states = np.stack([self.states[i][s] for i, s in zip(which, starts, strict=True)])
+        if self._told is not None:
+            return Sample({"agent_pos": states, "told": self._told[steps]}, np.stack(actions), ahead > last)
         pixels = {
             camera: np.stack([self._picture(int(i), camera, int(s)) for i, s in zip(which, starts, strict=True)])
             for camera in self.config.cameras
         }
-        states = np.stack([self.states[i][s] for i, s in zip(which, starts, strict=True)])
         return Sample({"agent_pos": states, "pixels": pixels}, np.stack(actions), ahead > last)
+
+    def tell(self, told: Callable[[Mapping[str, np.ndarray]], torch.Tensor], progress: Progress | None = None) -> None:
+        """Keep what is told of each step's pictures {camera: (B, H, W, 3)}, (B, numbers), and no pictures."""
+        rows: list[torch.Tensor] = []
+        for i, length in enumerate(self._episodes.lengths):
+            for at in range(0, length, TOLD_AT_ONCE):
+                until = min(at + TOLD_AT_ONCE, length)
+                rows.append(told({camera: self._read(i, camera, at, until) for camera in self.config.cameras}))
+            if progress is not None:
+                progress("looking", i + 1, len(self._episodes), "")
+        self._told = torch.cat(rows)
+
+    @property
+    def told(self) -> bool:
+        """Whether what eyes tell of the pictures is kept."""
+        return self._told is not None
 
     def masked(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
         """Pictures (N, H, W, 3) of every fourth step, and their masks (N, H, W), which number the policy's objects from 1."""

@@ -15,18 +15,16 @@ from torch import nn
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.act.config import ActConfig
 from embodiedreamer_gym.policies.act.curves import Curves
-from embodiedreamer_gym.policies.act.mirror import Mirror
+from embodiedreamer_gym.policies.act.mirror import MirroredEpisodes
 from embodiedreamer_gym.policies.act.network import Act
 from embodiedreamer_gym.policies.act.policy import ActPolicy
-from embodiedreamer_gym.policies.act.samples import Episodes, Samples
+from embodiedreamer_gym.policies.act.samples import Episodes, Progress, Samples
 from embodiedreamer_gym.policies.act.statistics import Statistics
 
 CHECKPOINT = "checkpoint.pt"
 SAVED_EVERY = 250  # steps
 SHOWN_EVERY = 10
-MIRRORED = 0.5  # share of starts, where there is a mirror
 WARM_UP = 100  # steps up to the peak learning rate
-Progress = Callable[[str, int, int, str], None]
 
 
 @dataclass(frozen=True)
@@ -34,8 +32,9 @@ class TrainingConfig:
     """How a network is trained.
 
     steps: of the optimiser; batch: starts; rate: peak learning rate of AdamW, down as a cosine; kl: weight of the
-    CVAE's divergence; clip: largest norm of a gradient; average: of the weights, per step; mirror: joint numbers with signs, see `Mirror`, for half
-    of the starts to be mirrored; rest: an episode's last action goes on past its end and is learnt, so that a robot that is done
+    CVAE's divergence; clip: largest norm of a gradient; average: of the weights, per step; mirror: joint numbers with signs, for mirror images to
+    be learnt too, see `MirroredEpisodes`; asked: share of the starts near which a policy is asked that plays whole chunks, the others
+    being anywhere; rest: an episode's last action goes on past its end and is learnt, so that a robot that is done
     stays so (else what lies past the end does not count); seed: of all that is drawn.
     """
 
@@ -47,6 +46,7 @@ class TrainingConfig:
     clip: float = 1.0
     average: float = 0.99
     mirror: tuple[int, ...] = ()
+    asked: float = 0.7
     rest: bool = True
     seed: int = 0
 
@@ -55,6 +55,14 @@ class TrainingConfig:
         for name in ("steps", "batch"):
             if getattr(self, name) < 1:
                 raise PolicyError(f"{name} is {getattr(self, name)}, but must be at least 1.")
+        if not 0 <= self.asked <= 1:
+            raise PolicyError(f"asked is {self.asked}, but must be a share between 0 and 1.")
+
+    @staticmethod
+    def usual(config: ActConfig, **settings: Any) -> TrainingConfig:
+        """Steps and batch that a network wants which are not said, by whether it has eyes; they make steps cheap."""
+        wanted = {"steps": 8000, "batch": 64} if config.objects else {}
+        return TrainingConfig(**{**wanted, **{name: value for name, value in settings.items() if value is not None}})
 
 
 class Training:
@@ -69,18 +77,11 @@ class Training:
         self.averaged = {k: v.detach().clone() for k, v in network.state_dict().items()}
         self.optimiser = torch.optim.AdamW(network.parameters(), config.rate, weight_decay=config.weight_decay)
         self.step = 0
-        self.mirror = Mirror(config.mirror, samples.config.cameras) if config.mirror else None
-        if (
-            self.mirror is not None
-            and not len(config.mirror) == samples.config.state_size == samples.config.action_size
-        ):
-            raise PolicyError(f"the mirror is of {len(config.mirror)} joints, and the episodes have states of "
-                              f"{samples.config.state_size} numbers, actions of {samples.config.action_size}.")  # fmt: skip
 
     @property
     def device(self) -> torch.device:
         """Where the network is."""
-        return self.network.positions.device
+        return self.network.device
 
     def run(
         self, until: int | None = None, curves: Curves | None = None, progress: Progress | None = None
@@ -90,6 +91,8 @@ class Training:
         Raises: PolicyError where the loss is not finite any more.
         """
         row: dict[str, float] = {}
+        if self.network.eyes is not None and not self.samples.told and self.step < self.config.steps:
+            self.samples.tell(self.network.told, progress)
         self.network.train()
         for step in range(self.step, self.config.steps if until is None else min(until, self.config.steps)):
             row = self._advance(step)
@@ -112,9 +115,7 @@ class Training:
         What is drawn depends on seed and step alone, so that a training can go on anywhere.
         """
         rng = np.random.default_rng([self.config.seed, step])
-        sample = self.samples.draw(rng, self.config.batch)
-        if self.mirror is not None:
-            sample = self.mirror(sample, rng.random(self.config.batch) < MIRRORED)
+        sample = self.samples.draw(rng, self.config.batch, self.config.asked)
         actions = self.network.normalise(torch.from_numpy(sample.actions).to(self.device))
         padding = torch.from_numpy(sample.padding).to(self.device)
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
@@ -187,6 +188,8 @@ def train(episodes: Episodes, config: ActConfig, training: TrainingConfig, folde
     tell: hears what the user should know. Writes config.json, weights.pt, checkpoint.pt and curves.csv.
     Raises: PolicyError for episodes that do not fit, or a folder with a training of other settings.
     """
+    if training.mirror:
+        episodes = MirroredEpisodes(episodes, training.mirror, config.cameras)
     run, folder = Training(Samples(episodes, config), training), Path(folder)
     run.network.to(device)
     folder.mkdir(parents=True, exist_ok=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from embodiedreamer_gym.policies.act import ActConfig, ActPolicy, Samples, Training, TrainingConfig, train, with_eyes
+from embodiedreamer_gym.policies.act import ActPolicy, Samples, Training, TrainingConfig, train, with_eyes
 from embodiedreamer_gym.policies.act import eyes as module
 from embodiedreamer_gym.policies.act.eyes import NUMBERS, Eyes, measured
 from tests.policies.act.tiny import CONFIG, Tiny
@@ -78,7 +78,7 @@ def test_a_policy_with_eyes_is_trained_saved_and_gone_on_with(tmp_path, monkeypa
     said: list[str] = []
     one = train(Masked(), config, TrainingConfig(steps=4, batch=4), tmp_path / "a",
                 lambda stage, count, of, text: said.append(stage))  # fmt: skip
-    assert said == ["objects"] * 3 + ["training"] * 4
+    assert said == ["objects"] * 3 + ["looking"] * 3 + ["training"] * 4
     two = ActPolicy.load(tmp_path / "a")
     batch = {"agent_pos": np.zeros((2, 3), np.float32), "pixels": {"head": Masked().frames(0, "head", 0, 2)}}
     np.testing.assert_array_equal(one(batch), two(batch))
@@ -98,6 +98,29 @@ def test_what_is_done_stays_done() -> None:
         assert (abs(float(training.loss(0)[0].detach()) - before) > 1e-3) == rest
 
 
-def test_a_configuration_is_checked() -> None:
-    with pytest.raises(Exception, match="shrink"):
-        ActConfig(2, 2, ("head",), (16, 12), shrink=0)
+def test_what_the_eyes_told_stands_for_the_pictures(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Training on it is the same, and goes on as if it had not been interrupted, with a latent too."""
+    monkeypatch.setattr(module, "STEPS", 3)
+    config = with_eyes(CONFIG, Masked()).with_(latent=2)
+    seen, told = (Training(Samples(Masked(), config), TrainingConfig(steps=4, batch=4)) for _ in range(2))
+    told.samples.tell(told.network.told)
+    assert told.samples.told and "pixels" not in told.samples.draw(np.random.default_rng(0), 2).batch
+    torch.testing.assert_close(told.loss(1)[0], seen.loss(1)[0])
+    whole = train(Masked(), config, TrainingConfig(steps=4, batch=4), tmp_path / "a")
+    monkeypatch.setattr("embodiedreamer_gym.policies.act.training.SAVED_EVERY", 2)
+
+    def stop(stage: str, count: int, of: int, text: str) -> None:
+        if (stage, count) == ("training", 3):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(Masked(), config, TrainingConfig(steps=4, batch=4), tmp_path / "b", stop)
+    again = train(Masked(), config, TrainingConfig(steps=4, batch=4), tmp_path / "b")
+    for name, value in whole.network.state_dict().items():
+        assert torch.equal(value, again.network.state_dict()[name]), name
+
+
+def test_a_network_with_eyes_asks_for_more_steps() -> None:
+    assert TrainingConfig.usual(CONFIG) == TrainingConfig()
+    eyes = TrainingConfig.usual(with_eyes(CONFIG, Masked()), steps=None, seed=3)
+    assert (eyes.steps, eyes.batch, eyes.seed) == (8000, 64, 3)

@@ -86,3 +86,18 @@ def test_what_is_refused() -> None:
     episodes.actions(1)[3, 0] = np.nan
     with pytest.raises(PolicyError, match="episode_1: the action at step 3 is not finite"):
         Samples(episodes, CONFIG)
+
+
+def test_starts_near_where_a_policy_is_asked_are_drawn_more_often() -> None:
+    """With chunks of 4 nothing is far from a chunk's start; with chunks of 20, steps 0 to 7, 20 to 27, and so on."""
+    config = CONFIG.with_(chunk=20)
+    samples = Samples(Tiny(lengths=(50, 30)), config)
+
+    def near(share: float) -> float:
+        drawn = samples.draw(np.random.default_rng(0), 400, share)
+        steps = drawn.batch["pixels"]["head"][:, 0, 0, 0]  # the picture tells its step
+        return float(np.mean(steps % 20 < 8))
+
+    assert near(1.0) == 1.0
+    assert near(0.0) == pytest.approx(40 / 80, abs=0.08)
+    assert near(0.7) == pytest.approx(0.7 + 0.3 * 40 / 80, abs=0.06)

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from embodiedreamer_gym.errors import PolicyError
-from embodiedreamer_gym.policies.act import ActPolicy, Samples, Training, TrainingConfig, train
+from embodiedreamer_gym.policies.act import Act, ActPolicy, Samples, Training, TrainingConfig, train
 from embodiedreamer_gym.policies.act import training as module
 from tests.policies.act.tiny import CONFIG, SIZE, Tiny
 
@@ -146,22 +146,23 @@ def test_a_loss_that_explodes_is_said() -> None:
 def test_counts_are_checked() -> None:
     with pytest.raises(PolicyError, match="batch is 0"):
         TrainingConfig(batch=0)
+    with pytest.raises(PolicyError, match="asked is 1"):
+        TrainingConfig(asked=1.5)
 
 
-def test_half_of_the_starts_are_mirrored(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_half_of_the_starts_are_mirrored(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The action's first number changes its sign just where the picture is flipped, in about half of a batch."""
     episodes = Tiny(lengths=(6,) * 16)
     episodes._states, episodes.state_size = [states[:, :2] for states in episodes._states], 2
-    training = Training(Samples(episodes, CONFIG.with_(state_size=2)), replace(SHORT, batch=64, mirror=(-1, 2)))
     drawn = []
-    forward = training.network.forward
+    forward = Act.forward
 
-    def watched(batch, actions, *others):
-        drawn.append((batch["pixels"]["head"], training.network.denormalise(actions)))
-        return forward(batch, actions, *others)
+    def watched(network, batch, actions, *others):
+        drawn.append((batch["pixels"]["head"], network.denormalise(actions)))
+        return forward(network, batch, actions, *others)
 
-    monkeypatch.setattr(training.network, "forward", watched)
-    training.run(until=1)
+    monkeypatch.setattr(Act, "forward", watched)
+    train(episodes, CONFIG.with_(state_size=2), replace(SHORT, steps=1, batch=64, mirror=(-1, 2)), tmp_path / "a")
     pictures, actions = drawn[0]
     bright = (pictures[:, SIZE[1] // 2, :, 1] > 200).argmax(1)  # the square's first column
     mirrored = actions[:, 0, 0].numpy() < 0
@@ -169,4 +170,4 @@ def test_half_of_the_starts_are_mirrored(monkeypatch: pytest.MonkeyPatch) -> Non
     assert np.abs(column - np.floor(np.abs(actions[:, 0, 0].numpy()) * (SIZE[0] - 4))).max() <= 1
     assert 16 < mirrored.sum() < 48
     with pytest.raises(PolicyError, match="the mirror is of 2 joints, and the episodes have states of 3 numbers"):
-        Training(Samples(Tiny(), CONFIG), replace(SHORT, mirror=(-1, 2)))
+        train(Tiny(), CONFIG, replace(SHORT, mirror=(-1, 2)), tmp_path / "b")
