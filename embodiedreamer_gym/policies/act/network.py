@@ -120,6 +120,12 @@ class Act(nn.Module):
         seen = self._pictures(pictures)
         return torch.cat([eyes(one) for eyes, one in zip(self.eyes or (), seen, strict=True)], 1)
 
+    def digest(self, batch: Batch) -> Batch:
+        """The same with what the eyes tell in place of pictures, where there are eyes: it does not change any more."""
+        if self.eyes is None or "told" in batch:
+            return batch
+        return {"agent_pos": batch["agent_pos"], "told": self.told(batch["pixels"]).cpu()}
+
     def normalise(self, actions: torch.Tensor) -> torch.Tensor:
         """Actions (..., m) in the environment's units to normalised ones."""
         return (actions - self.get_buffer("action_mean")) / self.get_buffer("action_scale")
@@ -179,7 +185,7 @@ class Act(nn.Module):
             z = torch.zeros(len(state), self.config.latent, device=state.device)
         if self.eyes is None:
             return self._attend(state, self._pictures(batch["pixels"]), z)
-        told = batch["told"] if "told" in batch else self.told(batch["pixels"])
+        told = self.digest(batch)["told"].to(state.device)
         return self.direct(torch.cat([state, told] if z is None else [state, told, z], 1))
 
     def _attend(self, state: torch.Tensor, pictures: list[torch.Tensor], z: torch.Tensor | None) -> torch.Tensor:

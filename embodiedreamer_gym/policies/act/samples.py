@@ -180,7 +180,7 @@ class Samples:
         for i, length in enumerate(self._episodes.lengths):
             for at in range(0, length, TOLD_AT_ONCE):
                 until = min(at + TOLD_AT_ONCE, length)
-                rows.append(told({camera: self._read(i, camera, at, until) for camera in self.config.cameras}))
+                rows.append(told({camera: self._read(i, camera, at, until) for camera in self.config.cameras}).cpu())
             if progress is not None:
                 progress("looking", i + 1, len(self._episodes), "")
         self._told = torch.cat(rows)

@@ -11,11 +11,14 @@ import torch
 from torch import nn
 
 from embodiedreamer_gym.errors import PolicyError
-from embodiedreamer_gym.policies.preferences.trajectory import Trajectory, alike, nested
+from embodiedreamer_gym.policies.preferences.trajectory import Trajectory, alike, flat, nested
 
 
 class ChunkNetwork(Protocol):
-    """What can be fine-tuned: a torch module that says chunks of normalised actions; `Act` is one."""
+    """What can be fine-tuned: a torch module that says chunks of normalised actions; `Act` is one.
+
+    Where it has a method `digest(batch)`, batches are given to that once, and what comes of them to `mean` ever after.
+    """
 
     def mean(self, batch: Mapping[str, Any]) -> torch.Tensor:
         """Chunks (B, k, m), normalised, for observations of B instants in the environment's units."""
@@ -58,7 +61,6 @@ class Chunks:
         Raises: PolicyError for trajectories of different kinds, or with actions of another size than the network's.
         """
         alike(trajectories)
-        names = trajectories[0].observations
         actions = torch.from_numpy(np.concatenate([t.actions for t in trajectories])).float()
         first = nested({n: torch.from_numpy(v[:1]) for n, v in trajectories[0].observations.items()})
         with torch.no_grad():
@@ -69,7 +71,7 @@ class Chunks:
                 f"size {actions.shape[2]}; roll this policy out itself."
             )
         return Chunks(
-            {n: torch.from_numpy(np.concatenate([t.observations[n] for t in trajectories])) for n in names},
+            _digested(trajectories, network),
             network.normalise(actions.to(device_of(network))).cpu(),
             torch.from_numpy(np.concatenate([t.played for t in trajectories])),
             torch.from_numpy(np.repeat(np.arange(len(trajectories)), [len(t) for t in trajectories])),
@@ -90,6 +92,17 @@ class Chunks:
 
     def __len__(self) -> int:
         return len(self.actions)
+
+
+def _digested(trajectories: Sequence[Trajectory], network: ChunkNetwork) -> dict[str, torch.Tensor]:
+    """Observations name -> (R, ...) of all chunks, digested by networks that do."""
+    digest = getattr(network, "digest", dict)
+    rows: list[dict[str, torch.Tensor]] = []
+    for one in trajectories:
+        seen = nested({name: torch.from_numpy(values) for name, values in one.observations.items()})
+        with torch.no_grad():
+            rows.append({name: torch.as_tensor(values) for name, values in flat(digest(seen)).items()})
+    return {name: torch.cat([row[name] for row in rows]) for name in rows[0]}
 
 
 def squared_errors(network: ChunkNetwork, chunks: Chunks) -> torch.Tensor:

@@ -106,6 +106,10 @@ def test_what_the_eyes_told_stands_for_the_pictures(tmp_path, monkeypatch: pytes
     told.samples.tell(told.network.told)
     assert told.samples.told and "pixels" not in told.samples.draw(np.random.default_rng(0), 2).batch
     torch.testing.assert_close(told.loss(1)[0], seen.loss(1)[0])
+    batch = {"agent_pos": np.zeros((2, 3), np.float32), "pixels": {"head": Masked().frames(0, "head", 0, 2)}}
+    digested = told.network.digest(batch)
+    assert set(digested) == {"agent_pos", "told"} and told.network.digest(digested) is digested
+    torch.testing.assert_close(told.network.mean(digested), told.network.mean(batch))
     whole = train(Masked(), config, TrainingConfig(steps=4, batch=4), tmp_path / "a")
     monkeypatch.setattr("embodiedreamer_gym.policies.act.training.SAVED_EVERY", 2)
 

@@ -53,6 +53,24 @@ def test_frames_stay_bytes(network, roll) -> None:
     assert chunks.observations["pixels/head"].dtype == torch.uint8
 
 
+def test_what_a_network_digests_it_does_once(network, roll) -> None:
+    """Eyes look at each frame once, and the likelihood is the same."""
+    asked = []
+
+    class Digesting(type(network)):
+        def digest(self, batch):
+            asked.append(len(batch["agent_pos"]))
+            return {"short": batch["agent_pos"][:, :1] * 2.0, "agent_pos": batch["agent_pos"]}
+
+    before = log_likelihood(network, Chunks.of([roll(0), roll(1)], network))
+    network.__class__ = Digesting
+    chunks = Chunks.of([roll(0), roll(1)], network)
+    assert asked == [5, 5] and chunks.observations["short"].shape == (10, 1)
+    for _ in range(3):
+        torch.testing.assert_close(log_likelihood(network, chunks), before)
+    assert asked == [5, 5]
+
+
 def test_another_policys_trajectories_are_refused(network, roll) -> None:
     other = roll(0)
     other = replace(other, actions=other.actions[..., :1], means=other.means[..., :1])
