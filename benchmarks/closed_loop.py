@@ -1,11 +1,12 @@
 """Policies from four kinds of simulator, scored in a world that none of them has seen: the paper's Tables 3 and 4 in kind.
 
 python -m benchmarks closed_loop --out DIR [--task NAME ...] [--kind plain calibrated dreamed preferred] [--seeds 3]
-                                 [--demos 50] [--steps 8000] [--episodes 50] [--cycles 2]
+                                 [--demos 50] [--steps 8000] [--episodes 50] [--cycles 1] [--starts 25]
 
 The world is `StandInEnv`: MuJoCo, a robot with friction, weak and uneven gains and a delay that the nominal model has not,
 a path-traced camera. plain: demonstrations of the nominal simulator; calibrated: of a model fitted to ten logs of the
 robot; dreamed: the same, seen through VisAligner; preferred: dreamed, then cycles of preferences in the dreamed world.
+Seeds are those of training; the demonstrations of a task and kind are the same for all of them.
 Everything is kept in DIR: an interrupted run goes on where it was, and two processes may share it by --task.
 """
 
@@ -49,17 +50,17 @@ def calibrated(folder: Path) -> Path:
     return path
 
 
-def episodes(a: argparse.Namespace, task: str, kind: str, seed: int) -> Path:
+def episodes(a: argparse.Namespace, task: str, kind: str) -> Path:
     """Folder of demonstrations of a kind."""
     from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
     from embodiedreamer_gym.wrappers.regenerate import regenerate
 
     robot = "aloha" if kind == "plain" else str(calibrated(a.out))
-    folder = a.out / f"demos_{task}_{'plain' if kind == 'plain' else 'calibrated'}_{seed}"
-    record_demonstrations(Demonstrations(task, seed=seed, size=SIZE, robot=robot), a.demos, folder)
+    folder = a.out / f"demos_{task}_{'plain' if kind == 'plain' else 'calibrated'}"
+    record_demonstrations(Demonstrations(task, size=SIZE, robot=robot), a.demos, folder)
     if kind in ("plain", "calibrated"):
         return folder
-    seen = a.out / f"demos_{task}_dreamed_{seed}"
+    seen = a.out / f"demos_{task}_dreamed"
     made = regenerate(folder, seen)
     if made.failed:
         print(f"{task}: the replay of {len(made.failed)} episodes failed", flush=True)
@@ -80,7 +81,7 @@ def trained(a: argparse.Namespace, task: str, kind: str, seed: int) -> Path:
         if count % 500 == 0:
             print(f"{task} {kind} {seed}: step {count} of {of}, {text}", flush=True)
 
-    train_act(open_episodes(episodes(a, task, kind, seed)), folder, {"steps": a.steps, "seed": seed}, told)
+    train_act(open_episodes(episodes(a, task, kind)), folder, {"steps": a.steps, "seed": seed}, told)
     (folder / "done").touch()
     return folder
 
@@ -92,8 +93,8 @@ def preferred(a: argparse.Namespace, task: str, seed: int, folder: Path) -> Path
     start, study = trained(a, task, "dreamed", seed), a.out / f"study_{task}_{seed}"
     failed = embodiedreamer([
         "policy", "prefer", "--policy", str(start), "--task", f"{task}-v0", "--out", str(study), "--dream",
-        "--robot", str(calibrated(a.out)), "--cycles", str(a.cycles), "--sigma", "4", "--epochs", "20",
-        "--metric", "object_distance", "--evaluations", "50", "--seed", str(seed), "--quiet",
+        "--robot", str(calibrated(a.out)), "--cycles", str(a.cycles), "--starts", str(a.starts),
+        "--sigma", "4", "--epochs", "20", "--metric", "object_distance", "--evaluations", "1", "--seed", str(seed), "--quiet",
     ])  # fmt: skip
     if failed:
         raise SystemExit(failed)
@@ -144,7 +145,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--task", nargs="+", choices=TASKS, default=list(TASKS))
     parser.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS))
-    for name, value in (("seeds", 3), ("demos", 50), ("steps", 8000), ("episodes", 50), ("cycles", 2)):
+    for name, value in (("seeds", 3), ("demos", 50), ("steps", 8000), ("episodes", 50), ("cycles", 1), ("starts", 25)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
     pin_threads()
