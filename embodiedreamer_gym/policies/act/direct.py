@@ -9,20 +9,20 @@ from embodiedreamer_gym.policies.act.config import ActConfig
 
 
 class Direct(nn.Module):
-    """Numbers (B, n) to a chunk of normalised actions (B, k, m): layers with a way around each, no attention.
+    """Numbers (B, n) to a chunk of normalised actions (B, k, m): at first linearly, then what layers learn to add to that.
 
     Where things are is all that a chunk depends on, and no transformer learns it as fast: there is nothing to attend to.
+    Nothing is normalised on the way: at the edge of what was shown, a plane goes on where a normalised network bends.
     """
 
     def __init__(self, numbers: int, c: ActConfig) -> None:
         super().__init__()
-        self.first, self.shape = nn.Linear(numbers, c.width), (c.chunk, c.action_size)
-        self.layers = nn.ModuleList(
-            nn.Sequential(nn.LayerNorm(c.width), nn.Linear(c.width, c.feedforward), nn.GELU(), nn.Dropout(c.dropout),
-                          nn.Linear(c.feedforward, c.width))
-            for _ in range(c.encoders)
-        )  # fmt: skip
-        self.last = nn.Sequential(nn.LayerNorm(c.width), nn.Linear(c.width, c.chunk * c.action_size))
+        self.first, self.last = nn.Linear(numbers, c.width), nn.Linear(c.width, c.chunk * c.action_size)
+        self.layers, self.shape = nn.ModuleList(), (c.chunk, c.action_size)
+        for _ in range(c.encoders):
+            wide, back = nn.Linear(c.width, c.feedforward), nn.Linear(c.feedforward, c.width)
+            nn.init.zeros_(back.weight)
+            self.layers.append(nn.Sequential(wide, nn.GELU(), nn.Dropout(c.dropout), back))
 
     def forward(self, numbers: torch.Tensor) -> torch.Tensor:
         """The chunk."""
