@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import joblib
@@ -68,6 +69,23 @@ def test_real_episodes_on_disk(tmp_path: Path) -> None:
     run("train", "--data", tmp_path / "data", "--out", tmp_path / "act", *TRAIN)
     policy = ActPolicy.load(tmp_path / "act")
     assert (policy.action_size, policy.cameras, policy.network.config.image_size) == (2, ("head",), SIZE)
+
+
+def test_options_of_training_that_are_not_said_are_the_networks(
+    tmp_path: Path, episodes: Tiny, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More and larger steps with masks; a share of starts, and none of it."""
+    told: list[Any] = []
+    monkeypatch.setattr("embodiedreamer_gym.policies.act.train", lambda *given: told.append(given[1:3]))
+    masked: Any = episodes
+    masked.objects = {"thing": 7}
+    run("train", "--data", tmp_path, "--out", tmp_path / "a", "--quiet")
+    run("train", "--data", tmp_path, "--out", tmp_path / "a", "--quiet", "--no-masks", "--asked", 0)
+    run("train", "--data", tmp_path, "--out", tmp_path / "a", "--quiet", "--steps", 5, "--batch", 6)
+    assert [(s.steps, s.batch, s.asked) for _, s in told] == [(8000, 64, 0.7), (4000, 32, 0.0), (5, 6, 0.7)]
+    assert [config.objects for config, _ in told] == [("thing",), (), ("thing",)]
+    with pytest.raises(PolicyError, match="asked is 2"):
+        run("train", "--data", tmp_path, "--out", tmp_path / "a", "--quiet", "--asked", 2)
 
 
 def test_the_papers_preset(episodes: Tiny, tmp_path: Path) -> None:
