@@ -19,13 +19,13 @@ class ActConfig:
     state_size, action_size: numbers in a state and in an action; cameras: names of one to three; image_size: width and
     height of a picture, to which others are scaled; chunk: actions predicted at once (k); widths: channels of the
     ResNet's stages, two blocks each, the last of 1 / 2^(stages + 1) of the picture's size; norm: group, or frozen (batch
-    normalisation with fixed statistics, as pretrained weights have it); keypoints: places in each picture that are a token
-    beside the ResNet's, 0 for none; objects: names of those whose masks the eyes learn: what they tell goes straight to
-    the chunk, through `encoders` layers, and there is no ResNet and no transformer; width, heads, feedforward: of the transformer, or of those layers;
-    encoders, decoders: its layers; latent: numbers in the CVAE's z, 0 without a CVAE; latent_encoders: layers of the
-    CVAE's encoder; dropout: share; pre_norm: normalise before attention, not after; placed: tokens of
-    pictures carry where they are, which otherwise only queries and keys do; source_size: width and height of the
-    pictures it learnt from, where they were scaled.
+    normalisation with fixed statistics, as pretrained weights have it); keypoints: places in each picture that are a
+    token beside the ResNet's, 0 for none; objects: names of those whose masks the eyes learn: what they tell goes
+    straight to the chunk, and there is no ResNet and no transformer; width, heads, feedforward, encoders, decoders: of
+    the transformer, its encoder's and decoder's layers, or (but heads and decoders) of what goes straight to the chunk;
+    latent: numbers in the CVAE's z, 0 without a CVAE; latent_encoders: layers of the CVAE's encoder; dropout: share;
+    pre_norm: normalise before attention, not after; placed: tokens of pictures carry where they are, which otherwise
+    only queries and keys do; source_size: width and height of the pictures it learnt from, where they were scaled.
     Raises: PolicyError for what cannot be built.
     Source: Zhao et al., Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware, 2023, hyperparameters of its appendix.
     """
