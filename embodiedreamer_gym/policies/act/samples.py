@@ -14,7 +14,7 @@ from embodiedreamer_gym.policies.act.pictures import scaled, scaled_masks
 
 MEMORY = 4 << 30  # bytes of pictures kept; more are read again whenever they are drawn
 BLOCK = 64  # frames read at once
-LOOKED_AT = 4  # every fourth step's masks
+LOOKED_AT = 4  # every fourth step's masks, at most
 TOLD_AT_ONCE = 16  # pictures; more do not fit a processor's cache
 NEAR = 8  # steps from where a policy that plays whole chunks is asked
 
@@ -119,7 +119,7 @@ class Samples:
 
     def __init__(self, episodes: Episodes, config: ActConfig, memory: int = MEMORY) -> None:
         check_cameras(episodes, config.cameras)
-        self.config, self._episodes = config, episodes
+        self.config, self._episodes, self._memory = config, episodes, memory
         self.states = [self._checked(i, "state", episodes.states(i), config.state_size) for i in range(len(episodes))]
         self.actions = [
             self._checked(i, "action", episodes.actions(i), config.action_size) for i in range(len(episodes))
@@ -191,11 +191,16 @@ class Samples:
         return self._told is not None
 
     def masked(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
-        """Pictures (N, H, W, 3) of every fourth step, and their masks (N, H, W), which number the policy's objects from 1."""
+        """Pictures (N, H, W, 3) of every fourth step, and their masks (N, H, W), which number the policy's objects from 1.
+
+        Of a set whose pictures would not fit into memory, fewer steps.
+        """
+        width, height = self.config.image_size
+        every = max(LOOKED_AT, -(-len(self) * width * height * 4 // self._memory))
         numbers = np.zeros(256, np.uint8)
         for place, name in enumerate(self.config.objects, 1):
             numbers[self._episodes.objects[name]] = place
-        steps = [(i, step) for i, length in enumerate(self._episodes.lengths) for step in range(0, length, LOOKED_AT)]
+        steps = [(i, step) for i, length in enumerate(self._episodes.lengths) for step in range(0, length, every)]
         masks = [scaled_masks(self._episodes.masks(i, camera, step, step + 1), self.config.image_size)[0]
                  for i, step in steps]  # fmt: skip
         return np.stack([self._picture(i, camera, step) for i, step in steps]), numbers[np.stack(masks)]

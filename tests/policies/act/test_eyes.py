@@ -56,7 +56,8 @@ def test_objects_are_found_where_no_demonstration_had_them(monkeypatch: pytest.M
     config = with_eyes(CONFIG, Masked())
     assert config.objects == ("thing",) and config.keypoints == 0 and with_eyes(CONFIG, Tiny()) == CONFIG
     pictures, masks = Samples(Masked(lengths=(9,) * 8), config).masked("head")
-    assert set(np.unique(masks)) == {0, 1} and pictures.shape[:3] == masks.shape
+    assert set(np.unique(masks)) == {0, 1} and pictures.shape[:3] == masks.shape and len(masks) == 8 * 3
+    assert len(Samples(Masked(lengths=(9,) * 8), config, memory=24 * 32 * 4 * 9).masked("head")[0]) == 8 * 2
     torch.manual_seed(0)
     eyes = Eyes(1)
 
