@@ -1,6 +1,6 @@
 """What augmentation is worth: policies of original, generated and mixed episodes, on the original bench and on changed ones.
 
-python -m benchmarks augmentation --out DIR [--task PutCupOnMat] [--demos 50] [--copies 2] [--steps 8000] [--episodes 100]
+python -m benchmarks augmentation --out DIR [--task PutCupOnMat] [--demos 50] [--copies 2] [--steps N] [--episodes 100]
                                   [--seed 0]
 
 The original bench is the dreamed one (`embodiedreamer augment` without an edit); generated episodes have tables, sheets of
@@ -86,7 +86,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--task", default="PutCupOnMat")
-    for name, value in (("demos", 50), ("copies", 2), ("steps", 8000), ("episodes", 100), ("seed", 0)):
+    for name, value in (("demos", 50), ("copies", 2), ("steps", None), ("episodes", 100), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
     pin_threads()

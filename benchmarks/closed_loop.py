@@ -1,7 +1,7 @@
 """Policies from four kinds of simulator, scored in a world that none of them has seen: the paper's Tables 3 and 4 in kind.
 
 python -m benchmarks closed_loop --out DIR [--task NAME ...] [--kind plain calibrated dreamed preferred] [--seeds 3]
-                                 [--demos 50] [--steps 8000] [--episodes 50] [--cycles 1] [--starts 25]
+                                 [--demos 50] [--steps N] [--episodes 50] [--cycles 1] [--starts 25]
 
 The world is `StandInEnv`: MuJoCo, a robot with friction, weak and uneven gains and a delay that the nominal model has not,
 a path-traced camera. plain: demonstrations of the nominal simulator; calibrated: of a model fitted to ten logs of the
@@ -145,7 +145,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--task", nargs="+", choices=TASKS, default=list(TASKS))
     parser.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS))
-    for name, value in (("seeds", 3), ("demos", 50), ("steps", 8000), ("episodes", 50), ("cycles", 1), ("starts", 25)):
+    for name, value in (("seeds", 3), ("demos", 50), ("steps", None), ("episodes", 50), ("cycles", 1), ("starts", 25)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
     pin_threads()

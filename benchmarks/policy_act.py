@@ -38,7 +38,7 @@ def demonstrations(a: argparse.Namespace) -> Path:
     """Episodes of the scripted expert, 128 x 96 of the head camera."""
     from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
 
-    folder = a.out / f"demos_{a.task}"
+    folder = a.out / f"demos_{a.task}_{a.demos}"  # a folder with more of them would be learnt whole
     record_demonstrations(Demonstrations(a.task), a.demos, folder, 1, lambda done, failed: print(
         f"demonstrations {done}/{a.demos}, {failed} failed", flush=True))  # fmt: skip
     return folder

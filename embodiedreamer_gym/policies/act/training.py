@@ -33,7 +33,7 @@ class TrainingConfig:
 
     steps: of the optimiser; batch: starts; rate: peak learning rate of AdamW, down as a cosine; kl: weight of the
     CVAE's divergence; clip: largest norm of a gradient; average: of the weights, per step; mirror: joint numbers with
-    signs, for mirror images to be learnt too, see `MirroredEpisodes`; asked: share of the starts near which a policy is
+    signs, by which `train` learns mirror images too, see `MirroredEpisodes`; asked: share of the starts near which a policy is
     asked that plays whole chunks, the others being anywhere; rest: an episode's last action goes on past its end and is
     learnt, so that a robot that is done stays so (else what lies past the end does not count); seed: of all that is drawn.
     """

@@ -53,10 +53,12 @@ def test_arms_change_places_and_pictures_are_flipped() -> None:
 def test_twice_is_once() -> None:
     again = MirroredEpisodes(MirroredEpisodes(TwoArms(), NUMBERS, CAMERAS), NUMBERS, CAMERAS)
     assert np.array_equal(again.states(6), TwoArms().states(0))
-    assert np.array_equal(again.frames(6, "left_wrist", 0, 2), TwoArms().frames(0, "left_wrist", 0, 2))
+    assert np.array_equal(again.actions(6), TwoArms().actions(0))
+    for name in CAMERAS:
+        assert np.array_equal(again.frames(6, name, 0, 2), TwoArms().frames(0, name, 0, 2))
 
 
-@pytest.mark.parametrize("numbers", [(2, 3, 1, 4), (1, 1, 3, 4), (0, 2, 3, 4), (5, 1, 2, 3)])
+@pytest.mark.parametrize("numbers", [(2, 3, 1), (1, 1), (0, 2), (5, 1)])
 def test_what_is_no_mirror(numbers: tuple[int, ...]) -> None:
     with pytest.raises(PolicyError, match="is no mirror"):
         MirroredEpisodes(TwoArms(), numbers, ("head",))
