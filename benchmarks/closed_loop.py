@@ -1,11 +1,12 @@
 """Policies from four kinds of simulator, scored in a world that none of them has seen: the paper's Tables 3 and 4 in kind.
 
-python -m benchmarks closed_loop --out DIR [--task NAME ...] [--kind plain calibrated dreamed preferred] [--seeds 3]
+python -m benchmarks closed_loop --out DIR [--task NAME ...] [--kind NAME ...] [--seeds 3]
                                  [--demos 50] [--steps N] [--episodes 50] [--cycles 1] [--starts 25]
 
-The world is `StandInEnv`: MuJoCo, a robot with friction, weak and uneven gains and a delay that the nominal model has not,
+The world is `StandInEnv`: MuJoCo, a robot with friction, weak and uneven drives and a delay that the nominal model has not,
 a path-traced camera. plain: demonstrations of the nominal simulator; calibrated: of a model fitted to ten logs of the
 robot; dreamed: the same, seen through VisAligner; preferred: dreamed, then cycles of preferences in the dreamed world.
+Beside them repainted, which is plain seen through VisAligner: what calibration adds where the pictures are right.
 Seeds are those of training; the demonstrations of a task and kind are the same for all of them.
 Everything is kept in DIR: an interrupted run goes on where it was, and two processes may share it by --task.
 """
@@ -14,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +24,22 @@ from benchmarks.act_runs import SIZE, play_chunks, play_each, train_act
 from benchmarks.common import clopper_pearson, pin_threads
 
 TASKS = ("GrabPaperCup", "PutPenInCup", "PutRemoteInBox", "PutCupOnMat")
-KINDS = ("plain", "calibrated", "dreamed", "preferred")
+KINDS = ("plain", "calibrated", "dreamed", "preferred", "repainted")
+STEPS = (("plain", "calibrated"), ("calibrated", "dreamed"), ("dreamed", "preferred"), ("plain", "dreamed"),
+         ("plain", "repainted"), ("repainted", "dreamed"))  # fmt: skip
+NOMINAL, SEEN = ("plain", "repainted"), ("repainted", "dreamed")
 FIRST_SEED = 500_000  # of the world
 
 
 def hidden() -> dict[str, dict[str, Any]]:
-    """What the robot has and the nominal model has not: 0.8 N m of friction in three joints of each arm, 30 ms of delay."""
-    torque = [0.8 if joint < 3 else 0.0 for joint in range(7)] * 2  # of each arm six joints and a gripper
-    return {"coulomb_friction": {"torque": torque}, "command_delay": {"seconds": 0.03}}
+    """What the robot has and the nominal model has not: friction, drives of .5 to 1.5 times their torque, a delay."""
+    arm = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0] * 2)  # not the grippers, whose torque is N m per stroke
+    drawn = np.random.default_rng(0).uniform(-0.5, 0.5, len(arm))
+    return {
+        "coulomb_friction": {"torque": 0.8 * arm},
+        "torque_constant": {"gain": 1.0 + drawn * arm},
+        "command_delay": {"seconds": 0.03},
+    }
 
 
 def calibrated(folder: Path) -> Path:
@@ -55,12 +63,12 @@ def episodes(a: argparse.Namespace, task: str, kind: str) -> Path:
     from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
     from embodiedreamer_gym.wrappers.regenerate import regenerate
 
-    robot = "aloha" if kind == "plain" else str(calibrated(a.out))
-    folder = a.out / f"demos_{task}_{'plain' if kind == 'plain' else 'calibrated'}"
+    robot = "aloha" if kind in NOMINAL else str(calibrated(a.out))
+    folder = a.out / f"demos_{task}_{a.demos}_{'plain' if kind in NOMINAL else 'calibrated'}"
     record_demonstrations(Demonstrations(task, size=SIZE, robot=robot), a.demos, folder)
-    if kind in ("plain", "calibrated"):
+    if kind not in SEEN:
         return folder
-    seen = a.out / f"demos_{task}_dreamed"
+    seen = a.out / f"demos_{task}_{a.demos}_{kind}"
     made = regenerate(folder, seen)
     if made.failed:
         print(f"{task}: the replay of {len(made.failed)} episodes failed", flush=True)
@@ -128,8 +136,9 @@ def report(found: Mapping[tuple[str, str, int], Sequence[Mapping[str, Any]]], ki
             low, high = clopper_pearson(sum(rows), len(rows))
             cells.append(f"{np.mean(rows):.1%} ({low:.1%} .. {high:.1%})")
         lines.append(f"| {task} | " + " | ".join(cells) + " |")
-    steps = [*pairwise(kinds)] + ([("plain", "dreamed")] if {"plain", "dreamed"} <= set(kinds) else [])
-    for before, after in steps:
+    for before, after in STEPS:
+        if not {before, after} <= set(kinds):
+            continue
         gains = np.array([
             np.mean([b["success"] - a["success"] for a, b in zip(found[t, before, s], found[t, after, s], strict=True)])
             for t in tasks for s in seeds

@@ -32,8 +32,8 @@ def robots() -> dict[str, dict[str, Any] | None]:
         "in `AlohaEnv` itself": None,
         "no effects, own errors (`seed_of_robot=0`)": {},
         "friction 0.3 N m, drives of 0.8 to 1.2 times their torque, 20 ms late": faulty(0.3, 0.2),
-        "that of `closed_loop`: friction 0.8 N m in three joints, 30 ms late": hidden(),
-        "friction 1 N m, drives of 0.5 to 1.5 times their torque, 20 ms late": faulty(1.0, 0.5),
+        "friction 0.5 N m, drives of 0.6 to 1.4 times their torque, 20 ms late": faulty(0.5, 0.4),
+        "that of `closed_loop`: friction 0.8 N m, drives of 0.5 to 1.5 times their torque, 30 ms late": hidden(),
     }
 
 

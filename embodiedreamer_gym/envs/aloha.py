@@ -18,6 +18,7 @@ from embodiedreamer_gym.envs.scene import Scene
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.envs.tasks.task import SIDES, Situation, placed
 from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.simulation.drive import Sets
 from embodiedreamer_gym.simulation.world import World
 
 RENDER_SIZE = (640, 480)
@@ -90,23 +91,27 @@ class AlohaEnv(gym.Env, EzPickle):
         self.blind = False  # while it is set, observations repeat the pictures that were drawn last
         self._pictures: dict[str, np.ndarray] = {}
         self._command: np.ndarray | None = None
+        self._rest: np.ndarray | None = None  # joint positions (14,)
         self._arms: dict[str, list[tuple[int, int]]] = dict(zip(SIDES, self.scene.fingers, strict=True))
 
     # ---- gymnasium ---------------------------------------------------------------------------------------------
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode: props at random, arms at home, or as the options say.
+        """Start an episode: props at random, arms at rest where the command `home` holds them, or as the options say.
 
         options: joint_positions (14,) that the encoders read, joint_velocities (14,), command (14,) heard before the
         first action; units of the action. object_poses: prop -> position m and quaternion xyzw (7,); the arm on the
         object's side then acts.
-        Raises: ValueError for another option, or one of another shape or outside what the joints can do.
+        Raises: ValueError for another option, or one of another shape or outside what the joints can do; SimulationError
+        where the robot model diverges.
         """
-        position, velocity, command = self._beginning(options or {})
+        options = options or {}
+        given = self._beginning(options)
         super().reset(seed=seed)
         self._side, poses = self.task.place(self.np_random)
-        self._side, poses = placed(self._side, poses, (options or {}).get("object_poses"), self.task.object.name)
+        self._side, poses = placed(self._side, poses, options.get("object_poses"), self.task.object.name)
         sets = draw_parameters(self.robot, self.np_random) if self.randomize else None
+        position, velocity, command = self._at_rest(sets) if given is None else given
         if options:  # arms may begin where they touch the table, of which PyBullet still knows: away from it first
             rest = home(self.robot)
             self.scene.reset(rest, np.zeros_like(rest), rest, poses)
@@ -163,6 +168,16 @@ class AlohaEnv(gym.Env, EzPickle):
         return self._side
 
     @property
+    def command(self) -> np.ndarray:
+        """The joint targets (14,) that the controller heard last; under their weight the arms hang a little lower.
+
+        Raises: ResetNeeded before the first episode.
+        """
+        if self._command is None:
+            raise gym.error.ResetNeeded("call reset first: an episode begins at rest under a command.")
+        return self._command.copy()
+
+    @property
     def segmentation_classes(self) -> tuple[str, ...]:
         """What the numbers of a segmentation mean."""
         return self.scene.class_names
@@ -212,10 +227,19 @@ class AlohaEnv(gym.Env, EzPickle):
         speck = make.createVisualShape(pybullet.GEOM_SPHERE, radius=1e-3)
         make.createMultiBody(0.0, box, speck, basePosition=(0.0, 0.0, -0.1))
 
-    def _beginning(self, options: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Joint positions, joint velocities and command (14,) that an episode begins with."""
+    def _at_rest(self, sets: Sets | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Joint positions, joint velocities and command (14,) of arms that rest at home; found once for each robot."""
+        rest = home(self.robot)
+        if self._rest is None or sets is not None:
+            self._rest = self.scene.settle(rest, sets)
+        return self._rest, np.zeros_like(rest), rest
+
+    def _beginning(self, options: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Joint positions, joint velocities and command (14,) that options begin an episode with; None: at rest."""
         for key in options:
             check_choice("reset option", key, RESET_OPTIONS)
+        if not set(options) - {"object_poses"}:
+            return None
         n, space = self.robot.n, self._joint_space
         position = vector("joint_positions", options.get("joint_positions", home(self.robot)), n)
         velocity = vector("joint_velocities", options.get("joint_velocities", np.zeros(n)), n)

@@ -25,7 +25,7 @@ from embodiedreamer_gym.recordings.episodes.lerobot_writer import ABOUT
 from embodiedreamer_gym.recordings.episodes.video import check_video
 from embodiedreamer_gym.recordings.settings import check_settings
 
-RECIPE = 3  # to be raised with whatever changes the episodes of the same settings
+RECIPE = 4  # to be raised with whatever changes the episodes of the same settings
 STEPS = 300  # control steps, after which an attempt has failed
 STILL = 15  # control steps without motion, after which an episode that has succeeded ends
 MOVES = 0.002  # rad, m or share of the gripper's opening per control step

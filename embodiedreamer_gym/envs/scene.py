@@ -13,13 +13,16 @@ from pybullet_utils.bullet_client import BulletClient
 from embodiedreamer_gym.envs.tasks.prop import Prop
 from embodiedreamer_gym.envs.tasks.shapes import Shape
 from embodiedreamer_gym.envs.tasks.task import TABLE_HEIGHT, Pose
+from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation.bullet import BulletPlant
+from embodiedreamer_gym.simulation.drive import Sets
 
 TABLE = Prop("table", (0.56, 1.3, TABLE_HEIGHT), 1.0, (0.82, 0.77, 0.69, 1.0),
              (Shape("box", (0.56, 1.3, 0.04), (0.0, 0.0, TABLE_HEIGHT - 0.02)),), fixed=True)  # fmt: skip
 TABLE_CENTRE = (0.6, 0.0, 0.0)  # m; its edge is 8 cm in front of the arms' plates
 FAR = 50.0  # m
+SETTLED = 2.0  # s, in which arms come to rest
 PADS = {"lateralFriction": 1.0, "spinningFriction": 0.002, "rollingFriction": 0.0001}
 REST = {"spinningFriction": 0.001, "rollingFriction": 0.0001}  # without the latter, a pen creeps by 3 mm in 10 s
 CLASSES = ("background", "table", "robot")
@@ -80,19 +83,37 @@ class Scene:
         return [(body, joints[tree.joint_names[b]]) for b in moved]
 
     def reset(self, position: np.ndarray, velocity: np.ndarray, command: np.ndarray, poses: Mapping[str, Pose],
-              sets=None) -> None:  # fmt: skip
+              sets: Sets | None = None) -> None:  # fmt: skip
         """Put robot and props in place, whatever went before.
 
         PyBullet keeps contact points of the last step, from which the next one starts: moved far apart and looked at
         once, the bodies lose them, so that the same reset gives the same episode bit for bit.
         """
-        for i, body in enumerate(self.props.values()):
-            self.client.resetBasePositionAndOrientation(body, (FAR * (i + 1), FAR, FAR), (0, 0, 0, 1))
+        self._clear()
         self.plant.reset(position, velocity, command, sets)
         self.client.performCollisionDetection()
         for name, body in self.props.items():
             self._put(body, self._things[name], poses[name])
             self.client.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
+
+    def settle(self, command: np.ndarray, sets: Sets | None = None) -> np.ndarray:
+        """What the encoders (n,) read where the arms rest under a command (n,), nothing on the table.
+
+        Raises: SimulationError where the robot model diverges.
+        """
+        self._clear()
+        self.plant.reset(command, np.zeros_like(command), command, sets)
+        for _ in range(round(SETTLED / self.plant.dt)):
+            self.plant.step(command)
+        found = self.plant.observe()[0]
+        if not np.isfinite(found).all():
+            raise SimulationError(f"the arms of model {self.model.name} diverge at rest; check its servo gains.")
+        return found
+
+    def _clear(self) -> None:
+        """Move the props out of the arms' way."""
+        for i, body in enumerate(self.props.values()):
+            self.client.resetBasePositionAndOrientation(body, (FAR * (i + 1), FAR, FAR), (0, 0, 0, 1))
 
     def _put(self, body: int, prop: Prop, pose: Pose) -> None:
         """Place a prop; PyBullet wants the pose of its centre of mass."""

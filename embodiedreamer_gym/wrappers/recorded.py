@@ -55,7 +55,8 @@ class Source:
         """What the reset takes beside the seed."""
         if self.seed is not None:
             return None
-        return {"joint_positions": self.states[0], "object_poses": {n: poses[0] for n, poses in self.objects.items()}}
+        poses = {name: poses[0] for name, poses in self.objects.items()}
+        return {"joint_positions": self.states[0], "command": self.actions[0], "object_poses": poses}
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,11 +42,11 @@ class ScriptedExpert:
         self._plan = Planner(self._arm, aloha.task)
         own = np.flatnonzero(robot.tree.arm == robot.tree.arm[self._arm.joints[0]])
         self._gripper = next(int(j) for j in own if robot.units[j] == "1")
-        self._action = np.clip(aloha.joint_positions(), aloha.action_space.low, aloha.action_space.high)
+        self._action = np.clip(aloha.command, aloha.action_space.low, aloha.action_space.high)
         lag = (robot.damping + robot.viscous_friction) / robot.stiffness
         self._lag = lag[self._arm.joints]
-        self._angles = self._action[self._arm.joints]
-        self._trim = np.zeros(len(self._angles))
+        self._angles = aloha.joint_positions()[self._arm.joints]
+        self._trim = self._action[self._arm.joints] - self._angles  # what they hang below their command already
         self._script = self._recipe()
 
     def act(self) -> np.ndarray:

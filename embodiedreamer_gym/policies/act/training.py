@@ -75,7 +75,9 @@ class Training:
             network = Act(samples.config, measured, config.seed)
         self.network = network
         self.averaged = {k: v.detach().clone() for k, v in network.state_dict().items()}
-        self.optimiser = torch.optim.AdamW(network.parameters(), config.rate, weight_decay=config.weight_decay)
+        self.optimiser = torch.optim.AdamW(
+            network.parameters(), config.rate, weight_decay=config.weight_decay, fused=True
+        )
         self.step = 0
 
     @property
