@@ -45,6 +45,21 @@ def test_a_mask_says_where_a_thing_is_and_how_it_lies(angle: float) -> None:
     assert larger[4] > size and larger[5] > area
 
 
+def test_what_is_seen_elsewhere_does_not_count() -> None:
+    """Another thing of half the size at the rim, for instance a part of an arm in a like colour."""
+    alone = bar(9.0, -6.0, 0.4)
+    both = torch.maximum(alone, bar(-24.0, 12.0, 1.0, 5.0, 3.0))
+    np.testing.assert_array_equal(measured(both), measured(alone))
+
+
+def test_a_finger_in_front_does_not_cut_a_thing_in_two() -> None:
+    cut = bar(9.0, -6.0, 0.0)
+    cut[..., 44:46] = 0.0
+    whole, seen = measured(bar(9.0, -6.0, 0.0))[0], measured(cut)[0]
+    np.testing.assert_allclose(seen[:2], whole[:2], atol=0.06)  # 2 pixels
+    assert abs(float(seen[4] - whole[4])) < 0.1 * float(whole[4])
+
+
 def test_nothing_seen_is_finite() -> None:
     assert bool(torch.isfinite(measured(torch.zeros(2, 3, 8, 8))).all())
     assert measured(torch.zeros(2, 3, 8, 8)).shape == (2, 3 * NUMBERS)
