@@ -36,7 +36,8 @@ def test_objects_that_are_placed_do_not_change_how_the_arms_begin() -> None:
     env.reset(seed=3)
     start, pose = env.joint_positions(), env.scene.pose("cup")
     place = np.concatenate([pose.position, pose.quaternion])
-    env.reset(seed=4, options={"object_poses": {"cup": place, "mat": place + [0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0]}})
+    beside = place + np.eye(7)[1] * 0.1
+    env.reset(seed=4, options={"object_poses": {"cup": place, "mat": beside}})
     np.testing.assert_array_equal(env.joint_positions(), start)
     env.close()
 

@@ -41,7 +41,7 @@ class Eyes(nn.Module):
         layers: list[nn.Module] = []
         for number, reach in enumerate(REACH):
             layers += [nn.Conv2d(CHANNELS if number else 3, CHANNELS, 3, padding=reach, dilation=reach), nn.ReLU()]
-        self.layers = nn.Sequential(*layers, nn.Conv2d(CHANNELS, self.classes, 1)).to(memory_format=FAST)
+        self.layers = nn.Sequential(*layers, nn.Conv2d(CHANNELS, self.classes, 1)).to(memory_format=FAST)  # pyright: ignore[reportCallIssue]
         self.register_buffer("seen_mean", torch.zeros(NUMBERS * objects))
         self.register_buffer("seen_scale", torch.ones(NUMBERS * objects))
 
