@@ -2,6 +2,7 @@
 
 python -m benchmarks closed_loop --out DIR [--task NAME ...] [--kind NAME ...] [--seeds 3]
                                  [--demos 50] [--steps N] [--episodes 50] [--cycles 1] [--starts 25]
+                                 [--jobs 1] [--plot FILE.png]
 
 The world is `StandInEnv`: MuJoCo, a robot with friction, weak and uneven drives and a delay that the nominal model has not,
 a path-traced camera. plain: demonstrations of the nominal simulator; calibrated: of a model fitted to ten logs of the
@@ -29,6 +30,8 @@ STEPS = (("plain", "calibrated"), ("calibrated", "dreamed"), ("dreamed", "prefer
          ("plain", "repainted"), ("repainted", "dreamed"))  # fmt: skip
 NOMINAL, SEEN = ("plain", "repainted"), ("repainted", "dreamed")
 FIRST_SEED = 500_000  # of the world
+
+Found = Mapping[tuple[str, str, int], Sequence[Mapping[str, Any]]]  # by task, kind and seed, a row for each episode
 
 
 def hidden() -> dict[str, dict[str, Any]]:
@@ -69,7 +72,7 @@ def episodes(a: argparse.Namespace, task: str, kind: str) -> Path:
     if kind not in SEEN:
         return folder
     seen = a.out / f"demos_{task}_{a.demos}_{kind}"
-    made = regenerate(folder, seen)
+    made = regenerate(folder, seen, jobs=a.jobs)
     if made.failed:
         print(f"{task}: the replay of {len(made.failed)} episodes failed", flush=True)
     return seen
@@ -103,6 +106,7 @@ def preferred(a: argparse.Namespace, task: str, seed: int, folder: Path) -> Path
         "policy", "prefer", "--policy", str(start), "--task", f"{task}-v0", "--out", str(study), "--dream",
         "--robot", str(calibrated(a.out)), "--cycles", str(a.cycles), "--starts", str(a.starts),
         "--sigma", "4", "--epochs", "20", "--metric", "object_distance", "--evaluations", "1", "--seed", str(seed), "--quiet",
+        "--jobs", str(a.jobs),
     ])  # fmt: skip
     if failed:
         raise SystemExit(failed)
@@ -124,7 +128,7 @@ def judged(a: argparse.Namespace, task: str, kind: str, seed: int) -> list[dict[
         env.close()
 
 
-def report(found: Mapping[tuple[str, str, int], Sequence[Mapping[str, Any]]], kinds: Sequence[str]) -> str:
+def report(found: Found, kinds: Sequence[str]) -> str:
     """Success of each task and kind with its interval; what each step adds, ± its standard error over tasks and seeds."""
     tasks = list(dict.fromkeys(task for task, _, _ in found))
     seeds = sorted({seed for _, _, seed in found})
@@ -148,14 +152,45 @@ def report(found: Mapping[tuple[str, str, int], Sequence[Mapping[str, Any]]], ki
     return "\n".join(lines)
 
 
+def draw(found: Found, kinds: Sequence[str], path: Path) -> None:
+    """Success by task and kind, as bars with their intervals."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    tasks = list(dict.fromkeys(task for task, _, _ in found))
+    figure, axes = plt.subplots(figsize=(6.4, 3.2), layout="constrained")
+    for place, kind in enumerate(kinds):
+        ends = [[row["success"] for (t, k, _), rows in found.items() if (t, k) == (task, kind) for row in rows]
+                for task in tasks]  # fmt: skip
+        share = 100 * np.array([np.mean(one) for one in ends])
+        bounds = 100 * np.array([clopper_pearson(sum(one), len(one)) for one in ends]).T
+        where = np.arange(len(tasks)) + (place - 0.5 * (len(kinds) - 1)) * 0.8 / len(kinds)
+        axes.bar(where, share, 0.75 / len(kinds), yerr=np.abs(bounds - share), capsize=2, label=kind)
+    axes.set(xticks=range(len(tasks)), xticklabels=tasks, ylim=(0, 100), ylabel="success in the stand-in world, %")
+    axes.legend(frameon=False, ncols=len(kinds), loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
 def main() -> None:
     """Train and judge what is missing, then print the tables."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--task", nargs="+", choices=TASKS, default=list(TASKS))
     parser.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS))
-    for name, value in (("seeds", 3), ("demos", 50), ("steps", None), ("episodes", 50), ("cycles", 1), ("starts", 25)):
+    for name, value in (
+        ("seeds", 3),
+        ("demos", 50),
+        ("steps", None),
+        ("episodes", 50),
+        ("cycles", 1),
+        ("starts", 25),
+        ("jobs", 1),
+    ):
         parser.add_argument(f"--{name}", type=int, default=value)
+    parser.add_argument("--plot", type=Path)
     a = parser.parse_args()
     pin_threads()
     import torch
@@ -167,6 +202,8 @@ def main() -> None:
     kinds = [kind for kind in KINDS if kind in a.kind]
     found = {(t, k, s): judged(a, t, k, s) for s in range(a.seeds) for t in a.task for k in kinds}
     print(report(found, kinds))
+    if a.plot:
+        draw(found, kinds, a.plot)
 
 
 if __name__ == "__main__":

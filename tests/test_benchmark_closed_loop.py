@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from benchmarks.closed_loop import hidden, report
+from benchmarks.closed_loop import draw, hidden, report
 from embodiedreamer_gym.envs.robots import load_robot
 
 
@@ -12,8 +14,8 @@ def rows(*successes: int) -> list[dict[str, bool]]:
     return [{"success": bool(one)} for one in successes]
 
 
-def test_what_each_kind_adds() -> None:
-    found = {
+def test_what_each_kind_adds(tmp_path: Path) -> None:
+    found: dict[tuple[str, str, int], list[dict[str, bool]]] = {
         ("A", "plain", 0): rows(0, 0, 1, 0), ("A", "dreamed", 0): rows(1, 1, 1, 0),
         ("A", "plain", 1): rows(1, 0, 0, 0), ("A", "dreamed", 1): rows(1, 1, 1, 1),
         ("B", "plain", 0): rows(0, 0, 0, 0), ("B", "dreamed", 0): rows(0, 0, 0, 1),
@@ -23,6 +25,8 @@ def test_what_each_kind_adds() -> None:
     assert lines[2].startswith("| A | 25.0% (3.2% .. 65.1%) | 87.5% (47.3% .. 99.7%) |")
     assert lines[3].startswith("| B | 50.0%")
     assert lines[4] == "dreamed over plain: +31.2 ± 21.3 points"  # of .5, .75, .25 and -.25
+    draw(found, ["plain", "dreamed"], tmp_path / "bars.png")
+    assert (tmp_path / "bars.png").stat().st_size > 5000
 
 
 def test_the_robot_has_what_is_hidden_in_it() -> None:
