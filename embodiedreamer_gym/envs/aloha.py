@@ -18,7 +18,6 @@ from embodiedreamer_gym.envs.scene import Scene
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.envs.tasks.task import SIDES, Situation, placed
 from embodiedreamer_gym.errors import ModelError
-from embodiedreamer_gym.simulation.drive import Sets
 from embodiedreamer_gym.simulation.world import World
 
 RENDER_SIZE = (640, 480)
@@ -111,7 +110,7 @@ class AlohaEnv(gym.Env, EzPickle):
         self._side, poses = self.task.place(self.np_random)
         self._side, poses = placed(self._side, poses, options.get("object_poses"), self.task.object.name)
         sets = draw_parameters(self.robot, self.np_random) if self.randomize else None
-        position, velocity, command = self._at_rest(sets) if given is None else given
+        position, velocity, command = self._at_rest() if given is None else given
         if options:  # arms may begin where they touch the table, of which PyBullet still knows: away from it first
             rest = home(self.robot)
             self.scene.reset(rest, np.zeros_like(rest), rest, poses)
@@ -227,11 +226,14 @@ class AlohaEnv(gym.Env, EzPickle):
         speck = make.createVisualShape(pybullet.GEOM_SPHERE, radius=1e-3)
         make.createMultiBody(0.0, box, speck, basePosition=(0.0, 0.0, -0.1))
 
-    def _at_rest(self, sets: Sets | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Joint positions, joint velocities and command (14,) of arms that rest at home; found once for each robot."""
+    def _at_rest(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Joint positions, joint velocities and command (14,) of arms that rest at home.
+
+        Found once, for the robot model as it is: one that is drawn from its intervals begins within milliradians of its rest.
+        """
         rest = home(self.robot)
-        if self._rest is None or sets is not None:
-            self._rest = self.scene.settle(rest, sets)
+        if self._rest is None:
+            self._rest = self.scene.settle(rest)
         return self._rest, np.zeros_like(rest), rest
 
     def _beginning(self, options: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:

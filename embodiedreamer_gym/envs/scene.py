@@ -96,13 +96,13 @@ class Scene:
             self._put(body, self._things[name], poses[name])
             self.client.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
 
-    def settle(self, command: np.ndarray, sets: Sets | None = None) -> np.ndarray:
+    def settle(self, command: np.ndarray) -> np.ndarray:
         """What the encoders (n,) read where the arms rest under a command (n,), nothing on the table.
 
         Raises: SimulationError where the robot model diverges.
         """
         self._clear()
-        self.plant.reset(command, np.zeros_like(command), command, sets)
+        self.plant.reset(command, np.zeros_like(command), command, {})  # the model as it is, whatever was drawn
         for _ in range(round(SETTLED / self.plant.dt)):
             self.plant.step(command)
         found = self.plant.observe()[0]

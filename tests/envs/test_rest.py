@@ -12,6 +12,7 @@ from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.robots import home
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.robot import RobotModel
+from tests.envs.test_randomize import calibrated
 
 STILL = 1e-3  # rad, or share of the grippers' opening
 
@@ -73,3 +74,15 @@ def test_arms_that_diverge_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SimulationError, match="diverge at rest; check its servo gains"):
         env.reset(seed=0)
     env.close()
+
+
+def test_what_was_drawn_before_does_not_change_how_the_arms_begin(tmp_path: Path) -> None:
+    robot, starts = calibrated(tmp_path), []
+    for seeds in ((0,), (1, 2, 0)):
+        env = AlohaEnv(obs_type="state", robot=robot, randomize="calibration")
+        env.reset(seed=9, options={"joint_positions": home(env.robot)} if len(seeds) > 1 else None)
+        for seed in seeds:
+            env.reset(seed=seed)
+        starts.append(env.joint_positions())
+        env.close()
+    np.testing.assert_array_equal(*starts)
