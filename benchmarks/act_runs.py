@@ -15,6 +15,24 @@ SIZE = (128, 96)  # of the pictures
 SAVED_EVERY = 5  # episodes
 
 
+def keep_settings(folder: Path, **settings: Any) -> None:
+    """Make a folder for results, and write what they are of; one that is there has to be of the same.
+
+    Raises: SystemExit where it is of other settings.
+    """
+    from embodiedreamer_gym.errors import RecordingError
+    from embodiedreamer_gym.recordings.settings import check_settings
+
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "settings.json"
+    if not path.is_file():
+        save(settings, path)
+    try:
+        check_settings(folder, json.loads(path.read_text()), settings)
+    except RecordingError as error:
+        raise SystemExit(str(error)) from error
+
+
 def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Callable[[int, int, str], None],
               small: tuple[int, int] = SIZE, mirror: bool = True, eyes: bool = True, **network: Any) -> Any:  # fmt: skip
     """A policy of the head camera, trained or gone on with.

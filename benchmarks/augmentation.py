@@ -1,7 +1,7 @@
 """What augmentation is worth: policies of original, generated and mixed episodes, on the original bench and on changed ones.
 
 python -m benchmarks augmentation --out DIR [--task PutCupOnMat] [--demos 50] [--copies 2] [--steps N] [--episodes 100]
-                                  [--seed 0]
+                                  [--seed 0] [--jobs 1]
 
 The original bench is the dreamed one (`embodiedreamer augment` without an edit); generated episodes have tables, sheets of
 A4 and object colours drawn at random. Judged in the dreamed world on unseen scenes: as it is, with the object in a colour of
@@ -14,7 +14,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from benchmarks.act_runs import SIZE, play_chunks, play_each, train_act
+from benchmarks.act_runs import SIZE, keep_settings, play_chunks, play_each, train_act
 from benchmarks.common import clopper_pearson, pin_threads
 
 POLICIES = {"original": ("original",), "mixed": ("original", "generated"), "generated": ("generated",)}
@@ -45,8 +45,8 @@ def episodes(a: argparse.Namespace) -> dict[str, Path]:
     plain = a.out / f"demos_{a.task}"
     record_demonstrations(Demonstrations(a.task, size=SIZE), a.demos, plain)
     found = {name: a.out / f"{name}_{a.task}" for name in ("original", "generated")}
-    regenerate(plain, found["original"])
-    regenerate(plain, found["generated"], editor=edits("drawn", a.task), copies=a.copies, seed=a.seed)
+    regenerate(plain, found["original"], jobs=a.jobs)
+    regenerate(plain, found["generated"], editor=edits("drawn", a.task), copies=a.copies, seed=a.seed, jobs=a.jobs)
     return found
 
 
@@ -86,7 +86,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--task", default="PutCupOnMat")
-    for name, value in (("demos", 50), ("copies", 2), ("steps", None), ("episodes", 100), ("seed", 0)):
+    for name, value in (("demos", 50), ("copies", 2), ("steps", None), ("episodes", 100), ("seed", 0), ("jobs", 1)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
     pin_threads()
@@ -95,7 +95,7 @@ def main() -> None:
     import embodiedreamer_gym  # noqa: F401  its environments are registered
 
     torch.set_num_threads(1)
-    a.out.mkdir(parents=True, exist_ok=True)
+    keep_settings(a.out, demos=a.demos, copies=a.copies, steps=a.steps)
     data, lines = episodes(a), ["| trained on | " + " | ".join(SCENES) + " |", "|---" * (len(SCENES) + 1) + "|"]
     for name in POLICIES:
         cells = []

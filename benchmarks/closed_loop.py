@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.act_runs import SIZE, play_chunks, play_each, train_act
+from benchmarks.act_runs import SIZE, keep_settings, play_chunks, play_each, train_act
 from benchmarks.common import clopper_pearson, pin_threads
 
 TASKS = ("GrabPaperCup", "PutPenInCup", "PutRemoteInBox", "PutCupOnMat")
@@ -67,11 +67,11 @@ def episodes(a: argparse.Namespace, task: str, kind: str) -> Path:
     from embodiedreamer_gym.wrappers.regenerate import regenerate
 
     robot = "aloha" if kind in NOMINAL else str(calibrated(a.out))
-    folder = a.out / f"demos_{task}_{a.demos}_{'plain' if kind in NOMINAL else 'calibrated'}"
+    folder = a.out / f"demos_{task}_{'plain' if kind in NOMINAL else 'calibrated'}"
     record_demonstrations(Demonstrations(task, size=SIZE, robot=robot), a.demos, folder)
     if kind not in SEEN:
         return folder
-    seen = a.out / f"demos_{task}_{a.demos}_{kind}"
+    seen = a.out / f"demos_{task}_{kind}"
     made = regenerate(folder, seen, jobs=a.jobs)
     if made.failed:
         print(f"{task}: the replay of {len(made.failed)} episodes failed", flush=True)
@@ -198,7 +198,7 @@ def main() -> None:
     import embodiedreamer_gym  # noqa: F401  its environments are registered
 
     torch.set_num_threads(1)
-    a.out.mkdir(parents=True, exist_ok=True)
+    keep_settings(a.out, demos=a.demos, steps=a.steps, cycles=a.cycles, starts=a.starts)
     kinds = [kind for kind in KINDS if kind in a.kind]
     found = {(t, k, s): judged(a, t, k, s) for s in range(a.seeds) for t in a.task for k in kinds}
     print(report(found, kinds))

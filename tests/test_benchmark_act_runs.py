@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.act_runs import play_each
+from benchmarks.act_runs import keep_settings, play_each
 
 
 def test_an_interrupted_run_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -27,3 +27,11 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert [row["seed"] for row in rows] == list(range(12)) and played[8:] == list(range(5, 12))
     assert capsys.readouterr().out.splitlines()[-1] == "policy: 6/12"
     assert play_each(path, 3, play, "policy") == rows[:3]
+
+
+def test_results_of_other_settings_are_left_alone(tmp_path: Path) -> None:
+    keep_settings(tmp_path / "study", demos=50, steps=None)
+    keep_settings(tmp_path / "study", demos=50, steps=None)
+    with pytest.raises(SystemExit, match="made with demos 50, not 15; give another folder"):
+        keep_settings(tmp_path / "study", demos=15, steps=None)
+    assert json.loads((tmp_path / "study" / "settings.json").read_text()) == {"demos": 50, "steps": None}
