@@ -1,8 +1,9 @@
 """The scripted expert's actions, replayed open-loop on the stand-in's bench: how much the hidden effects matter.
 
-python -m benchmarks standin_replay [--episodes 20] [--task NAME ...] [--out FILE.json]
+python -m benchmarks standin_replay [--episodes 20] [--task NAME ...] [--calibrated FILE.json] [--out FILE.json]
 
 The expert plays in `AlohaEnv`; its actions are then played in `StandInEnv` from the same seeds, whatever happens there.
+calibrated: a model of `closed_loop`'s robot, which that benchmark leaves in its folder; the expert then plays in it too.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from benchmarks.common import pin_threads, save
 STEPS = 300
 
 
-def robots() -> dict[str, dict[str, Any] | None]:
-    """Hidden effects by what they are called; None for AlohaEnv itself."""
+def robots() -> dict[str, dict[str, Any]]:
+    """Hidden effects by what they are called, that of `closed_loop` last."""
     arm = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0] * 2)  # not the grippers, whose torque is N m per stroke
     drawn = np.random.default_rng(0).uniform(-1.0, 1.0, len(arm)) * arm
 
@@ -29,7 +30,6 @@ def robots() -> dict[str, dict[str, Any] | None]:
                 "command_delay": {"seconds": 0.02}}  # fmt: skip
 
     return {
-        "in `AlohaEnv` itself": None,
         "no effects, own errors (`seed_of_robot=0`)": {},
         "friction 0.3 N m, drives of 0.8 to 1.2 times their torque, 20 ms late": faulty(0.3, 0.2),
         "friction 0.5 N m, drives of 0.6 to 1.4 times their torque, 20 ms late": faulty(0.5, 0.4),
@@ -37,42 +37,59 @@ def robots() -> dict[str, dict[str, Any] | None]:
     }
 
 
+def actions_of_expert(env: Any, seed: int) -> tuple[np.ndarray, bool]:
+    """What the expert does in an episode (STEPS, 14), and whether it succeeds."""
+    from embodiedreamer_gym.envs.experts import ScriptedExpert
+
+    env.reset(seed=seed)
+    expert, actions, info = ScriptedExpert(env), [], {}
+    for _ in range(STEPS):
+        actions.append(expert.act())
+        info = env.step(actions[-1])[4]
+    return np.array(actions), bool(info["is_success"])
+
+
+def replayed(world: Any, seed: int, actions: np.ndarray) -> bool:
+    """Whether actions succeed in the stand-in world."""
+    world.reset(seed=seed)
+    info: dict[str, Any] = {}
+    for start in range(0, STEPS, world.chunk):
+        info = world.step(actions[start : start + world.chunk])[4]
+    return bool(info["is_success"])
+
+
 def main() -> None:
     """Print successes by robot and task."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--episodes", type=int, default=20)
     parser.add_argument("--task", nargs="+", choices=TASKS, default=list(TASKS))
+    parser.add_argument("--calibrated", type=Path)
     parser.add_argument("--out", type=Path)
     a = parser.parse_args()
     pin_threads()
     from embodiedreamer_gym.envs.aloha import AlohaEnv
-    from embodiedreamer_gym.envs.experts import ScriptedExpert
     from embodiedreamer_gym.standin.bench import StandInEnv
 
-    names, found = robots(), {}
+    found: dict[str, dict[str, list[bool]]] = {}
+    models = {"": "aloha"} | ({" of the calibrated model": str(a.calibrated)} if a.calibrated else {})
     for task in a.task:
-        plain = AlohaEnv(task, obs_type="state")
-        worlds = {
-            name: StandInEnv(task, effects, pictures="none") for name, effects in names.items() if effects is not None
-        }
-        for seed in range(a.episodes):
-            plain.reset(seed=seed)
-            expert, actions, info = ScriptedExpert(plain), [], {}
-            for _ in range(STEPS):
-                actions.append(expert.act())
-                info = plain.step(actions[-1])[4]
-            ends = {"in `AlohaEnv` itself": info["is_success"]}
-            for name, world in worlds.items():
-                world.reset(seed=seed)
-                for start in range(0, STEPS, world.chunk):
-                    info = world.step(np.array(actions[start : start + world.chunk]))[4]
-                ends[name] = info["is_success"]
-            for name, success in ends.items():
-                found.setdefault(name, {}).setdefault(task, []).append(bool(success))
+        worlds = {name: StandInEnv(task, effects, pictures="none") for name, effects in robots().items()}
+        for said, model in models.items():
+            plain = AlohaEnv(task, model, obs_type="state")
+            here = {name: worlds[name] for name in ([*worlds] if not said else [*worlds][-1:])}
+            for seed in range(a.episodes):
+                actions, success = actions_of_expert(plain, seed)
+                ends = {f"in the `AlohaEnv`{said} itself": success}
+                ends |= {
+                    name + (f"; the expert's actions{said}" if said else ""): replayed(world, seed, actions)
+                    for name, world in here.items()
+                }
+                for name, end in ends.items():
+                    found.setdefault(name, {}).setdefault(task, []).append(end)
         save(found, a.out)
     print("| robot | " + " | ".join(a.task) + " |\n" + "|---" * (len(a.task) + 1) + "|")
-    for name in names:
-        print(f"| {name} | " + " | ".join(str(sum(found[name][task])) for task in a.task) + " |")
+    for name, ends in found.items():
+        print(f"| {name} | " + " | ".join(str(sum(ends[task])) for task in a.task) + " |")
 
 
 if __name__ == "__main__":
