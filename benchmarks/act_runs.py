@@ -28,9 +28,11 @@ def keep_settings(folder: Path, **settings: Any) -> None:
     if not path.is_file():
         save(settings, path)
     try:
-        check_settings(folder, json.loads(path.read_text()), settings)
+        check_settings(folder, dict(json.loads(path.read_text())), settings)
     except RecordingError as error:
         raise SystemExit(str(error)) from error
+    except (ValueError, TypeError) as error:
+        raise SystemExit(f"{path} says no settings; give another folder.") from error
 
 
 def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Callable[[int, int, str], None],

@@ -34,14 +34,17 @@ FIRST_SEED = 500_000  # of the world
 Found = Mapping[tuple[str, str, int], Sequence[Mapping[str, Any]]]  # by task, kind and seed, a row for each episode
 
 
-def hidden() -> dict[str, dict[str, Any]]:
-    """What the robot has and the nominal model has not: friction, drives of .5 to 1.5 times their torque, a delay."""
+def hidden(friction: float = 0.8, uneven: float = 0.5, delay: float = 0.03) -> dict[str, dict[str, Any]]:
+    """What the robot has and the nominal model has not, by default the robot of this benchmark.
+
+    friction: N m; uneven: drives have 1 - uneven to 1 + uneven times their torque; delay: s.
+    """
     arm = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0] * 2)  # not the grippers, whose torque is N m per stroke
-    drawn = np.random.default_rng(0).uniform(-0.5, 0.5, len(arm))
+    drawn = np.random.default_rng(0).uniform(-1.0, 1.0, len(arm)) * arm
     return {
-        "coulomb_friction": {"torque": 0.8 * arm},
-        "torque_constant": {"gain": 1.0 + drawn * arm},
-        "command_delay": {"seconds": 0.03},
+        "coulomb_friction": {"torque": friction * arm},
+        "torque_constant": {"gain": 1.0 + uneven * drawn},
+        "command_delay": {"seconds": delay},
     }
 
 
@@ -192,6 +195,8 @@ def main() -> None:
         parser.add_argument(f"--{name}", type=int, default=value)
     parser.add_argument("--plot", type=Path)
     a = parser.parse_args()
+    if a.plot and not a.plot.absolute().parent.is_dir():  # said before hours of work, not after them
+        parser.error(f"folder {a.plot.absolute().parent} does not exist; make it first.")
     pin_threads()
     import torch
 

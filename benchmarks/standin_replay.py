@@ -22,17 +22,10 @@ STEPS = 300
 
 def robots() -> dict[str, dict[str, Any]]:
     """Hidden effects by what they are called, that of `closed_loop` last."""
-    arm = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0] * 2)  # not the grippers, whose torque is N m per stroke
-    drawn = np.random.default_rng(0).uniform(-1.0, 1.0, len(arm)) * arm
-
-    def faulty(friction: float, uneven: float) -> dict[str, Any]:
-        return {"coulomb_friction": {"torque": friction * arm}, "torque_constant": {"gain": 1.0 + uneven * drawn},
-                "command_delay": {"seconds": 0.02}}  # fmt: skip
-
     return {
         "no effects, own errors (`seed_of_robot=0`)": {},
-        "friction 0.3 N m, drives of 0.8 to 1.2 times their torque, 20 ms late": faulty(0.3, 0.2),
-        "friction 0.5 N m, drives of 0.6 to 1.4 times their torque, 20 ms late": faulty(0.5, 0.4),
+        "friction 0.3 N m, drives of 0.8 to 1.2 times their torque, 20 ms late": hidden(0.3, 0.2, 0.02),
+        "friction 0.5 N m, drives of 0.6 to 1.4 times their torque, 20 ms late": hidden(0.5, 0.4, 0.02),
         "that of `closed_loop`: friction 0.8 N m, drives of 0.5 to 1.5 times their torque, 30 ms late": hidden(),
     }
 
@@ -68,8 +61,14 @@ def main() -> None:
     a = parser.parse_args()
     pin_threads()
     from embodiedreamer_gym.envs.aloha import AlohaEnv
+    from embodiedreamer_gym.envs.robots import load_robot
+    from embodiedreamer_gym.errors import EmbodieDreamerError
     from embodiedreamer_gym.standin.bench import StandInEnv
 
+    try:
+        load_robot(a.calibrated or "aloha")
+    except EmbodieDreamerError as error:
+        parser.error(str(error))
     found: dict[str, dict[str, list[bool]]] = {}
     models = {"": "aloha"} | ({" of the calibrated model": str(a.calibrated)} if a.calibrated else {})
     for task in a.task:

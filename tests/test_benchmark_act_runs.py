@@ -35,3 +35,6 @@ def test_results_of_other_settings_are_left_alone(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match="made with demos 50, not 15; give another folder"):
         keep_settings(tmp_path / "study", demos=15, steps=None)
     assert json.loads((tmp_path / "study" / "settings.json").read_text()) == {"demos": 50, "steps": None}
+    (tmp_path / "study" / "settings.json").write_text("{")
+    with pytest.raises(SystemExit, match="says no settings"):
+        keep_settings(tmp_path / "study", demos=50, steps=None)
