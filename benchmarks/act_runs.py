@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from benchmarks.common import save
 
@@ -63,13 +62,8 @@ def play_each(path: Path, count: int, play: Callable[[int], Any], name: str) -> 
     return rows[:count]
 
 
-def play_chunks(policy: Any, env: Any, seed: int) -> dict[str, Any]:
-    """One episode of an environment that takes chunks, each executed whole."""
-    from embodiedreamer_gym.policies.evaluation import as_batch
+def played(policy: Any, env: Any, seed: int, execute: int | None = None) -> dict[str, Any]:
+    """One episode, in chunks of which so many actions are executed (None: all)."""
+    from embodiedreamer_gym.policies.evaluation import executed, play
 
-    observation, info = env.reset(seed=seed)
-    over = False
-    while not over:
-        observation, _, _, over, info = env.step(np.asarray(policy(as_batch(observation, ("head",))))[0])
-    return {"seed": seed, "success": bool(info["is_success"]), "grasped": bool(info["grasp_success"]),
-            "distance": info["object_distance"]}  # fmt: skip
+    return asdict(play(policy, env, seed, executed(policy, execute)))

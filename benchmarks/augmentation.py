@@ -14,7 +14,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from benchmarks.act_runs import SIZE, keep_settings, play_chunks, play_each, train_act
+from benchmarks.act_runs import SIZE, keep_settings, play_each, played, train_act
 from benchmarks.common import clopper_pearson, pin_threads
 
 POLICIES = {"original": ("original",), "mixed": ("original", "generated"), "generated": ("generated",)}
@@ -76,7 +76,7 @@ def judged(a: argparse.Namespace, name: str, scene: str, data: dict[str, Path]) 
     policy = load_policy(str(trained(a, name, data)))
     env: Any = gym.make(f"EmbodieDreamer/{a.task}-v0", image_size=SIZE)
     env = VisAlignerObservationWrapper(env, chunk=policy.chunk, editor=edits(scene, a.task))
-    rows = play_each(path, a.episodes, lambda n: play_chunks(policy, env, FIRST_SEED + n), f"{name} on {scene}")
+    rows = play_each(path, a.episodes, lambda n: played(policy, env, FIRST_SEED + n), f"{name} on {scene}")
     env.close()
     return [row["success"] for row in rows]
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.act_runs import SIZE, keep_settings, play_chunks, play_each, train_act
+from benchmarks.act_runs import SIZE, keep_settings, play_each, played, train_act
 from benchmarks.common import clopper_pearson, pin_threads
 
 TASKS = ("GrabPaperCup", "PutPenInCup", "PutRemoteInBox", "PutCupOnMat")
@@ -126,7 +126,7 @@ def judged(a: argparse.Namespace, task: str, kind: str, seed: int) -> list[dict[
     path = a.out / f"world_{task}_{kind}_{seed}.json"
     policy, env = load_policy(str(trained(a, task, kind, seed))), StandInEnv(task, hidden(), size=SIZE)
     try:
-        return play_each(path, a.episodes, lambda n: play_chunks(policy, env, FIRST_SEED + n), f"{task} {kind} {seed}")
+        return play_each(path, a.episodes, lambda n: played(policy, env, FIRST_SEED + n), f"{task} {kind} {seed}")
     finally:
         env.close()
 

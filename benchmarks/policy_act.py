@@ -20,7 +20,7 @@ from typing import Any
 import gymnasium as gym
 
 import embodiedreamer_gym  # noqa: F401  its environments are registered
-from benchmarks.act_runs import SIZE, play_each, train_act
+from benchmarks.act_runs import SIZE, play_each, played, train_act
 from benchmarks.common import clopper_pearson, pin_threads, save
 
 VARIANTS: dict[str, dict[str, Any]] = {  # of the network; and whether mirror images are learnt
@@ -79,13 +79,9 @@ def run_name(a: argparse.Namespace, variant: str) -> str:
 
 def judged(a: argparse.Namespace, variant: str, policy: Any, execute: int) -> list[dict[str, Any]]:
     """One row for each episode; those of an interrupted run are kept."""
-    from dataclasses import asdict
-
-    from embodiedreamer_gym.policies.evaluation import play
-
     path = a.out / f"{run_name(a, variant)}_execute{execute}.json"
     env = gym.make(f"EmbodieDreamer/{a.task}-v0", image_size=SIZE)
-    rows = play_each(path, a.episodes, lambda n: asdict(play(policy, env, FIRST_SEED + n, execute)),
+    rows = play_each(path, a.episodes, lambda n: played(policy, env, FIRST_SEED + n, execute),
                      f"{variant}, {execute} executed")  # fmt: skip
     env.close()
     return rows

@@ -64,6 +64,10 @@ def _evaluate_parser(actions: Any) -> None:
     one.add_argument("--ensemble", type=float, metavar="K", help="temporal ensembling; the paper's k is 0.01")
     one.add_argument("--robot", default="aloha", metavar="M", help="JSON file or built-in robot (default %(default)s)")
     one.add_argument("--size", metavar="WxH", help="of the pictures (default: as the policy learnt, or 128x96)")
+    one.add_argument(
+        "--dream", nargs="?", const="lean", metavar="ALIGNER", help="see through VisAligner (default: lean)"
+    )
+    one.add_argument("--bank", default="lab", metavar="B", help="references to dream from (default %(default)s)")
     one.add_argument("--jobs", type=count, default=1, metavar="J", help="processes (default %(default)s)")
     one.add_argument("--json", type=Path, metavar="FILE", help="write the episodes as JSON")
     one.add_argument("--video", type=Path, metavar="DIR", help="write what the cameras saw, a video for each episode")
@@ -131,6 +135,10 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.policies.progress import Progress
     from embodiedreamer_gym.robot.files import write_json
 
+    if a.dream is not None and (a.ensemble is not None or a.size is not None):
+        raise EmbodieDreamerError(
+            "--dream shows whole chunks at the size of the bank's photos; leave out --ensemble and --size."
+        )
     task, policy = task_id(a.task), _policy(a)
     actions = executed(policy, a.execute)
     for folder in filter(None, (a.json and a.json.absolute().parent, a.video and a.video.absolute().parent)):
@@ -159,7 +167,7 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
     found = Evaluation(task, actions, tuple(rows))
     print(found)
     if a.json is not None:
-        write_json({"policy": str(a.policy), "robot": str(a.robot), **found.as_dict()}, a.json)
+        write_json({"policy": str(a.policy), "robot": str(a.robot), "dream": a.dream, **found.as_dict()}, a.json)
 
 
 def _play(a: argparse.Namespace, policy: Any, seeds: tuple[int, ...], told: Any = None) -> list[Any]:
@@ -175,7 +183,7 @@ def _play(a: argparse.Namespace, policy: Any, seeds: tuple[int, ...], told: Any 
 
     def watch(seed: int) -> Any:
         frames = films.setdefault(seed, [])
-        return lambda observation, info: frames.append(_shown(observation["pixels"]))
+        return lambda observation, info: frames.extend(_shown(observation, info))
 
     def done(row: Any) -> None:
         if a.video is not None:
@@ -190,13 +198,17 @@ def _play(a: argparse.Namespace, policy: Any, seeds: tuple[int, ...], told: Any 
 
 
 def _environment(a: argparse.Namespace, policy: Any) -> Any:
-    """The task's environment with the policy's cameras, its pictures as large as those it learnt from."""
+    """The task's environment with the policy's cameras, its pictures as large as those it learnt from, or dreamed."""
     import gymnasium
 
     from embodiedreamer_gym.camera import read_size
     from embodiedreamer_gym.envs import task_id
     from embodiedreamer_gym.policies.protocol import sight
 
+    if a.dream is not None:
+        from embodiedreamer_gym.wrappers.policy_world import policy_world
+
+        return policy_world(policy, a.task, a.robot, a.execute, a.dream, a.bank)
     cameras, learnt = sight(policy)
     size = learnt if a.size is None else read_size(a.size)
     return gymnasium.make(task_id(a.task), cameras=cameras, image_size=size, robot=a.robot)
@@ -214,11 +226,14 @@ def _policy(a: argparse.Namespace) -> Any:
     return policy
 
 
-def _shown(pixels: Any) -> Any:
-    """One picture of all cameras, side by side."""
+def _shown(observation: Any, info: Any) -> Any:
+    """The frames of a dreamed chunk, or one picture of all cameras, side by side."""
     import numpy as np
 
-    return np.concatenate(list(pixels.values()), 1) if isinstance(pixels, dict) else pixels
+    if "frames" in info:
+        return info["frames"][: info["steps"]]
+    pixels = observation["pixels"]
+    return [np.concatenate(list(pixels.values()), 1) if isinstance(pixels, dict) else pixels]
 
 
 def _write(frames: list[Any], folder: Path, row: Any, rate: float) -> None:

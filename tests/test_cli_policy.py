@@ -19,7 +19,9 @@ from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
 from embodiedreamer_gym.policies.act import Act, ActConfig, ActPolicy
 from embodiedreamer_gym.policies.evaluation import EpisodeResult
 from embodiedreamer_gym.recordings import Recording, save_recording
+from embodiedreamer_gym.vis_aligner import load_bank
 from tests.policies.act.tiny import SIZE, Tiny
+from tests.wrappers.test_vis_aligner import files  # noqa: F401  a fixture
 
 TRAIN = ("--steps", 3, "--batch", 2, "--chunk", 4, "--quiet")
 
@@ -110,6 +112,24 @@ def test_an_evaluation(still: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     assert shape == [300, 128, 48]  # two cameras side by side, as large as what was learnt from
 
 
+def test_an_evaluation_in_the_dreamed_world(tmp_path: Path, files, capsys: pytest.CaptureFixture[str]) -> None:  # noqa: F811
+    """What is filmed is dreamed, as long as the episode; a policy of another camera is refused."""
+    config = ActConfig(
+        14, 14, ("head",), (32, 24), chunk=50, widths=(8, 8), width=16, heads=2, feedforward=16, encoders=1
+    )
+    policy = ActPolicy(Act(config)).save(tmp_path / "policy")
+    run("evaluate", "--policy", policy, "--task", "PutCupOnMat-v0", "--episodes", 1, "--dream", files["aligner"],
+        "--bank", files["bank"], "--json", tmp_path / "e.json", "--video", tmp_path / "videos", "--quiet")  # fmt: skip
+    assert "success in 0 of 1 episodes" in capsys.readouterr().out
+    data = json.loads((tmp_path / "e.json").read_text())
+    assert data["dream"] == str(files["aligner"]) and data["execute"] == 50 and data["episodes"][0]["steps"] == 300
+    film = cv2.VideoCapture(str(tmp_path / "videos" / "seed_100000_failure.mp4"))
+    width, height = load_bank(files["bank"]).size
+    shape = [int(film.get(k)) for k in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
+    film.release()
+    assert shape == [300, width, height]
+
+
 def test_episodes_are_dealt_out_to_processes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -154,6 +174,9 @@ def test_temporal_ensembling_asks_at_each_step(still: Path) -> None:
         (("--task", "PutCupOnMat", "--size", "big"), "--size big is no width and height"),
         (("--task", "PutCupOnMat", "--json", "/no/such/folder/e.json"), "does not exist; make it first"),
         (("--task", "PutCupOnMat", "--policy", "nowhere"), "is no folder and no function"),
+        (("--task", "PutCupOnMat", "--dream"), "looks through head, left_wrist, and only the head camera is dreamed"),
+        (("--task", "PutCupOnMat", "--dream", "--ensemble", "0.01"), "leave out --ensemble and --size"),
+        (("--task", "PutCupOnMat", "--dream", "--size", "64x48"), "leave out --ensemble and --size"),
     ],
 )
 def test_what_cannot_be_evaluated(still: Path, arguments: tuple[str, ...], said: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -19,7 +19,9 @@ Watch = Callable[[Any, dict[str, Any]], None]
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """How an episode went: success at its last step, the step (or None) at which it first succeeded, its length."""
+    """How an episode went: success at its last step, the step (or None; in chunks, the chunk's last)
+    at which it first succeeded, its length.
+    """
 
     seed: int
     success: bool
@@ -89,7 +91,7 @@ def check_fit(policy: Policy, env: gym.Env) -> None:
     Raises: PolicyError where they are not.
     """
     shape = env.action_space.shape
-    if shape != (policy.action_size,):
+    if shape is None or len(shape) not in (1, 2) or shape[-1] != policy.action_size:
         raise PolicyError(
             f"the policy gives actions of {policy.action_size} numbers, and {_name(env)} takes the shape {shape}; "
             "take a policy that was trained for this robot."
@@ -115,7 +117,7 @@ def as_batch(observation: Any, cameras: Iterable[str]) -> dict[str, Any]:
 
 
 def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | None = None) -> EpisodeResult:
-    """One episode to its end; watch: called with each observation and info."""
+    """One episode to its end; watch: called with each observation and info, of a chunk where the environment takes chunks."""
     cameras = tuple(getattr(env.unwrapped, "cameras", ()) or getattr(policy, "cameras", ()))
     forget = getattr(policy, "reset", None)
     if forget is not None:
@@ -125,18 +127,31 @@ def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | N
     world = see_through(env) if watch is None else None
     while not over:
         actions = np.asarray(policy(as_batch(observation, cameras)))[0][:execute]
-        for number, action in enumerate(actions, 1):
-            with unseen(world, number < len(actions)):  # the policy is asked again after the last
-                observation, _, terminated, truncated, info = env.step(action)
-            steps += 1
+        for observation, over, info, count in _played(env, actions, world):
+            steps += count
             first = steps if first is None and info["is_success"] else first
             if watch is not None:
                 watch(observation, info)
-            over = terminated or truncated
             if over:
                 break
     return EpisodeResult(seed, bool(info["is_success"]), first, bool(info.get("grasp_success", False)), steps,
                          float(info.get("object_distance", np.nan)), str(info.get("side", "")))  # fmt: skip
+
+
+def _played(env: gym.Env, actions: np.ndarray, world: Any) -> Iterator[tuple[Any, bool, dict[str, Any], int]]:
+    """Observation, whether it is over, info and how many actions were played: after each of them, or once after a chunk."""
+    if _takes_chunks(env):
+        observation, _, terminated, truncated, info = env.step(actions)
+        yield observation, terminated or truncated, info, int(info["steps"])
+        return
+    for number, action in enumerate(actions, 1):
+        with unseen(world, number < len(actions)):  # the policy is asked again after the last
+            observation, _, terminated, truncated, info = env.step(action)
+        yield observation, terminated or truncated, info, 1
+
+
+def _takes_chunks(env: gym.Env) -> bool:
+    return len(env.action_space.shape or ()) == 2
 
 
 def evaluate(policy: Policy, env: gym.Env, seeds: Iterable[int], execute: int | None = None,

@@ -199,31 +199,9 @@ def _numbered(number: int, a: StudySettings, policy: Any, *given: Any) -> tuple[
 
 def environment(a: StudySettings, policy: Any) -> Any:
     """The task's environment, or a vector of them, that takes chunks; dreamed where asked for."""
-    import gymnasium
+    from embodiedreamer_gym.wrappers.policy_world import policy_world
 
-    from embodiedreamer_gym import wrappers
-    from embodiedreamer_gym.envs import task_id
-    from embodiedreamer_gym.policies.evaluation import executed
-    from embodiedreamer_gym.policies.protocol import sight
-    from embodiedreamer_gym.vis_aligner import load_bank
-
-    (cameras, size), filmed = sight(policy), {}
-    if a.dream is not None:
-        if cameras != ("head",):
-            raise PolicyError(f"the policy looks through {', '.join(cameras)}, and only the head camera is dreamed.")
-        size = load_bank(a.bank).size
-        filmed = {"camera": "head", "size": size}
-    count = executed(policy, a.execute)
-
-    def chunked(env: Any) -> Any:
-        return wrappers.ActionChunk(env, count, **filmed)
-
-    options = {"cameras": cameras, "image_size": size, "robot": a.robot}
-    if a.envs == 1:
-        env = chunked(gymnasium.make(task_id(a.task), **options))
-        return env if a.dream is None else wrappers.VisAlignerObservationWrapper(env, a.dream, a.bank)
-    envs = gymnasium.make_vec(task_id(a.task), a.envs, "sync", wrappers=[chunked], **options)
-    return envs if a.dream is None else wrappers.VisAlignerVectorWrapper(envs, a.dream, a.bank)
+    return policy_world(policy, a.task, a.robot, a.execute, a.dream, a.bank, a.envs)
 
 
 def _config(a: StudySettings) -> Any:

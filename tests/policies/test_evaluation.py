@@ -10,6 +10,7 @@ from gymnasium import spaces
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies import evaluate
 from embodiedreamer_gym.policies.evaluation import as_batch, executed
+from embodiedreamer_gym.wrappers import ActionChunk
 
 
 class Walk(gym.Env):
@@ -86,6 +87,21 @@ def test_an_episode_is_played_to_its_end() -> None:
     """However long a success has lasted: a policy that cannot rest undoes it."""
     row = evaluate(Goes(), Walk(length=300), [0], execute=4).episodes[0]
     assert row.success and row.first == 5 and row.steps == 300
+
+
+def test_an_environment_that_takes_chunks_is_given_them() -> None:
+    """The same episode as action by action; a success is known at the end of its chunk, and the last chunk may be cut."""
+    env, seen = ActionChunk(Walk(length=10), 4), []
+    row = evaluate(Goes(), env, [3], watch=lambda seed: lambda observation, info: seen.append(info["steps"])).episodes[
+        0
+    ]
+    alone = evaluate(Goes(), Walk(length=10), [3]).episodes[0]
+    assert (row.success, row.grasped, row.distance, row.steps) == (True, True, alone.distance, 10)
+    assert (row.first, alone.first) == (8, 5) and seen == [4, 4, 2]
+    with pytest.raises(PolicyError, match=r"takes the shape \(4, 2\)"):
+        policy = Goes()
+        policy.action_size = 14
+        evaluate(policy, env, [0])
 
 
 def test_the_table_and_its_interval() -> None:

@@ -1,0 +1,44 @@
+"""The environment that a policy plays whole chunks in, as the simulator shows it or as VisAligner dreams it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+
+from embodiedreamer_gym.envs import task_id
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.policies.evaluation import executed
+from embodiedreamer_gym.policies.protocol import sight
+from embodiedreamer_gym.vis_aligner import load_bank
+from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
+from embodiedreamer_gym.wrappers.vis_aligner import VisAlignerObservationWrapper, VisAlignerVectorWrapper
+
+
+def policy_world(
+    policy: Any, task: str, robot: str = "aloha", execute: int | None = None, dream: str | None = None,
+    bank: str = "lab", envs: int = 1,
+) -> Any:  # fmt: skip
+    """A task with the cameras of a policy, that takes `execute` actions at once (None: all of a chunk).
+
+    task: id or name; robot: a built-in one or a model file; dream: an aligner, None to see the simulator's pictures, from
+    references of a bank; envs: 1, or so many as a vector.
+    Raises: PolicyError for a policy that looks through other cameras than the one that is dreamed, or so many actions.
+    """
+    (cameras, size), filmed = sight(policy), {}
+    if dream is not None:
+        if cameras != ("head",):
+            raise PolicyError(f"the policy looks through {', '.join(cameras)}, and only the head camera is dreamed.")
+        size = load_bank(bank).size
+        filmed = {"camera": "head", "size": size}
+    count = executed(policy, execute)
+
+    def chunked(env: Any) -> Any:
+        return ActionChunk(env, count, **filmed)
+
+    options = {"cameras": cameras, "image_size": size, "robot": robot}
+    if envs == 1:
+        env = chunked(gymnasium.make(task_id(task), **options))
+        return env if dream is None else VisAlignerObservationWrapper(env, dream, bank)
+    vector = gymnasium.make_vec(task_id(task), envs, "sync", wrappers=[chunked], **options)
+    return vector if dream is None else VisAlignerVectorWrapper(vector, dream, bank)
