@@ -50,7 +50,10 @@ def _rollout_options(group: Any) -> None:
     )
     group.add_argument("--per", choices=("chunk", "step"), default="chunk", help="noise per (default %(default)s)")
     group.add_argument(
-        "--metric", default="distance", metavar="M", help="distance (end effector to target) or object_distance"
+        "--metric",
+        default="distance",
+        metavar="M",
+        help="distance (end effector to target), object_distance, or remaining (its way to the object, then that)",
     )
     group.add_argument(
         "--pairing", choices=("same_start", "global_rank"), default="same_start", help="default: %(default)s"

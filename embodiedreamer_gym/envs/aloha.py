@@ -16,6 +16,7 @@ from embodiedreamer_gym.envs.cameras import CAMERAS, Frame, Renderer, load_camer
 from embodiedreamer_gym.envs.robots import draw_parameters, home, load_robot
 from embodiedreamer_gym.envs.scene import Scene
 from embodiedreamer_gym.envs.tasks import TASKS
+from embodiedreamer_gym.envs.tasks.attempt import Attempt
 from embodiedreamer_gym.envs.tasks.task import SIDES, Situation, placed
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.simulation.world import World
@@ -117,7 +118,7 @@ class AlohaEnv(gym.Env, EzPickle):
         self.scene.reset(position, velocity, command, poses, sets)
         self._command = command
         self._start = poses[self.task.object.name]
-        self._grasped = False
+        self._attempt = Attempt(self.task)
         self._steps = 0
         return self._observe()[0:2]
 
@@ -213,7 +214,7 @@ class AlohaEnv(gym.Env, EzPickle):
         return Situation(
             side=self._side, base=scene.bases[SIDES.index(self._side)].copy(), tip=scene.tip(SIDES.index(self._side)),
             object=scene.pose(thing), goal=scene.pose(goal), start=self._start, speed=scene.speed(thing), fingers=fingers,
-            on_goal=(scene.props[goal], -1) in touched, on_table=(scene.table, -1) in touched, grasped=self._grasped,
+            on_goal=(scene.props[goal], -1) in touched, on_table=(scene.table, -1) in touched, grasped=self._attempt.grasped,
         )  # fmt: skip
 
     # ---- inside ------------------------------------------------------------------------------------------------
@@ -263,10 +264,9 @@ class AlohaEnv(gym.Env, EzPickle):
         """Observation and info of this instant."""
         position, velocity = self.scene.plant.observe()
         now = self.situation()
-        target = self.task.target(now)
-        self._grasped = self._grasped or self.task.picked_up(now)
-        info = self._info(now, target)
-        return self._assemble(position, velocity, now, target), info
+        self._attempt.see(now)
+        info = self._attempt.info(now, self._steps / self.control_hz)
+        return self._assemble(position, velocity, now, self.task.target(now)), info
 
     def _assemble(self, position: np.ndarray, velocity: np.ndarray, now: Situation, target: np.ndarray) -> Any:
         """The observation of this obs_type."""
@@ -283,20 +283,6 @@ class AlohaEnv(gym.Env, EzPickle):
         if self.obs_type == "pixels":
             return pixels
         return {"pixels": pixels, "agent_pos": observe.clipped(position, self._joint_space)}
-
-    def _info(self, now: Situation, target: np.ndarray) -> dict[str, Any]:
-        """What is logged beside the reward; keys and types never change."""
-        done = bool(self._grasped and self.task.done(now))
-        return {
-            "is_success": done,
-            "task_success": done,
-            "grasp_success": bool(self._grasped),
-            "distance": float(np.linalg.norm(now.tip.position - target)),
-            "object_distance": float(np.linalg.norm(now.object.position - now.goal.position)),
-            "contacts": int(now.fingers),
-            "sim_time": self._steps / self.control_hz,
-            "side": now.side,
-        }
 
     def _mount(self, camera) -> tuple[np.ndarray, np.ndarray] | None:
         """Pose of the link that carries a camera."""

@@ -37,7 +37,7 @@ CASES += [pytest.param(i, SMALL, id=i[15:]) for i in GOALS]
 OF_ONE = [case for case in CASES if "PutCupOnMat" in str(case.id)]
 INFO = {
     "is_success": bool, "task_success": bool, "grasp_success": bool, "distance": float, "object_distance": float,
-    "contacts": int, "sim_time": float, "side": str,
+    "remaining": float, "contacts": int, "sim_time": float, "side": str,
 }  # fmt: skip
 Make = Callable[..., gym.Env]
 

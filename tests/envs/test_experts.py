@@ -66,6 +66,10 @@ def test_an_expert_fulfils_the_task_with_either_arm(task: str) -> None:
         assert all(info["is_success"] for info in infos[first + 30 :]), "it does not stay done"
         grasped = [info["grasp_success"] for info in infos]
         assert grasped == sorted(grasped), "a grasp is not forgotten"
+        left = [info["remaining"] for info in infos]
+        lifted = grasped.index(True)
+        assert left[-1] == 0.0 < min(left[:first]) and max(np.diff(left[: lifted + 1])) < 0.03, "nearer all the while"
+        assert left[lifted] == infos[lifted]["object_distance"] < left[lifted - 1] + 0.03
         assert all(action in env.action_space for action in actions)
         other = np.array(actions)[:, slice(7, 14) if side == "left" else slice(0, 7)]
         assert np.ptp(other, axis=0).max() == 0.0, "the other arm keeps still"

@@ -17,6 +17,7 @@ from embodiedreamer_gym.envs.experts.plan import READY
 from embodiedreamer_gym.envs.robots import home
 from embodiedreamer_gym.envs.scene import TABLE, TABLE_CENTRE
 from embodiedreamer_gym.envs.tasks import TASKS, Task
+from embodiedreamer_gym.envs.tasks.attempt import Attempt
 from embodiedreamer_gym.envs.tasks.grips import outward
 from embodiedreamer_gym.envs.tasks.task import GAP, SIDES, TABLE_HEIGHT, Pose
 from embodiedreamer_gym.errors import SimulationError
@@ -46,7 +47,7 @@ def put(env: AlohaEnv, thing: Pose, seconds: float = 1.5, grasped: bool = True) 
         poses[env.task.goal.name] = pose(*CENTRE)
     rest = home(env.robot)
     env.scene.reset(rest, np.zeros_like(rest), rest, poses)
-    env._grasped, info = grasped, {}
+    env._attempt.grasped, info = grasped, {}
     for _ in range(round(seconds * env.control_hz)):
         info = env.step(rest)[-1]
     return info
@@ -221,6 +222,29 @@ def test_picked_up_means_held_by_both_fingers_off_the_table_and_up() -> None:
     assert task.picked_up(held) and task.done(held)
     for less in ({"fingers": 1}, {"on_table": True}, {"object": now.object}):
         assert not task.picked_up(replace(held, **less))
+    env.close()
+
+
+def test_what_remains_is_the_way_to_the_object_then_that_of_the_object() -> None:
+    """The nearest that the gripper came counts, not where it is now; what was picked up and is lost counts by its own way."""
+    env = AlohaEnv(task="PutCupOnMat", obs_type="state")
+    env.reset(seed=0)
+    now, attempt = env.situation(), Attempt(env.task)
+    away = float(np.linalg.norm(now.object.position - now.goal.position))
+
+    def remaining(off: float, **changes: object) -> float:
+        tip = Pose(env.task.handle(now) + np.array([off, 0.0, 0.0]), now.tip.quaternion)
+        seen = replace(now, tip=tip, **changes)
+        attempt.see(seen)
+        return attempt.info(seen, 0.0)["remaining"]
+
+    assert remaining(0.2) == pytest.approx(away + 0.2)
+    assert remaining(0.05) == pytest.approx(away + 0.05)
+    assert remaining(0.4) == pytest.approx(away + 0.05)
+    up = Pose(now.object.position + np.array([0.0, 0.0, 0.05]), now.object.quaternion)
+    assert remaining(0.0, object=up, fingers=2, on_table=False) == pytest.approx(np.hypot(away, 0.05), rel=1e-2)
+    assert remaining(0.3) == pytest.approx(away), "lost"
+    assert remaining(0.3, object=now.goal, on_goal=True, on_table=False) == 0.0
     env.close()
 
 

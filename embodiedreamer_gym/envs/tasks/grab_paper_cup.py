@@ -25,6 +25,10 @@ class GrabPaperCup(Task):
     object = CUP
 
     def target(self, situation: Situation) -> np.ndarray:
+        """Where it is gripped."""
+        return self.handle(situation)
+
+    def handle(self, situation: Situation) -> np.ndarray:
         """The middle of the cup."""
         return situation.object.point((0.0, 0.0, GRIP))
 
@@ -35,4 +39,4 @@ class GrabPaperCup(Task):
     def grips(self, situation: Situation) -> Iterator[Pose]:
         """Slanting down on the cup, away from the arm."""
         for pitch in PITCHES:
-            yield outward(situation, situation.object.point((0.0, 0.0, GRIP)), pitch)
+            yield outward(situation, self.handle(situation), pitch)

@@ -56,11 +56,14 @@ class PutPenInCup(Task):
         inside = np.linalg.norm(lower[:2]) < RADIUS and lower[2] < HEIGHT / 2
         return bool(inside and situation.on_goal and situation.speed < 0.02 and situation.fingers == 0)
 
+    def handle(self, situation: Situation) -> np.ndarray:
+        """Near the end away from the arm: the longer part will hang down from the gripper."""
+        return _handles(situation)[0][0]
+
     def grips(self, situation: Situation) -> Iterator[Pose]:
-        """Across it from above, near the end away from the arm: the longer part will hang down from the gripper."""
-        across = situation.object.rotation[:, 1]
-        for way in ways(situation, situation.object.position, across):
-            yield downward(situation.object.point((way * (LENGTH / 2 - END), 0.0, GRIP)), way * across)
+        """Across it from above, near the end away from the arm."""
+        for point, across in _handles(situation):
+            yield downward(point, across)
 
     def releases(self, situation: Situation) -> Iterator[Pose]:
         """Ahead over the holder, the pen's lower end below its rim, slanting from inwards to outwards."""
@@ -71,6 +74,13 @@ class PutPenInCup(Task):
             away = way.rotation[:, 2] * [1.0, 1.0, 0.0] / np.cos(pitch)
             place = situation.goal.point((0.0, 0.0, HEIGHT - DEPTH)) - 0.5 * DEPTH * np.tan(pitch) * away
             yield Pose(place - way.rotation @ end, way.quaternion)
+
+
+def _handles(situation: Situation) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Where (3,) it may be gripped, and along which axis (3,) the gripper closes there."""
+    pen, across = situation.object, situation.object.rotation[:, 1]
+    signs = ways(situation, pen.position, across)
+    return [(pen.point((sign * (LENGTH / 2 - END), 0.0, GRIP)), sign * across) for sign in signs]
 
 
 def _ends(pen: Pose) -> np.ndarray:

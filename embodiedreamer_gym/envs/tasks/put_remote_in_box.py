@@ -53,9 +53,13 @@ class PutRemoteInBox(Task):
         low = seen[:, 2].max() < HEIGHT
         return bool(inside.all() and low and situation.on_goal and situation.speed < 0.02 and situation.fingers == 0)
 
+    def handle(self, situation: Situation) -> np.ndarray:
+        """Its middle."""
+        return situation.object.point((0.0, 0.0, GRIP))
+
     def grips(self, situation: Situation) -> Iterator[Pose]:
         """Across its middle, from above."""
-        point, across = situation.object.point((0.0, 0.0, GRIP)), situation.object.rotation[:, 1]
+        point, across = self.handle(situation), situation.object.rotation[:, 1]
         for way in ways(situation, point, across):
             yield downward(point, way * across)
 

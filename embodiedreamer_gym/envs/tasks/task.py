@@ -126,6 +126,10 @@ class Task:
         """Where (3,) the end effector is to be in the end, m."""
         raise NotImplementedError
 
+    def handle(self, situation: Situation) -> np.ndarray:
+        """Where (3,) the end effector is when it grips the object, m."""
+        return situation.object.position
+
     def picked_up(self, situation: Situation) -> bool:
         """Whether the object is held by both fingers and off the table."""
         return situation.fingers == 2 and not situation.on_table and situation.lifted > self.lift

@@ -43,8 +43,8 @@ class PreferenceSet:
     ) -> PreferenceSet:  # fmt: skip
         """Pairs of rollouts by how they ended; see `pair` for pairing, top and margin.
 
-        metric: distance (end effector to target, the paper's), object_distance, or a function of a trajectory; less is
-        better.
+        metric: distance (end effector to target, the paper's), object_distance, remaining, or a function of a trajectory;
+        less is better.
         Raises: PolicyError where no pair is left.
         """
         scores = [one.score(metric) for one in rollouts]

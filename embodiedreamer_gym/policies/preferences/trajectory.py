@@ -10,7 +10,7 @@ import numpy as np
 
 from embodiedreamer_gym.errors import PolicyError
 
-METRICS = ("distance", "object_distance")
+METRICS = ("distance", "object_distance", "remaining")
 OUTCOMES = (*METRICS, "is_success", "task_success", "grasp_success")
 DEEPER = "/"  # between the names of nested observations
 

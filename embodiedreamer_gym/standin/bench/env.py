@@ -139,17 +139,6 @@ class StandInEnv(gym.Env):
         return float(np.linalg.norm(now.tip.position - self.task.target(now)))
 
     def _info(self, steps: int) -> dict[str, Any]:
-        """What is logged beside the reward, as AlohaEnv does."""
-        now = self.bench.situation()
-        done = bool(now.grasped and self.task.done(now))
-        return {
-            "is_success": done,
-            "task_success": done,
-            "grasp_success": bool(now.grasped),
-            "distance": self._distance(now),
-            "object_distance": float(np.linalg.norm(now.object.position - now.goal.position)),
-            "contacts": int(now.fingers),
-            "sim_time": (self._played or 0) / self.control_hz,
-            "side": now.side,
-            "steps": steps,
-        }
+        """What is told beside the reward, as AlohaEnv does."""
+        seconds = (self._played or 0) / self.control_hz
+        return self.bench.attempt.info(self.bench.situation(), seconds) | {"steps": steps}

@@ -9,6 +9,7 @@ import numpy as np
 from embodiedreamer_gym.envs.robots import home
 from embodiedreamer_gym.envs.scene import TABLE
 from embodiedreamer_gym.envs.tasks import Task
+from embodiedreamer_gym.envs.tasks.attempt import Attempt
 from embodiedreamer_gym.envs.tasks.task import SIDES, Pose, Situation
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.bench.furnish import Furniture
@@ -54,7 +55,8 @@ class Bench:
             else:
                 self._data.joint(prop.name).qpos = where
         self.engine.refresh()
-        self._side, self._start, self.grasped = side, poses[self.task.object.name], False
+        self._side, self._start, self.attempt = side, poses[self.task.object.name], Attempt(self.task)
+        self.attempt.see(self.situation())
 
     def play(self, target: np.ndarray) -> Situation:
         """Ramp to joint targets (n,) within one control period, as the controller does; what the world is then.
@@ -66,7 +68,7 @@ class Bench:
         times = np.arange(len(commands)) * self._period
         self.engine.advance(lambda t: np.stack([np.interp(t, times, one) for one in commands.T], axis=1), self._steps)
         now = self.situation()
-        self.grasped = self.grasped or self.task.picked_up(now)
+        self.attempt.see(now)
         return now
 
     def pose(self, name: str) -> Pose:
@@ -92,7 +94,7 @@ class Bench:
             side=self._side, base=self._bases[arm].copy(), tip=self.pose(self.robot.arms[arm]),
             object=self.pose(thing.name), goal=self.pose(goal.name), start=self._start, speed=self._speed(thing.name),
             fingers=sum(finger in touched for finger in self._fingers[arm]), on_goal=goal.name in touched,
-            on_table=TABLE.name in touched, grasped=self.grasped,
+            on_table=TABLE.name in touched, grasped=self.attempt.grasped,
         )  # fmt: skip
 
     def _link(self, joint: str) -> str:

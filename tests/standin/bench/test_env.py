@@ -48,13 +48,14 @@ def test_props_stand_where_aloha_puts_them(task: str) -> None:
             np.testing.assert_allclose(found.rotation, there.rotation, atol=1e-9)
         np.testing.assert_allclose(now.base, wanted.base)
         assert set(told) == {*info, "steps"} and not told["grasp_success"]
+        assert told["remaining"] == pytest.approx(info["remaining"], abs=0.02)
     theirs.close()
 
 
 def test_what_the_expert_did_in_aloha_succeeds_here(bench: StandInEnv, shown: np.ndarray) -> None:
     _, info = replay(bench, shown)
     assert info["is_success"] and info["task_success"] and info["grasp_success"]
-    assert info["contacts"] == 0 and info["object_distance"] < 0.02
+    assert info["contacts"] == 0 and info["object_distance"] < 0.02 and info["remaining"] == 0.0
     assert info["sim_time"] == pytest.approx(STEPS / 30) and info["steps"] == STEPS % 50
 
 

@@ -1,0 +1,44 @@
+"""What an episode has reached so far, told from the situations it went through: the same in every engine."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.envs.tasks.task import Situation, Task
+
+
+class Attempt:
+    """One episode of a task: whether its object has been picked up, and how near the gripper came to it before.
+
+    grasped: picked up at some time; nearest: smallest distance of the end effector from where it grips the object, m, 0 once
+    that has been picked up.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.task, self.grasped, self.nearest = task, False, np.inf
+
+    def see(self, now: Situation) -> None:
+        """Take a further instant into account."""
+        if self.grasped:
+            return
+        self.grasped = self.task.picked_up(now)
+        gap = float(np.linalg.norm(now.tip.position - self.task.handle(now)))
+        self.nearest = 0.0 if self.grasped else min(self.nearest, gap)
+
+    def info(self, now: Situation, seconds: float) -> dict[str, Any]:
+        """What is told beside the reward at an instant that has been seen; keys and types never change."""
+        done = bool(self.grasped and self.task.done(now))
+        off = float(np.linalg.norm(now.object.position - now.goal.position))
+        return {
+            "is_success": done,
+            "task_success": done,
+            "grasp_success": self.grasped,
+            "distance": float(np.linalg.norm(now.tip.position - self.task.target(now))),
+            "object_distance": off,
+            "remaining": 0.0 if done else self.nearest + off,
+            "contacts": int(now.fingers),
+            "sim_time": seconds,
+            "side": now.side,
+        }
