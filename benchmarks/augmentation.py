@@ -16,6 +16,7 @@ from typing import Any
 
 from benchmarks.act_runs import SIZE, keep_settings, play_each, played, train_act
 from benchmarks.common import clopper_pearson, pin_threads
+from embodiedreamer_gym.unseen import EVERY
 
 POLICIES = {"original": ("original",), "mixed": ("original", "generated"), "generated": ("generated",)}
 SCENES = ("original", "foreground", "background")
@@ -75,7 +76,7 @@ def judged(a: argparse.Namespace, name: str, scene: str, data: dict[str, Path]) 
     path = a.out / f"judged_{a.task}_{name}_{scene}_{a.seed}.json"
     policy = load_policy(str(trained(a, name, data)))
     env: Any = gym.make(f"EmbodieDreamer/{a.task}-v0", image_size=SIZE)
-    env = VisAlignerObservationWrapper(env, chunk=policy.chunk, editor=edits(scene, a.task))
+    env = VisAlignerObservationWrapper(env, chunk=policy.chunk, editor=edits(scene, a.task), every=EVERY)
     rows = play_each(path, a.episodes, lambda n: played(policy, env, FIRST_SEED + n), f"{name} on {scene}")
     env.close()
     return [row["success"] for row in rows]

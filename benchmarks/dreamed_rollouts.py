@@ -1,8 +1,8 @@
 """Rollouts of a policy in the dreamed world: seconds for 100 of PutCupOnMat, in as many processes as there are cores.
 
-python -m benchmarks dreamed_rollouts [--policy DIR] [--rollouts 100] [--jobs 2] [--execute 100]
+python -m benchmarks dreamed_rollouts [--policy DIR] [--rollouts 100] [--jobs 2] [--execute 100] [--every 1]
 
-Whole episodes of 300 steps, head camera 128 x 96, every frame dreamed by the shipped weights. Without a policy, an ACT
+Whole episodes of 300 steps, head camera 128 x 96, every n-th frame dreamed by the shipped weights. Without a policy, an ACT
 network that has learnt nothing plays: what it costs is the same. Also printed, of one rollout: the same without dreaming.
 """
 
@@ -31,7 +31,7 @@ def policy_of(folder: Path | None) -> Any:
     return ActPolicy(Act(ActConfig(14, 14, ("head",), (96, 72), source_size=SIZE)))
 
 
-def play(folder: Path | None, seeds: range, execute: int, dream: bool, out: Path) -> float:
+def play(folder: Path | None, seeds: range, execute: int, dream: bool, out: Path, every: int = 1) -> float:
     """Record rollouts into a folder; seconds on the clock, without starting."""
     pin_threads()
     import gymnasium as gym
@@ -43,7 +43,7 @@ def play(folder: Path | None, seeds: range, execute: int, dream: bool, out: Path
 
     torch.set_num_threads(1)
     env: Any = gym.make(f"EmbodieDreamer/{TASK}-v0", image_size=SIZE)
-    env = ActionChunk(env, execute, camera="head" if dream else None, size=SIZE)
+    env = ActionChunk(env, execute, camera="head" if dream else None, size=SIZE, every=every)
     env = VisAlignerObservationWrapper(env) if dream else env
     policy, begun = policy_of(folder), time.perf_counter()
     PreferenceRolloutWrapper(env, tries=1).record(policy, seeds, out)
@@ -55,15 +55,17 @@ def main() -> None:
     """Print seconds on the clock for all, and for one."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--policy", type=Path)
-    for name, value in (("rollouts", 100), ("jobs", 2), ("execute", 100)):
+    for name, value in (("rollouts", 100), ("jobs", 2), ("execute", 100), ("every", 1)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         plain = play(a.policy, range(FIRST, FIRST + 3), a.execute, False, Path(folder) / "plain") / 3
-        dreamed = play(a.policy, range(FIRST, FIRST + 3), a.execute, True, Path(folder) / "dreamed") / 3
+        dreamed = play(a.policy, range(FIRST, FIRST + 3), a.execute, True, Path(folder) / "dreamed", a.every) / 3
         parts = [range(FIRST + k, FIRST + a.rollouts, a.jobs) for k in range(a.jobs)]
         begun = time.perf_counter()
-        Parallel(n_jobs=a.jobs)(delayed(play)(a.policy, part, a.execute, True, Path(folder) / "all") for part in parts)
+        Parallel(n_jobs=a.jobs)(
+            delayed(play)(a.policy, part, a.execute, True, Path(folder) / "all", a.every) for part in parts
+        )
         whole = time.perf_counter() - begun
     print(f"one rollout of 300 steps: {plain:.2f} s in the plain simulator, {dreamed:.2f} s dreamed")
     print(f"{a.rollouts} dreamed rollouts in {a.jobs} processes: {whole:.0f} s, their start included")

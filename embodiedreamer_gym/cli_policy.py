@@ -9,6 +9,7 @@ from typing import Any
 
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
 from embodiedreamer_gym.terminal import count
+from embodiedreamer_gym.unseen import EVERY
 
 PRESETS = {"small": 1e-3, "paper": 1e-5}  # peak learning rates
 FIRST_SEED = 100_000  # of an evaluation, as in the benchmark of the experts
@@ -68,6 +69,8 @@ def _evaluate_parser(actions: Any) -> None:
         "--dream", nargs="?", const="lean", metavar="ALIGNER", help="see through VisAligner (default: lean)"
     )
     one.add_argument("--bank", default="lab", metavar="B", help="references to dream from (default %(default)s)")
+    one.add_argument("--every", type=count, metavar="N", help="dream after every N-th action and the last of a chunk"
+                     f" (default {EVERY}; with --video 1)")  # fmt: skip
     one.add_argument("--jobs", type=count, default=1, metavar="J", help="processes (default %(default)s)")
     one.add_argument("--json", type=Path, metavar="FILE", help="write the episodes as JSON")
     one.add_argument("--video", type=Path, metavar="DIR", help="write what the cameras saw, a video for each episode")
@@ -208,7 +211,8 @@ def _environment(a: argparse.Namespace, policy: Any) -> Any:
     if a.dream is not None:
         from embodiedreamer_gym.wrappers.policy_world import policy_world
 
-        return policy_world(policy, a.task, a.robot, a.execute, a.dream, a.bank)
+        every = a.every or (1 if a.video else EVERY)
+        return policy_world(policy, a.task, a.robot, a.execute, a.dream, a.bank, every)
     cameras, learnt = sight(policy)
     size = learnt if a.size is None else read_size(a.size)
     return gymnasium.make(task_id(a.task), cameras=cameras, image_size=size, robot=a.robot)
@@ -231,7 +235,7 @@ def _shown(observation: Any, info: Any) -> Any:
     import numpy as np
 
     if "frames" in info:
-        return info["frames"][: info["steps"]]
+        return info["frames"][: info["filmed"]]
     pixels = observation["pixels"]
     return [np.concatenate(list(pixels.values()), 1) if isinstance(pixels, dict) else pixels]
 

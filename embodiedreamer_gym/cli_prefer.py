@@ -10,6 +10,7 @@ from typing import Any
 
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.terminal import count
+from embodiedreamer_gym.unseen import EVERY
 
 METHODS = ("preferences", "best_of", "top", "rwr")
 ROW_KEYS = ("success", "distance", "object_distance", "pairs", "contrast", "gradient", "winners", "losers")
@@ -32,6 +33,8 @@ def add_prefer(actions: Any) -> None:
         "--dream", nargs="?", const="lean", metavar="ALIGNER", help="see through VisAligner (default: lean)"
     )
     one.add_argument("--bank", default="lab", metavar="B", help="references to dream from (default %(default)s)")
+    one.add_argument("--every", type=count, default=EVERY, metavar="N",
+                     help="dream after every N-th action and the last of a chunk (default %(default)s)")  # fmt: skip
     one.add_argument("--execute", type=count, metavar="K", help="actions executed of each chunk (default: all)")
     one.add_argument("--envs", type=count, default=1, metavar="E", help="episodes at once (default %(default)s)")
     one.add_argument("--jobs", type=count, default=1, metavar="J", help="processes (default %(default)s)")

@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
 
+EVERY = 5  # actions between dreamed frames of a chunk, of which a policy looks at the last one alone
 PASSING = (OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit)  # observations as they are
 
 

@@ -183,7 +183,9 @@ def test_what_cannot_learn_is_refused(tmp_path: Path) -> None:
 ])  # fmt: skip
 def test_the_environment_of_the_options(files, envs: int, dream: str | None, kind: type) -> None:  # noqa: F811
     dream = files["aligner"] if dream else None
-    a = argparse.Namespace(task="PutCupOnMat", robot="aloha", envs=envs, dream=dream, bank=files["bank"], execute=2)
+    a = argparse.Namespace(
+        task="PutCupOnMat", robot="aloha", envs=envs, dream=dream, bank=files["bank"], every=2, execute=2
+    )
     policy = make()
     env = environment(a, policy)
     assert isinstance(env, kind)

@@ -19,27 +19,29 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     The reward is the sum of the k rewards, observation and info are those after the last action; info["rewards"] (k,)
     holds each reward and info["steps"] their number, which is less than k where the episode was cut, and 0 after a reset.
-    With `camera`, info["clip"] holds what it saw after each action: rgb (k, H, W, 3) uint8, depth (k, H, W) m and classes
-    (k, H, W), and what is rigid: parts (k, H, W), projections (k, L, 3, 4), see `Frame`. What is not there repeats the
-    last instant (of rewards: is 0), so that shapes never change.
+    With `camera`, info["clip"] holds what it saw after every n-th action and the last, F = ceil(k / every) times: rgb
+    (F, H, W, 3) uint8, depth (F, H, W) m and classes (F, H, W), and what is rigid: parts (F, H, W), projections
+    (F, L, 3, 4), see `Frame`; info["filmed"] is how often it did, 0 after a reset. What is not there repeats the last
+    instant (of rewards: is 0), so that shapes never change.
 
-    camera: name of a camera, or None; size: its picture's width and height, the environment's own where None.
-    Raises: SimulationError for k below 1, an action space that is no box, or a camera without an ALOHA environment.
+    camera: name of a camera, or None; size: its picture's width and height, the environment's own where None; every: n.
+    Raises: SimulationError for k or n below 1, an action space that is no box, or a camera without an ALOHA environment.
     """
 
     def __init__(
-        self, env: gym.Env, k: int = 8, camera: str | None = None, size: tuple[int, int] | None = None
+        self, env: gym.Env, k: int = 8, camera: str | None = None, size: tuple[int, int] | None = None, every: int = 1
     ) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, k=k, camera=camera, size=size)
+        gym.utils.RecordConstructorArgs.__init__(self, k=k, camera=camera, size=size, every=every)
         gym.Wrapper.__init__(self, env)
-        if isinstance(k, bool) or not isinstance(k, int | np.integer) or k < 1:
-            raise SimulationError(f"a chunk has k = 1 or more actions, not {k!r}.")
+        for text, count in (("a chunk has k = 1 or more actions", k), ("the camera films every n = 1 or more", every)):
+            if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
+                raise SimulationError(f"{text}, not {count!r}.")
         one = env.action_space
         if not isinstance(one, spaces.Box):
             raise SimulationError(f"ActionChunk takes actions that are arrays, not a {type(one).__name__}.")
         if camera is not None and not isinstance(env.unwrapped, AlohaEnv):
             raise SimulationError(f"only ALOHA environments have a camera '{camera}'; leave it out.")
-        self.k, self.camera = int(k), camera
+        self.k, self.every, self.camera = int(k), int(every), camera
         self.size = None if size is None else (int(size[0]), int(size[1]))
         low, high = (np.repeat(bound[None], self.k, axis=0) for bound in (one.low, one.high))
         self.action_space = spaces.Box(low, high, dtype=one.dtype.type)  # pyright: ignore[reportArgumentType, reportOptionalMemberAccess]
@@ -64,8 +66,10 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
             with unseen(world, number < len(action)):  # only the last observation is shown
                 observation, reward, terminated, truncated, info = self.env.step(one)
             rewards.append(float(reward))
-            looks.append(self._look())
-            if terminated or truncated:
+            over = terminated or truncated
+            if over or number == len(action) or number % self.every == 0:
+                looks.append(self._look())
+            if over:
                 observation = observation if world is None or number == len(action) else world.observe()
                 break
         return observation, float(sum(rewards)), terminated, truncated, info | self._told(rewards, looks)
@@ -85,5 +89,6 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         }
         if self.camera is not None:
             seen = [look for look in looks if look is not None]
-            told["clip"] = stacked(seen + seen[-1:] * (self.k - len(seen)))
+            told["clip"] = stacked(seen + seen[-1:] * (-(-self.k // self.every) - len(seen)))
+            told["filmed"] = len(seen) if rewards else 0
         return told

@@ -17,12 +17,12 @@ from embodiedreamer_gym.wrappers.vis_aligner import VisAlignerObservationWrapper
 
 def policy_world(
     policy: Any, task: str, robot: str = "aloha", execute: int | None = None, dream: str | None = None,
-    bank: str = "lab", envs: int = 1,
+    bank: str = "lab", every: int = 1, envs: int = 1,
 ) -> Any:  # fmt: skip
     """A task with the cameras of a policy, that takes `execute` actions at once (None: all of a chunk).
 
     task: id or name; robot: a built-in one or a model file; dream: an aligner, None to see the simulator's pictures, from
-    references of a bank; envs: 1, or so many as a vector.
+    references of a bank, after every n-th action and the last of a chunk; envs: 1, or so many as a vector.
     Raises: PolicyError for a policy that looks through other cameras than the one that is dreamed, or so many actions.
     """
     (cameras, size), filmed = sight(policy), {}
@@ -30,7 +30,7 @@ def policy_world(
         if cameras != ("head",):
             raise PolicyError(f"the policy looks through {', '.join(cameras)}, and only the head camera is dreamed.")
         size = load_bank(bank).size
-        filmed = {"camera": "head", "size": size}
+        filmed = {"camera": "head", "size": size, "every": every}
     count = executed(policy, execute)
 
     def chunked(env: Any) -> Any:

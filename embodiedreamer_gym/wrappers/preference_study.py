@@ -24,7 +24,7 @@ class StudySettings:
     """What a study does.
 
     policy: as `load_policy` takes it; task: id or name; robot: a built-in one or a model file; dream: an aligner, None to see
-    the simulator's pictures, from references of a bank; execute: actions of each chunk, None for all; envs: episodes at once
+    the simulator's pictures, from references of a bank, after every n-th action; execute: actions of each chunk, None for all; envs: episodes at once
     in each of jobs processes; starts of a cycle, tries from each, noise (normalised) per chunk or step; metric, pairing, top,
     margin (m): as of `PreferenceSet.choose`; method: preferences, best_of, top or rwr; variant, beta: of the loss; sigma,
     epochs, batch, rate, fall: as of `TuningConfig`; evaluations: episodes after each cycle; seed: of all that is drawn.
@@ -36,6 +36,7 @@ class StudySettings:
     robot: str
     dream: str | None
     bank: str
+    every: int
     execute: int | None
     envs: int
     jobs: int
@@ -201,7 +202,7 @@ def environment(a: StudySettings, policy: Any) -> Any:
     """The task's environment, or a vector of them, that takes chunks; dreamed where asked for."""
     from embodiedreamer_gym.wrappers.policy_world import policy_world
 
-    return policy_world(policy, a.task, a.robot, a.execute, a.dream, a.bank, a.envs)
+    return policy_world(policy, a.task, a.robot, a.execute, a.dream, a.bank, a.every, a.envs)
 
 
 def _config(a: StudySettings) -> Any:

@@ -24,25 +24,29 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
     """Gives the head camera's pictures a real face; reward and physics stay as they are.
 
     Put it around an `ActionChunk(env, k, camera="head")`; without one, it puts one of the aligner's chunk there itself, so
-    that the action is (k, 14). After each chunk info["frames"] holds the dreamed frames (k, H, W, 3) uint8, of which the
-    observation shows the last that was played; it is the reference of the next chunk, beside the anchor, the first frame
+    that the action is (k, 14). After each chunk info["frames"] holds the dreamed frames (F, H, W, 3) uint8, F = k unless
+    it is filmed less often, and info["filmed"] how many of them are new; the observation shows the last; it is the
+    reference of the next chunk, beside the anchor, the first frame
     of the episode. At a reset the reference is painted from photos of a bench: an empty plate, and the objects put in
     where the simulator has them; or, with `reset(options={"reference": i})`, it is photo i itself, to whose joints and
     objects the simulator is set. Only the head camera is dreamed: wrist cameras are left out of the observation.
 
     aligner: "lean" (the shipped weights), or a path; bank: "lab" (the shipped photos), or a path; chunk: actions of a
-    chunk, the aligner's own where None; editor: changes each episode's bench and objects, with draws of the reset's seed.
+    chunk, the aligner's own where None; every: a frame after each n-th action of a chunk, and after its last: dreaming
+    takes as much less; editor: changes each episode's bench and objects, with draws of the reset's seed.
     Raises: VisionError where weights, photos and picture size do not fit; SimulationError for observations without
     pictures.
     """
 
     def __init__(
         self, env: gym.Env, aligner: str = "lean", bank: str = "lab", chunk: int | None = None,
-        editor: ReferenceEditor | None = None,
+        editor: ReferenceEditor | None = None, every: int = 1,
     ) -> None:  # fmt: skip
-        gym.utils.RecordConstructorArgs.__init__(self, aligner=aligner, bank=bank, chunk=chunk, editor=editor)
+        gym.utils.RecordConstructorArgs.__init__(
+            self, aligner=aligner, bank=bank, chunk=chunk, editor=editor, every=every
+        )
         self.aligner, photos = load_aligner(aligner), load_bank(bank)
-        gym.Wrapper.__init__(self, filmed(env, photos, chunk or self.aligner.chunk))
+        gym.Wrapper.__init__(self, filmed(env, photos, chunk or self.aligner.chunk, every))
         self.bank = photos.of(_props(env.unwrapped.task))  # pyright: ignore[reportAttributeAccessIssue]
         self._picture = picture(self.bank)
         self.observation_space = _with_picture(self.env.observation_space, self._picture)
@@ -67,7 +71,7 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
         if self.references is None:
             raise gym.error.ResetNeeded("call reset before the first step.")
         observation, reward, terminated, truncated, info = self.env.step(action)
-        (frames,), (self.references,) = _dream(self.aligner, [self.references], [conditions(info)], [info["steps"]])
+        (frames,), (self.references,) = _dream(self.aligner, [self.references], [conditions(info)], [info["filmed"]])
         return self._seen(observation), float(reward), terminated, truncated, _told(info, frames)
 
     def render(self) -> Any:
@@ -83,7 +87,7 @@ class VisAlignerVectorWrapper(VectorWrapper):
 
     Each environment must be an `ActionChunk` with the head camera, see `filmed`; for instance
     `gym.make_vec(id, 8, wrappers=[lambda env: ActionChunk(env, 8, camera="head")])`.
-    info["frames"] is (environments, k, H, W, 3) uint8.
+    info["frames"] is (environments, F, H, W, 3) uint8.
 
     Raises: VisionError where weights, photos and picture size do not fit; SimulationError for other environments.
     """
@@ -115,11 +119,11 @@ class VisAlignerVectorWrapper(VectorWrapper):
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Play a chunk of actions in each environment and dream what their cameras would have shown."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        views, steps = self._views(info), info["steps"]
-        going = [i for i, count in enumerate(steps) if count > 0]
+        views, filmed = self._views(info), info["filmed"]
+        going = [i for i, count in enumerate(filmed) if count > 0]
         frames = np.stack([view.rgb for view in views])
         before = [self._reference(i) for i in going]
-        made, after = _dream(self.aligner, before, [views[i] for i in going], [steps[i] for i in going])
+        made, after = _dream(self.aligner, before, [views[i] for i in going], [filmed[i] for i in going])
         for i, clip, reference in zip(going, made, after, strict=True):
             frames[i], self.references[i] = clip, reference
         for i in set(range(len(views))) - set(going):  # begun anew by the vector
@@ -146,7 +150,7 @@ class VisAlignerVectorWrapper(VectorWrapper):
 # ---- what both share -------------------------------------------------------------------------------------------
 
 
-def filmed(env: gym.Env, bank: Bank, chunk: int) -> gym.Env:
+def filmed(env: gym.Env, bank: Bank, chunk: int, every: int = 1) -> gym.Env:
     """The environment, in an `ActionChunk` that films with the head camera at the bank's size.
 
     Raises: SimulationError for observations without pictures, VisionError for an ActionChunk that films something else.
@@ -161,7 +165,7 @@ def filmed(env: gym.Env, bank: Bank, chunk: int) -> gym.Env:
     while isinstance(inner, gym.Wrapper) and not isinstance(inner, ActionChunk):
         inner = inner.env
     if not isinstance(inner, ActionChunk):
-        return ActionChunk(env, chunk, camera="head", size=bank.size)
+        return ActionChunk(env, chunk, camera="head", size=bank.size, every=every)
     if inner.camera != "head" or (inner.size or getattr(env.unwrapped, "image_size", None)) != bank.size:
         width, height = bank.size
         raise VisionError(
@@ -188,20 +192,20 @@ def first(bank: Bank, condition: Condition, entry: Entry | None) -> References:
     return References.start(frame, condition.part(0, 1), bank.bench)
 
 
-def _dream(aligner: Aligner, references: Sequence[References], views: Sequence[Condition], steps: Sequence[int]
+def _dream(aligner: Aligner, references: Sequence[References], views: Sequence[Condition], filmed: Sequence[int]
            ) -> tuple[list[np.ndarray], list[References]]:  # fmt: skip
-    """Frames (k, H, W, 3) of each view of k frames, piece by piece as the aligner was trained, and the references after.
+    """Frames (F, H, W, 3) of each view of F frames, piece by piece as the aligner was trained, and the references after.
 
-    steps: of each, that were played; later frames repeat the last one.
+    filmed: of each, how many are new; later frames repeat the last one.
     """
     known = list(references)
     frames = [np.repeat(reference.last[None], len(view), axis=0) for reference, view in zip(known, views, strict=True)]
-    for start in range(0, int(max(steps, default=0)), aligner.chunk):
-        going = [i for i, count in enumerate(steps) if count > start]
+    for start in range(0, int(max(filmed, default=0)), aligner.chunk):
+        going = [i for i, count in enumerate(filmed) if count > start]
         parts = [views[i].part(start, start + aligner.chunk) for i in going]
         made = aligner.render([known[i] for i in going], parts)
         for i, part, clip in zip(going, parts, made, strict=True):
-            count = min(int(steps[i]) - start, len(part))
+            count = min(int(filmed[i]) - start, len(part))
             known[i] = known[i].after(clip[:count], part.part(0, count))
             frames[i][start : start + count] = clip[:count]
             frames[i][start + count :] = clip[count - 1]

@@ -61,6 +61,23 @@ def test_the_clip_is_what_the_camera_sees_after_each_action() -> None:
     env.close()
 
 
+def test_a_camera_that_films_less_often_sees_the_same() -> None:
+    """After every second action and the last; of a chunk that is cut, after its last too."""
+    every, some = (ActionChunk(make(max_episode_steps=8), 5, "head", (64, 48), every=n) for n in (1, 2))
+    for env in (every, some):
+        assert env.reset(seed=1)[1]["filmed"] == 0
+    plan = actions(10)
+    for part, seen in ((plan[:5], [1, 3, 4]), (plan[5:], [1, 2])):
+        (*_, whole), (*_, few) = every.step(part), some.step(part)
+        assert few["filmed"] == len(seen) and whole["filmed"] == few["steps"] == whole["steps"]
+        assert few["clip"]["rgb"].shape == (3, 48, 64, 3)
+        for key, values in few["clip"].items():
+            assert np.array_equal(values[: len(seen)], whole["clip"][key][seen])
+            assert np.array_equal(values[-1], whole["clip"][key][-1]), "what is not there repeats the last"
+    for env in (every, some):
+        env.close()
+
+
 def test_an_episode_that_is_cut_ends_the_chunk() -> None:
     env = ActionChunk(make(max_episode_steps=6), k=4)
     env.reset(seed=0)
@@ -75,11 +92,24 @@ def test_an_episode_that_is_cut_ends_the_chunk() -> None:
 def test_gymnasium_is_content() -> None:
     env = ActionChunk(make(), k=2)
     check_env(env, skip_render_check=True)
-    assert env.spec is not None and env.spec.additional_wrappers[-1].kwargs == {"k": 2, "camera": None, "size": None}
+    assert env.spec is not None and env.spec.additional_wrappers[-1].kwargs == {
+        "k": 2,
+        "camera": None,
+        "size": None,
+        "every": 1,
+    }
     env.close()
 
 
-@pytest.mark.parametrize(("options", "says"), [({"k": 0}, "not 0"), ({"k": True}, "not True"), ({"k": 2.5}, "not 2.5")])
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"k": 0}, "not 0"),
+        ({"k": True}, "not True"),
+        ({"k": 2.5}, "not 2.5"),
+        ({"every": 0}, "every n = 1 or more, not 0"),
+    ],
+)
 def test_bad_chunks_are_refused(options, says) -> None:
     env = make()
     with pytest.raises(SimulationError, match=says):

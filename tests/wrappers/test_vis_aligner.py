@@ -46,7 +46,7 @@ def files(tmp_path_factory) -> dict[str, str]:
 
 
 def make(files: dict[str, str], **options) -> gym.Env:
-    wrapped = {k: options.pop(k) for k in ("chunk",) if k in options}
+    wrapped = {k: options.pop(k) for k in ("chunk", "every") if k in options}
     env = gym.make(ID, **({"image_size": SIZE, "disable_env_checker": True} | options))
     return VisAlignerObservationWrapper(env, **files, **wrapped)
 
@@ -99,6 +99,25 @@ def test_a_long_chunk_is_dreamed_in_pieces(files) -> None:
     short.close()
 
 
+def test_frames_between_which_nobody_looks_are_not_dreamed(files) -> None:
+    """After every second of seven actions and the last: what the aligner makes of these four instants."""
+    few, every, played = make(files, chunk=7, every=2), make(files, chunk=7), actions(7)
+    few.reset(seed=5)
+    every.reset(seed=5)
+    seen, *_, info = few.step(played)
+    view = every.env.step(played)[4]["clip"]
+    instants = {key: values[[1, 3, 5, 6]] for key, values in view.items()}
+    references, frames = every.references, []
+    for start in (0, 3):
+        part = Condition(**{key: values[start : start + 3] for key, values in instants.items()})
+        frames.append(every.aligner.render([references], [part])[0])
+        references = references.after(frames[-1], part)
+    assert info["filmed"] == 4 and info["steps"] == 7
+    assert np.array_equal(info["frames"], np.concatenate(frames)) and np.array_equal(seen["pixels"], frames[-1][-1])
+    few.close()
+    every.close()
+
+
 def test_physics_and_reward_are_untouched(files) -> None:
     env, plain = make(files), ActionChunk(gym.make(ID, obs_type="state", disable_env_checker=True), k=3)
     env.reset(seed=5)
@@ -141,7 +160,7 @@ def test_a_photo_sets_the_simulator(files) -> None:
 def test_it_can_be_made_by_its_spec_and_drawn(files) -> None:
     env = make(files, render_mode="rgb_array")
     kwargs = env.spec.additional_wrappers[-1].kwargs
-    assert kwargs == {**files, "chunk": None, "editor": None}
+    assert kwargs == {**files, "chunk": None, "editor": None, "every": 1}
     env.reset(seed=0)
     assert np.array_equal(env.render(), env.references.last)
     again = gym.make(env.spec)
