@@ -1,7 +1,7 @@
 """Policies from four kinds of simulator, scored in a world that none of them has seen: the paper's Tables 3 and 4 in kind.
 
 python -m benchmarks closed_loop --out DIR [--task NAME ...] [--kind NAME ...] [--seeds 3]
-                                 [--demos 50] [--steps N] [--episodes 50] [--cycles 1] [--starts 25]
+                                 [--demos 50] [--steps N] [--episodes 50] [--cycles 1] [--starts 50]
                                  [--jobs 1] [--plot FILE.png]
 
 The world is `StandInEnv`: MuJoCo, a robot with friction, weak and uneven drives and a delay that the nominal model has not,
@@ -108,7 +108,7 @@ def preferred(a: argparse.Namespace, task: str, seed: int, folder: Path) -> Path
     failed = embodiedreamer([
         "policy", "prefer", "--policy", str(start), "--task", f"{task}-v0", "--out", str(study), "--dream",
         "--robot", str(calibrated(a.out)), "--cycles", str(a.cycles), "--starts", str(a.starts),
-        "--sigma", "4", "--epochs", "20", "--metric", "object_distance", "--evaluations", "1", "--seed", str(seed), "--quiet",
+        "--evaluations", "1", "--seed", str(seed), "--quiet",
         "--jobs", str(a.jobs),
     ])  # fmt: skip
     if failed:
@@ -189,7 +189,7 @@ def main() -> None:
         ("steps", None),
         ("episodes", 50),
         ("cycles", 1),
-        ("starts", 25),
+        ("starts", 50),
         ("jobs", 1),
     ):
         parser.add_argument(f"--{name}", type=int, default=value)

@@ -13,7 +13,7 @@ from embodiedreamer_gym.terminal import count
 from embodiedreamer_gym.unseen import EVERY
 
 METHODS = ("preferences", "best_of", "top", "rwr")
-ROW_KEYS = ("success", "distance", "object_distance", "pairs", "contrast", "gradient", "winners", "losers")
+ROW_KEYS = ("success", "distance", "object_distance", "remaining", "pairs", "contrast", "gradient", "winners", "losers")
 
 
 def add_prefer(actions: Any) -> None:
@@ -52,18 +52,14 @@ def _rollout_options(group: Any) -> None:
         "--noise", type=float, default=0.1, metavar="S", help="of exploration, normalised (default %(default)s)"
     )
     group.add_argument("--per", choices=("chunk", "step"), default="chunk", help="noise per (default %(default)s)")
-    group.add_argument(
-        "--metric",
-        default="distance",
-        metavar="M",
-        help="distance (end effector to target), object_distance, or remaining (its way to the object, then that)",
-    )
+    group.add_argument("--metric", default="remaining", metavar="M", help="remaining (how near it came to the object, then that to"
+                       " its goal; the default), object_distance, or distance (end effector to target, the paper's)")  # fmt: skip
     group.add_argument(
         "--pairing", choices=("same_start", "global_rank"), default="same_start", help="default: %(default)s"
     )
     group.add_argument("--top", type=count, metavar="M", help="pairs, or trajectories, at most (the paper's 25)")
     group.add_argument(
-        "--margin", type=float, default=0.01, metavar="X", help="near ties are left out, m (default %(default)s)"
+        "--margin", type=float, default=0.005, metavar="X", help="near ties are left out, m (default %(default)s)"
     )
 
 
@@ -74,10 +70,16 @@ def _learning_options(group: Any) -> None:
         "--variant", default="clipped+dpop", metavar="V", help="paper, ipo, nll, dpop, clipped, clipped+dpop"
     )
     group.add_argument("--beta", type=float, default=0.1, metavar="B", help="default: %(default)s")
-    group.add_argument("--sigma", type=float, default=1.0, metavar="S", help="of the likelihood (default %(default)s)")
+    group.add_argument(
+        "--sigma",
+        type=float,
+        default=4.0,
+        metavar="S",
+        help="of the likelihood; the paper's is 1 (default %(default)s)",
+    )
     group.add_argument("--epochs", type=count, default=80, metavar="N", help="of a cycle (default %(default)s)")
     group.add_argument("--batch", type=count, metavar="N", help="pairs of a step (25), or chunks to clone (256)")
-    group.add_argument("--rate", type=float, default=1e-5, metavar="R", help="of Adam (default %(default)s)")
+    group.add_argument("--rate", type=float, metavar="R", help="of Adam (default 3e-5 for preferences, 1e-4 to clone)")
     group.add_argument("--fall", type=float, default=5.0, metavar="NATS",
                        help="the guard stops where winners fall further (default %(default)s; 0: no guard)")  # fmt: skip
 
@@ -114,10 +116,19 @@ def _prefer(a: argparse.Namespace, progress: Any) -> None:
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """One line for each cycle; cycle 0 is the policy as it was given."""
-    lines = ["cycle" + "".join(f"{key.replace('_', ' '):>17}" for key in ROW_KEYS)]
+    """One line for each cycle, gain in points with its standard error, scene by scene; cycle 0 is the policy as given."""
+    lines = ["cycle" + "".join(f"{key.replace('_', ' '):>17}" for key in ROW_KEYS) + f"{'gain':>17}"]
     for row in rows:
         cells = [f"{row[key]:>17.3g}" if row.get(key) is not None else f"{'':>17}" for key in ROW_KEYS]
         note = f"   stopped in epoch {row['stopped']}" if row.get("stopped") else ""
-        lines.append(f"{row['cycle']:>5}" + "".join(cells) + note)
+        lines.append(f"{row['cycle']:>5}" + "".join(cells) + f"{gain(rows[0], row):>17}" + note)
     return "\n".join(lines)
+
+
+def gain(before: dict[str, Any], after: dict[str, Any]) -> str:
+    """What the successes of the same scenes are more, in points, and its standard error."""
+    import numpy as np
+
+    more = 100.0 * (np.array(after["successes"], float) - before["successes"])
+    error = more.std(ddof=1) / np.sqrt(len(more)) if len(more) > 1 else float("nan")
+    return f"{more.mean():+.1f} ± {error:.1f}"

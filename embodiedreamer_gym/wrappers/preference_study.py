@@ -17,6 +17,7 @@ FIRST_START, FIRST_EVALUATION = (
 SETTINGS, ROW, WEIGHTS, PAIRS = "settings.json", "row.json", "weights.pt", "pairs.hdf5"
 FREE = ("envs", "jobs")  # settings with others of which a study may go on
 PREFERENCES = "preferences"  # the method that compares; the others clone
+RATE, CLONING_RATE = 3e-5, 1e-4  # of Adam
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class StudySettings:
     the simulator's pictures, from references of a bank, after every n-th action; execute: actions of each chunk, None for all; envs: episodes at once
     in each of jobs processes; starts of a cycle, tries from each, noise (normalised) per chunk or step; metric, pairing, top,
     margin (m): as of `PreferenceSet.choose`; method: preferences, best_of, top or rwr; variant, beta: of the loss; sigma,
-    epochs, batch, rate, fall: as of `TuningConfig`; evaluations: episodes after each cycle; seed: of all that is drawn.
+    epochs, batch, rate, fall: as of `TuningConfig` (rate None: RATE, or CLONING_RATE); evaluations: episodes after each cycle; seed: of all that is drawn.
     """
 
     policy: str
@@ -55,7 +56,7 @@ class StudySettings:
     sigma: float
     epochs: int
     batch: int | None
-    rate: float
+    rate: float | None
     fall: float
 
 
@@ -128,11 +129,14 @@ class Study:
         return [done[k % self.a.jobs][k // self.a.jobs] for k in range(len(seeds))]
 
     def _judge(self) -> dict[str, Any]:
-        """Success on scenes that no cycle learns from, without noise."""
+        """Success on scenes that no cycle learns from, without noise, and of each scene."""
+        from embodiedreamer_gym.policies.preferences import METRICS
+
         seeds = range(FIRST_EVALUATION, FIRST_EVALUATION + self.a.evaluations)
         ends = self._rolled(seeds, 1, 0.0)
-        found: dict[str, Any] = {"episodes": len(ends), "success": sum(end["is_success"] for end in ends) / len(ends)}
-        return found | {k: sum(e[k] for e in ends) / len(ends) for k in ("distance", "object_distance") if k in ends[0]}
+        done = [int(end["is_success"]) for end in ends]
+        found: dict[str, Any] = {"episodes": len(ends), "success": sum(done) / len(ends), "successes": done}
+        return found | {k: sum(e[k] for e in ends) / len(ends) for k in METRICS if k in ends[0]}
 
     def _learn(self, cycle: int, folder: Path) -> dict[str, Any]:
         """Roll out, choose and fine-tune; what is left of the rollouts are the pairs."""
@@ -209,7 +213,9 @@ def _config(a: StudySettings) -> Any:
     """How the policy learns, of the options."""
     from embodiedreamer_gym.policies.preferences import CloningConfig, LossConfig, TuningConfig
 
-    if a.method != PREFERENCES:
-        return CloningConfig(a.epochs, a.batch or 256, a.rate, a.seed)
+    compares = a.method == PREFERENCES
+    rate = a.rate if a.rate is not None else RATE if compares else CLONING_RATE
+    if not compares:
+        return CloningConfig(a.epochs, a.batch or 256, rate, a.seed)
     loss = LossConfig(a.variant, a.beta)
-    return TuningConfig(loss, a.sigma, a.epochs, a.batch or 25, a.rate, a.fall or None, seed=a.seed)
+    return TuningConfig(loss, a.sigma, a.epochs, a.batch or 25, rate, a.fall or None, seed=a.seed)
