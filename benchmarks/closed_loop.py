@@ -132,16 +132,18 @@ def judged(a: argparse.Namespace, task: str, kind: str, seed: int) -> list[dict[
 
 
 def report(found: Found, kinds: Sequence[str]) -> str:
-    """Success of each task and kind with its interval; what each step adds, ± its standard error over tasks and seeds."""
+    """Success of each task and kind with its interval, by seed, and how many were picked up; what each step adds, ± its standard error over tasks and seeds."""
     tasks = list(dict.fromkeys(task for task, _, _ in found))
     seeds = sorted({seed for _, _, seed in found})
     lines = ["| | " + " | ".join(kinds) + " |", "|---" * (len(kinds) + 1) + "|"]
     for task in tasks:
         cells = []
         for kind in kinds:
-            rows = [row["success"] for seed in seeds for row in found[task, kind, seed]]
-            low, high = clopper_pearson(sum(rows), len(rows))
-            cells.append(f"{np.mean(rows):.1%} ({low:.1%} .. {high:.1%})")
+            rows = [row for seed in seeds for row in found[task, kind, seed]]
+            each = [sum(row["success"] for row in found[task, kind, seed]) for seed in seeds]
+            low, high = clopper_pearson(sum(each), len(rows))
+            cells.append(f"{sum(each) / len(rows):.1%} ({low:.1%} .. {high:.1%}); {' '.join(map(str, each))}; "
+                         f"{sum(row['grasped'] for row in rows)} of {len(rows)} picked up")  # fmt: skip
         lines.append(f"| {task} | " + " | ".join(cells) + " |")
     for before, after in STEPS:
         if not {before, after} <= set(kinds):
