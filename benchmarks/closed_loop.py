@@ -132,7 +132,10 @@ def judged(a: argparse.Namespace, task: str, kind: str, seed: int) -> list[dict[
 
 
 def report(found: Found, kinds: Sequence[str]) -> str:
-    """Success of each task and kind with its interval, by seed, and how many were picked up; what each step adds, ± its standard error over tasks and seeds."""
+    """Success of each task and kind with its interval, of each seed, and how many were picked up; what each step adds.
+
+    Gains are ± their standard error over tasks and seeds.
+    """
     tasks = list(dict.fromkeys(task for task, _, _ in found))
     seeds = sorted({seed for _, _, seed in found})
     lines = ["| | " + " | ".join(kinds) + " |", "|---" * (len(kinds) + 1) + "|"]

@@ -23,7 +23,7 @@ class Attempt:
         """Take a further instant into account."""
         if self.grasped:
             return
-        self.grasped = self.task.picked_up(now)
+        self.grasped = bool(self.task.picked_up(now))
         gap = float(np.linalg.norm(now.tip.position - self.task.handle(now)))
         self.nearest = 0.0 if self.grasped else min(self.nearest, gap)
 
