@@ -34,18 +34,15 @@ def policy_of(folder: Path | None) -> Any:
 def play(folder: Path | None, seeds: range, execute: int, dream: bool, out: Path, every: int = 1) -> float:
     """Record rollouts into a folder; seconds on the clock, without starting."""
     pin_threads()
-    import gymnasium as gym
     import torch
 
-    import embodiedreamer_gym  # noqa: F401  its environments are registered
-    from embodiedreamer_gym.wrappers import ActionChunk, VisAlignerObservationWrapper
+    from embodiedreamer_gym.wrappers.policy_world import policy_world
     from embodiedreamer_gym.wrappers.preference_rollout import PreferenceRolloutWrapper
 
     torch.set_num_threads(1)
-    env: Any = gym.make(f"EmbodieDreamer/{TASK}-v0", image_size=SIZE)
-    env = ActionChunk(env, execute, camera="head" if dream else None, size=SIZE, every=every)
-    env = VisAlignerObservationWrapper(env) if dream else env
-    policy, begun = policy_of(folder), time.perf_counter()
+    policy = policy_of(folder)
+    env = policy_world(policy, TASK, execute=execute, dream="lean" if dream else None, every=every)
+    begun = time.perf_counter()
     PreferenceRolloutWrapper(env, tries=1).record(policy, seeds, out)
     env.close()
     return time.perf_counter() - begun

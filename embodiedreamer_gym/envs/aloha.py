@@ -265,8 +265,9 @@ class AlohaEnv(gym.Env, EzPickle):
         position, velocity = self.scene.plant.observe()
         now = self.situation()
         self._attempt.see(now)
-        info = self._attempt.info(now, self._steps / self.control_hz)
-        return self._assemble(position, velocity, now, self.task.target(now)), info
+        target = self.task.target(now)
+        info = self._attempt.info(now, target, self._steps / self.control_hz)
+        return self._assemble(position, velocity, now, target), info
 
     def _assemble(self, position: np.ndarray, velocity: np.ndarray, now: Situation, target: np.ndarray) -> Any:
         """The observation of this obs_type."""

@@ -236,7 +236,7 @@ def test_what_remains_is_the_way_to_the_object_then_that_of_the_object() -> None
         tip = Pose(env.task.handle(now) + np.array([off, 0.0, 0.0]), now.tip.quaternion)
         seen = replace(now, tip=tip, **changes)
         attempt.see(seen)
-        return attempt.info(seen, 0.0)["remaining"]
+        return attempt.info(seen, env.task.target(seen), 0.0)["remaining"]
 
     assert remaining(0.2) == pytest.approx(away + 0.2)
     assert remaining(0.05) == pytest.approx(away + 0.05)

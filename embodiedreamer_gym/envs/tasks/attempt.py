@@ -27,15 +27,18 @@ class Attempt:
         gap = float(np.linalg.norm(now.tip.position - self.task.handle(now)))
         self.nearest = 0.0 if self.grasped else min(self.nearest, gap)
 
-    def info(self, now: Situation, seconds: float) -> dict[str, Any]:
-        """What is told beside the reward at an instant that has been seen; keys and types never change."""
+    def info(self, now: Situation, target: np.ndarray, seconds: float) -> dict[str, Any]:
+        """What is told beside the reward at an instant that has been seen; keys and types never change.
+
+        target (3,): of the end effector, as the task says it of this instant, m; seconds: since the reset.
+        """
         done = bool(self.grasped and self.task.done(now))
         off = float(np.linalg.norm(now.object.position - now.goal.position))
         return {
             "is_success": done,
             "task_success": done,
             "grasp_success": self.grasped,
-            "distance": float(np.linalg.norm(now.tip.position - self.task.target(now))),
+            "distance": float(np.linalg.norm(now.tip.position - target)),
             "object_distance": off,
             "remaining": 0.0 if done else self.nearest + off,
             "contacts": int(now.fingers),

@@ -140,5 +140,5 @@ class StandInEnv(gym.Env):
 
     def _info(self, steps: int) -> dict[str, Any]:
         """What is told beside the reward, as AlohaEnv does."""
-        seconds = (self._played or 0) / self.control_hz
-        return self.bench.attempt.info(self.bench.situation(), seconds) | {"steps": steps}
+        now, seconds = self.bench.situation(), (self._played or 0) / self.control_hz
+        return self.bench.attempt.info(now, self.task.target(now), seconds) | {"steps": steps}
