@@ -16,7 +16,8 @@ from embodiedreamer_gym.policies.act.samples import Episodes, Progress
 CHANNELS = 16
 REACH = (1, 2, 4)  # dilations of the layers: a pixel is judged by 15 x 15 around it
 NUMBERS = 6  # that are told of an object
-STEPS, BATCH, RATE = 800, 8, 5e-3
+STEPS, STEPS_EACH, MOST = 800, 8, 6400  # at least; for each episode, as more of them show more looks; at most
+BATCH, RATE = 8, 5e-3
 LIGHT = 0.15  # standard deviation of a picture's brightness and of its colours', drawn anew each time
 SURE = 0.3  # share from which a pixel counts
 BRIDGE = np.ones((3, 3), np.uint8)  # pixels about each, by which pieces are one: gaps of 2 pixels do not count
@@ -55,17 +56,21 @@ class Eyes(nn.Module):
         return self.layers(pictures.contiguous(memory_format=FAST))
 
     def learn(self, pictures: np.ndarray, masks: np.ndarray, ready: Callable[[np.ndarray], torch.Tensor], seed: int,
-              progress: Progress | None = None) -> None:  # fmt: skip
-        """Learn to tell masks (N, H, W), 0 for no object, from pictures (N, H, W, 3) uint8 that `ready` normalises."""
+              progress: Progress | None = None, episodes: int = 1) -> None:  # fmt: skip
+        """Learn to tell masks (N, H, W), 0 for no object, from pictures (N, H, W, 3) uint8 that `ready` normalises.
+
+        episodes: of how many they are.
+        """
+        steps = max(STEPS, min(STEPS_EACH * episodes, MOST))
         rng = np.random.default_rng([seed, len(masks)])
         share = np.bincount(masks.ravel(), minlength=self.classes) / masks.size
         weight = (
             torch.from_numpy(np.maximum(share, 1e-5) ** -0.5).float().to(self.seen_mean.device)
         )  # small things count too
         optimiser = torch.optim.AdamW(self.layers.parameters(), RATE)
-        for step in range(STEPS):
+        for step in range(steps):
             for group in optimiser.param_groups:
-                group["lr"] = RATE * 0.5 * (1.0 + np.cos(np.pi * step / STEPS))
+                group["lr"] = RATE * 0.5 * (1.0 + np.cos(np.pi * step / steps))
             chosen, turned = rng.integers(len(masks), size=BATCH), rng.random(BATCH) < 0.5
             light = np.exp(
                 LIGHT * (rng.standard_normal((BATCH, 1, 1, 1)) + 0.5 * rng.standard_normal((BATCH, 1, 1, 3)))
@@ -79,14 +84,16 @@ class Eyes(nn.Module):
             loss.backward()
             optimiser.step()
             if progress is not None:
-                progress("objects", step + 1, STEPS, f"loss {float(loss.detach()):.4f}")
+                progress("objects", step + 1, steps, f"loss {float(loss.detach()):.4f}")
         with torch.no_grad():
             told = torch.cat([
                 measured(self.judge(ready(pictures[i : i + BATCH])).softmax(1)[:, 1:])
                 for i in range(0, len(pictures), BATCH)
             ])  # fmt: skip
         self.seen_mean.copy_(told.mean(0))
-        self.seen_scale.copy_(told.std(0).clamp(min=0.05))
+        self.seen_scale.copy_(
+            told.std(0, correction=min(1, len(told) - 1)).clamp(min=0.05)
+        )  # a single picture has none
 
 
 def measured(shares: torch.Tensor) -> torch.Tensor:

@@ -113,7 +113,8 @@ class Act(nn.Module):
         """Teach the eyes, where there are any, the masks of a set of episodes."""
         for number, eyes in enumerate(self.eyes or ()):
             ready = partial(self._normalised, camera=number)
-            cast(Eyes, eyes).learn(*samples.masked(self.config.cameras[number]), ready, seed, progress)
+            seen, masks = samples.masked(self.config.cameras[number])
+            cast(Eyes, eyes).learn(seen, masks, ready, seed, progress, len(samples.states))
 
     def told(self, pictures: Mapping[str, Any]) -> torch.Tensor:
         """What the eyes tell (B, numbers) of each camera's pictures (B, H, W, 3); no gradient goes through it."""

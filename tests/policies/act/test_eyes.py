@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from embodiedreamer_gym.policies.act import ActPolicy, Samples, Training, TrainingConfig, train, with_eyes
+from embodiedreamer_gym.policies.act import Act, ActPolicy, Samples, Training, TrainingConfig, train, with_eyes
 from embodiedreamer_gym.policies.act import eyes as module
 from embodiedreamer_gym.policies.act.eyes import NUMBERS, Eyes, measured
 from tests.policies.act.tiny import CONFIG, Tiny
@@ -88,8 +88,22 @@ def test_objects_are_found_where_no_demonstration_had_them(monkeypatch: pytest.M
     assert not eyes(ready(seen)).requires_grad
 
 
+def test_many_episodes_are_looked_at_for_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As each may show another look; but not for ever."""
+    for name, value in (("STEPS", 4), ("STEPS_EACH", 2), ("MOST", 10)):
+        monkeypatch.setattr(module, name, value)
+    taken = {}
+    for count in (1, 3, 50):
+        said: list[int] = []
+        samples = Samples(Masked(lengths=(2,) * count), with_eyes(CONFIG, Masked()))
+        Act(samples.config).look(samples, 0, lambda stage, step, of, text, said=said: said.append(of))
+        taken[count] = (len(said), said[-1])
+    assert taken == {1: (4, 4), 3: (6, 6), 50: (10, 10)}
+
+
 def test_a_policy_with_eyes_is_trained_saved_and_gone_on_with(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "STEPS", 3)
+    monkeypatch.setattr(module, "STEPS_EACH", 1)
     config = with_eyes(CONFIG, Masked()).with_(image_size=(16, 12))
     said: list[str] = []
     one = train(Masked(), config, TrainingConfig(steps=4, batch=4), tmp_path / "a",
@@ -117,6 +131,7 @@ def test_what_is_done_stays_done() -> None:
 def test_what_the_eyes_told_stands_for_the_pictures(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Training on it is the same, and goes on as if it had not been interrupted, with a latent too."""
     monkeypatch.setattr(module, "STEPS", 3)
+    monkeypatch.setattr(module, "STEPS_EACH", 1)
     config = with_eyes(CONFIG, Masked()).with_(latent=2)
     seen, told = (Training(Samples(Masked(), config), TrainingConfig(steps=4, batch=4)) for _ in range(2))
     told.samples.tell(told.network.told)
