@@ -1,11 +1,12 @@
 """What augmentation is worth: policies of original, generated and mixed episodes, on the original bench and on changed ones.
 
-python -m benchmarks augmentation --out DIR [--task PutCupOnMat] [--demos 50] [--copies 2] [--steps N] [--episodes 100]
+python -m benchmarks augmentation --out DIR [--task PutCupOnMat] [--demos 50] [--copies 1] [--steps N] [--episodes 100]
                                   [--seed 0] [--jobs 1]
 
-The original bench is the dreamed one (`embodiedreamer augment` without an edit); generated episodes have tables, sheets of
-A4 and object colours drawn at random. Judged in the dreamed world on unseen scenes: as it is, with the object in a colour of
-its own, and on another table with a sheet. Everything is kept in DIR: an interrupted run goes on where it was.
+The original bench is the dreamed one (`embodiedreamer augment` without an edit); of each of its episodes as many copies are
+generated with object colours drawn at random as with a table and a sheet of A4 drawn at random. Judged in the dreamed world on
+unseen scenes: as it is, with the object in a colour of its own, and on another table with a sheet. Everything is kept in DIR:
+an interrupted run goes on where it was.
 """
 
 from __future__ import annotations
@@ -18,24 +19,20 @@ from benchmarks.act_runs import SIZE, keep_settings, play_each, played, train_ac
 from benchmarks.common import clopper_pearson, pin_threads
 from embodiedreamer_gym.unseen import EVERY
 
-POLICIES = {"original": ("original",), "mixed": ("original", "generated"), "generated": ("generated",)}
 SCENES = ("original", "foreground", "background")
+POLICIES = {"original": SCENES[:1], "mixed": SCENES, "generated": SCENES[1:]}
 FIRST_SEED = 600_000
 COLOUR = (40, 70, 220)  # of the object, where it is changed; the shipped one is red
 
 
-def edits(scene: str, task: str) -> Any:
-    """The editor of a scene; of `drawn`, that of the generated episodes."""
+def edits(scene: str, colour: tuple[str, ...] | None = None) -> Any:
+    """The editor of a scene; colour: objects to be painted in COLOUR, where all in a colour that is drawn are not wanted."""
     from embodiedreamer_gym.envs.cameras import CAMERAS
-    from embodiedreamer_gym.envs.tasks import TASKS
     from embodiedreamer_gym.vis_aligner.editing import Background, Chain, PaperSheet, Recolour
 
-    table, sheet = Background(("table",)), PaperSheet(CAMERAS["head"])
-    if scene == "drawn":
-        return Chain([table, sheet, Recolour()])
     if scene == "foreground":
-        return Recolour((TASKS[task].object.name,), COLOUR)
-    return Chain([table, sheet]) if scene == "background" else None
+        return Recolour() if colour is None else Recolour(colour, COLOUR)
+    return Chain([Background(("table",)), PaperSheet(CAMERAS["head"])]) if scene == "background" else None
 
 
 def episodes(a: argparse.Namespace) -> dict[str, Path]:
@@ -45,9 +42,10 @@ def episodes(a: argparse.Namespace) -> dict[str, Path]:
 
     plain = a.out / f"demos_{a.task}"
     record_demonstrations(Demonstrations(a.task, size=SIZE), a.demos, plain)
-    found = {name: a.out / f"{name}_{a.task}" for name in ("original", "generated")}
-    regenerate(plain, found["original"], jobs=a.jobs)
-    regenerate(plain, found["generated"], editor=edits("drawn", a.task), copies=a.copies, seed=a.seed, jobs=a.jobs)
+    found = {scene: a.out / f"{scene}_{a.task}" for scene in SCENES}
+    for scene, folder in found.items():
+        copies = 1 if scene == "original" else a.copies
+        regenerate(plain, folder, editor=edits(scene), copies=copies, seed=a.seed, jobs=a.jobs)
     return found
 
 
@@ -70,13 +68,16 @@ def judged(a: argparse.Namespace, name: str, scene: str, data: dict[str, Path]) 
     """Successes on unseen scenes; those of an interrupted run are kept."""
     import gymnasium as gym
 
+    from embodiedreamer_gym.envs.tasks import TASKS
     from embodiedreamer_gym.policies import load_policy
     from embodiedreamer_gym.wrappers import VisAlignerObservationWrapper
 
     path = a.out / f"judged_{a.task}_{name}_{scene}_{a.seed}.json"
     policy = load_policy(str(trained(a, name, data)))
     env: Any = gym.make(f"EmbodieDreamer/{a.task}-v0", image_size=SIZE)
-    env = VisAlignerObservationWrapper(env, chunk=policy.chunk, editor=edits(scene, a.task), every=EVERY)
+    env = VisAlignerObservationWrapper(
+        env, chunk=policy.chunk, editor=edits(scene, (TASKS[a.task].object.name,)), every=EVERY
+    )
     rows = play_each(path, a.episodes, lambda n: played(policy, env, FIRST_SEED + n), f"{name} on {scene}")
     env.close()
     return [row["success"] for row in rows]
@@ -87,7 +88,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--task", default="PutCupOnMat")
-    for name, value in (("demos", 50), ("copies", 2), ("steps", None), ("episodes", 100), ("seed", 0), ("jobs", 1)):
+    for name, value in (("demos", 50), ("copies", 1), ("steps", None), ("episodes", 100), ("seed", 0), ("jobs", 1)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
     pin_threads()

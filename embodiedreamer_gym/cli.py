@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -151,7 +153,16 @@ def _standin_parser(verbs: Any) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns 0, 2 after a user's mistake, 130 when interrupted."""
+    """Run the command; returns 0, 2 after a user's mistake, 130 when interrupted, 143 when terminated."""
+    interrupted = 130
+
+    def terminate(number: int, frame: Any) -> NoReturn:
+        """End as Ctrl-C does, which ends the processes beside this one too."""
+        nonlocal interrupted
+        interrupted = 128 + number
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, terminate) if threading.current_thread() is threading.main_thread() else None
     try:
         arguments = build_parser().parse_args(argv)
         progress = Progress(arguments.quiet)
@@ -164,10 +175,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-        return 130
+        return interrupted
     except BrokenPipeError:  # the reader of a pipe has enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGTERM, before)
     return 0
 
 

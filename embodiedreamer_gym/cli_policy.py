@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
-from embodiedreamer_gym.terminal import count
+from embodiedreamer_gym.terminal import check_counts, check_places, count
 from embodiedreamer_gym.unseen import EVERY
 
 PRESETS = {"small": 1e-3, "paper": 1e-5}  # peak learning rates
+WIDEST = 160  # pixels
 FIRST_SEED = 100_000  # of an evaluation, as in the benchmark of the experts
 
 
@@ -36,7 +37,11 @@ def _train_parser(actions: Any) -> None:
     one.add_argument("--rate", type=float, metavar="R", help="peak learning rate (default: small 1e-3, paper 1e-5)")
     one.add_argument("--chunk", type=count, default=100, metavar="K", help="actions predicted (default %(default)s)")
     one.add_argument("--cameras", nargs="+", metavar="NAME", help="one to three (default: all of the data)")
-    one.add_argument("--size", metavar="WxH", help="to which pictures are scaled (default: as they are)")
+    one.add_argument(
+        "--size",
+        metavar="WxH",
+        help=f"to which pictures are scaled (default: as they are, but with the small preset at most {WIDEST} wide)",
+    )
     one.add_argument("--mirror", metavar="M", help="learn each demonstration's mirror image too, of the other arm of this robot:"
                      " JSON file or built-in robot, symmetric as its cameras")  # fmt: skip
     one.add_argument(
@@ -91,7 +96,11 @@ def _train(a: argparse.Namespace, progress: Any) -> None:
         torch.set_num_threads(1)  # two threads on two busy cores took seven times as long
     elif not torch.cuda.is_available():
         raise EmbodieDreamerError(f"--device {a.device} is not there; take cpu.")
-    episodes = open_episodes(a.data[0]) if len(a.data) == 1 else mixed(*a.data, cameras=a.cameras)
+    check_places(a.out, folders=True)
+    sets = [open_episodes(one) for one in a.data]
+    episodes = sets[0] if len(sets) == 1 else mixed(*sets, cameras=a.cameras)
+    if len(sets) > 1 and not a.no_masks and not episodes.objects and any(one.objects for one in sets):
+        print("the sets do not have masks of the same objects; learning without masks", file=sys.stderr)
     config = _config(a, episodes)
     said = Progress(a.quiet)
     rate = PRESETS[a.preset] if a.rate is None else a.rate
@@ -122,10 +131,23 @@ def _config(a: argparse.Namespace, episodes: Any) -> Any:
     if not cameras:
         raise PolicyError(f"the episodes in {a.data[0]} have no pictures, and ACT needs those of one camera at least.")
     found = picture_size(episodes, cameras[0])
-    size = found if a.size is None else read_size(a.size)
+    size = _shrunk(found, a.preset) if a.size is None else read_size(a.size)
+    if a.size is None and size != found:
+        print(
+            f"pictures of {found[0]}x{found[1]} are scaled to {size[0]}x{size[1]}; --size says otherwise",
+            file=sys.stderr,
+        )
     config = ActConfig(episodes.state_size, episodes.action_size, cameras, size)
     config = config.paper() if a.preset == "paper" else config if a.no_masks else with_eyes(config, episodes)
     return config.with_(chunk=a.chunk, source_size=None if found == size else found)
+
+
+def _shrunk(size: tuple[int, int], preset: str) -> tuple[int, int]:
+    """A size that the small preset learns from in minutes; at 640 x 480 its attention takes 8 GB."""
+    width, height = size
+    if preset != "small" or width <= WIDEST:
+        return size
+    return WIDEST, max(1, round(height * WIDEST / width))
 
 
 # ---- evaluate --------------------------------------------------------------------------------------------------
@@ -144,9 +166,9 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
         )
     task, policy = task_id(a.task), _policy(a)
     actions = executed(policy, a.execute)
-    for folder in filter(None, (a.json and a.json.absolute().parent, a.video and a.video.absolute().parent)):
-        if not folder.is_dir():
-            raise EmbodieDreamerError(f"folder {folder} does not exist; make it first.")
+    check_counts(a, "seed", least=0)
+    check_places(a.json)
+    check_places(a.video, folders=True)
     said, rows = Progress(a.quiet), []
     seeds = range(a.seed, a.seed + a.episodes)
 
@@ -246,5 +268,5 @@ def _write(frames: list[Any], folder: Path, row: Any, rate: float) -> None:
 
     from embodiedreamer_gym.vis_aligner.video import write_video
 
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     write_video(np.stack(frames), folder / f"seed_{row.seed}_{'success' if row.success else 'failure'}.mp4", rate)

@@ -8,8 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from embodiedreamer_gym.errors import EmbodieDreamerError
-from embodiedreamer_gym.terminal import count
+from embodiedreamer_gym.terminal import check_places, count
 from embodiedreamer_gym.unseen import EVERY
 
 METHODS = ("preferences", "best_of", "top", "rwr")
@@ -93,8 +92,8 @@ def _prefer(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.wrappers.preference_study import WEIGHTS, Study, StudySettings
 
     torch.set_num_threads(1)
-    if a.json is not None and not a.json.absolute().parent.is_dir():
-        raise EmbodieDreamerError(f"folder {a.json.absolute().parent} does not exist; make it first.")
+    check_places(a.json)
+    check_places(a.out, folders=True)
     settings = StudySettings(**{field.name: getattr(a, field.name) for field in fields(StudySettings)})
     study = Study(settings, a.out, Progress(a.quiet))  # complains before anything is written
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from pathlib import Path
 
 from embodiedreamer_gym.errors import EmbodieDreamerError
 
@@ -27,6 +28,22 @@ def check_counts(options: argparse.Namespace, *names: str, least: int = 1) -> No
     for name in names:
         if getattr(options, name) < least:
             raise EmbodieDreamerError(f"--{name} is {getattr(options, name)}, but must be at least {least}.")
+
+
+def check_places(*paths: Path | None, folders: bool = False) -> None:
+    """Check that files, or folders, can be written where these options say, before long work begins; None is left out.
+
+    Raises: EmbodieDreamerError for a folder in place of a file, or a file in place of a folder, and for a file's folder that
+    is not there.
+    """
+    for path in (path.absolute() for path in paths if path is not None):
+        there = next(one for one in (path, *path.parents) if one.exists())
+        if not there.is_dir() and (folders or there != path):
+            raise EmbodieDreamerError(f"{path} cannot be a folder: {there} is a file; give another place.")
+        if not folders and path.is_dir():
+            raise EmbodieDreamerError(f"{path} is a folder; name a file.")
+        if not folders and not path.parent.is_dir():
+            raise EmbodieDreamerError(f"folder {path.parent} does not exist; make it first.")
 
 
 class StatusLine:

@@ -15,7 +15,7 @@ def main() -> None:
     edit = Chain([PaperSheet(CAMERAS["head"]), Recolour(("cup",), colour=(40, 70, 220))])
     found = regenerate("demos", "changed", editor=edit, copies=2)  # ... --edit paper recolour:cup --copies 2
     print(f"{found.written} new episodes; of {len(found.failed)} the replay failed")
-    episodes = mixed("original", "changed")  # embodiedreamer policy train --data original --data changed ...
+    episodes = mixed("original", "changed")  # embodiedreamer policy train --data original changed ...
     print(episodes)
     print("states as recorded:", bool((episodes.states(0) == episodes.states(2)).all()))
 

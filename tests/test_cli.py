@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -232,6 +234,15 @@ def test_interrupted(work, logs, capsys, monkeypatch) -> None:
     monkeypatch.setattr(cli, "compare", stop)
     code, _, err = run(capsys, "compare", "--model", "two.json", logs / "test", "--json", "c.json")
     assert code == 130 and err.endswith("interrupted\n") and not Path("c.json").exists()
+
+
+def test_terminated_is_interrupted(work, logs, capsys, monkeypatch) -> None:
+    """So that processes beside it end too; and the signal means what it did before."""
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(cli, "compare", lambda *_args, **_options: os.kill(os.getpid(), signal.SIGTERM))
+    code, _, err = run(capsys, "compare", "--model", "two.json", logs / "test", "--json", "c.json")
+    assert code == 143 and err.endswith("interrupted\n") and not Path("c.json").exists()
+    assert signal.getsignal(signal.SIGTERM) == before
 
 
 def test_a_library_that_stumbles_over_a_file_leaks_no_traceback(work, logs, capsys, monkeypatch) -> None:

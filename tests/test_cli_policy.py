@@ -60,6 +60,17 @@ def test_training_writes_a_policy(tmp_path: Path, episodes: Tiny, capsys: pytest
     assert (config.image_size, config.source_size, config.cameras) == (SIZE, None, ("left",))
 
 
+def test_large_pictures_are_scaled_where_the_user_does_not_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, episodes: Tiny, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli_policy, "WIDEST", SIZE[0] // 2)
+    run("train", "--data", tmp_path, "--out", tmp_path / "act", *TRAIN)
+    config = ActPolicy.load(tmp_path / "act").network.config
+    assert (config.image_size, config.source_size) == ((SIZE[0] // 2, SIZE[1] // 2), SIZE)
+    assert f"are scaled to {SIZE[0] // 2}x{SIZE[1] // 2}; --size says otherwise" in capsys.readouterr().err
+    assert cli_policy._shrunk((640, 480), "paper") == (640, 480) and cli_policy._shrunk((16, 480), "small") == (16, 480)
+
+
 def test_real_episodes_on_disk(tmp_path: Path) -> None:
     """Through the writer and the reader of recordings."""
     tiny = Tiny(lengths=(12, 11))
@@ -173,6 +184,9 @@ def test_temporal_ensembling_asks_at_each_step(still: Path) -> None:
         (("--task", "PutCupOnMat", "--execute", "31"), "of a chunk of 30; give 1 to 30"),
         (("--task", "PutCupOnMat", "--size", "big"), "--size big is no width and height"),
         (("--task", "PutCupOnMat", "--json", "/no/such/folder/e.json"), "does not exist; make it first"),
+        (("--task", "PutCupOnMat", "--json", "/"), "is a folder; name a file"),
+        (("--task", "PutCupOnMat", "--video", __file__), "cannot be a folder: .* is a file"),
+        (("--task", "PutCupOnMat", "--seed", "-1"), "seed is -1, but must be at least 0"),
         (("--task", "PutCupOnMat", "--policy", "nowhere"), "is no folder and no function"),
         (("--task", "PutCupOnMat", "--dream"), "looks through head, left_wrist, and only the head camera is dreamed"),
         (("--task", "PutCupOnMat", "--dream", "--ensemble", "0.01"), "leave out --ensemble and --size"),
@@ -196,6 +210,9 @@ def test_what_cannot_be_trained(tmp_path: Path, episodes: Tiny) -> None:
         (("--cameras", "wrist"), "no pictures of the camera 'wrist'; cameras: head, left"),
         (("--size", "0x12"), "must be a whole number of at least 1"),
         (("--device", "cuda"), "is not there; take cpu"),
+        (("--rate", "nan"), "learning rate is nan"),
+        (("--seed", "-1"), "seed is -1"),
+        (("--out", f"{__file__}/act"), "cannot be a folder: .*py is a file"),
     ):
         with pytest.raises(EmbodieDreamerError, match=said):
             run("train", *data, *TRAIN, *extra)

@@ -66,6 +66,19 @@ def make() -> Own:
     return Own(Net())
 
 
+def make_other() -> Own:
+    found = Own(Net())
+    with torch.no_grad():
+        found.network.layer.bias += 0.1
+    return found
+
+
+def make_for_another_robot() -> Own:
+    found = make()
+    found.action_size = 3
+    return found
+
+
 def make_without_network() -> Own:
     return Own(None)
 
@@ -155,7 +168,7 @@ def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.Monkey
     for row, expected in zip(dealt, whole[:2], strict=True):
         assert row.pop("successes") == expected["successes"]
         assert row == pytest.approx({k: v for k, v in expected.items() if k != "successes"}, abs=1e-6)
-    with pytest.raises(EmbodieDreamerError, match="holds a study with other settings"):
+    with pytest.raises(EmbodieDreamerError, match=r"was made with beta 0.1, not 0.5"):
         run(tmp_path / "part", "--cycles", "2", "--beta", "0.5")
 
 
@@ -179,6 +192,12 @@ def test_the_paper_taken_literally_warns(tmp_path: Path) -> None:
         (["--fall", "-1"], "fall is -1.0"),
         (["--task", "PutCup"], "there is no task 'PutCup'"),
         (["--json", "nowhere/rows.json"], "nowhere does not exist"),
+        (["--metric", "cup"], "metric 'cup' is none of distance, object_distance, remaining"),
+        (["--tries", "1"], "every start is tried once"),
+        (["--noise", "nan"], "noise is nan"),
+        (["--margin", "-1"], "margin is -1"),
+        (["--seed", "-1"], "seed is -1"),
+        (["--out", f"{__file__}/study"], "py is a file"),
     ],
 )
 def test_bad_options_write_nothing(tmp_path: Path, monkeypatch, words: list[str], message: str) -> None:
@@ -192,11 +211,69 @@ def test_bad_options_write_nothing(tmp_path: Path, monkeypatch, words: list[str]
 def test_what_cannot_learn_is_refused(tmp_path: Path) -> None:
     with pytest.raises(PolicyError, match="has no network to fine-tune"):
         run(tmp_path / "study", spec="make_without_network")
-    with pytest.raises(PolicyError, match="metric 'cup' is not in this trajectory's outcome"):
-        run(tmp_path / "study", "--metric", "cup")
-    with pytest.raises(PolicyError, match="every start was tried once"):
-        run(tmp_path / "other", "--tries", "1")
-    assert not (tmp_path / "other" / "cycle-01" / "row.json").exists()
+    with pytest.raises(PolicyError, match="gives actions of 3 numbers"):
+        run(tmp_path / "study", spec="make_for_another_robot")
+    assert not (tmp_path / "study").exists()
+
+
+def test_what_is_learnt_may_change_until_something_is(tmp_path: Path) -> None:
+    """A margin that leaves no pair can be made smaller, and the rollouts are still there."""
+    with pytest.raises(PolicyError, match="no pair is left"):
+        run(tmp_path / "study", "--cycles", "1", "--margin", "99")
+    stamps = {p.name: p.stat().st_mtime_ns for p in (tmp_path / "study" / "cycle-01" / "rollouts").iterdir()}
+    assert len(stamps) == 6
+    with pytest.raises(EmbodieDreamerError, match=r"was made with noise 0.5, not 0.4"):
+        run(tmp_path / "study", "--cycles", "1", "--noise", "0.4")
+    found = run(tmp_path / "study", "--cycles", "1")["rows"]
+    assert found == run(tmp_path / "other", "--cycles", "1")["rows"]
+    with pytest.raises(EmbodieDreamerError, match=r"was made with margin 0.01, not 99"):
+        run(tmp_path / "study", "--cycles", "1", "--margin", "99")
+
+
+def test_rollouts_outlive_an_interrupted_evaluation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = run(tmp_path / "whole", "--cycles", "1")["rows"]
+    run(tmp_path / "part", "--cycles", "1", "--evaluations", "8")
+    judge = preference_study.Study._judge
+    for name in ("row.json", "weights.pt"):
+        (tmp_path / "part" / "cycle-01" / name).unlink()
+
+    def interrupted(self: Any) -> Any:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(preference_study.Study, "_judge", interrupted)
+        run(tmp_path / "part", "--cycles", "1")
+    rollouts = tmp_path / "part" / "cycle-01" / "rollouts"
+    stamps = [p.stat().st_mtime_ns for p in sorted(rollouts.iterdir())]
+    seen: list[list[int]] = []
+
+    def looked(self: Any) -> Any:
+        seen.append([p.stat().st_mtime_ns for p in sorted(rollouts.iterdir())])
+        return judge(self)
+
+    monkeypatch.setattr(preference_study.Study, "_judge", looked)
+    assert run(tmp_path / "part", "--cycles", "1")["rows"] == whole
+    assert seen == [stamps] and not rollouts.exists()
+
+
+def test_a_study_of_other_weights_or_a_damaged_one_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run(tmp_path / "study", "--cycles", "1")
+    with monkeypatch.context() as patch, pytest.raises(EmbodieDreamerError, match="was made with weights"):
+        patch.setattr("tests.test_cli_prefer.make", make_other)
+        run(tmp_path / "study", "--cycles", "1")
+    for name, said in (
+        ("cycle-01/weights.pt", "remove .*cycle-01"),
+        ("cycle-01/row.json", "is damaged"),
+        ("settings.json", "is damaged"),
+    ):
+        (tmp_path / "study" / name).write_text("nothing")
+        with pytest.raises(PolicyError, match=said):
+            run(tmp_path / "study", "--cycles", "1")
+
+
+def test_what_the_guard_took_back_is_not_what_is_told(tmp_path: Path) -> None:
+    row = run(tmp_path / "study", "--cycles", "1", "--rate", "3", "--fall", "0.001", "--variant", "paper")["rows"][1]
+    assert row["stopped"] is not None and row["winners"] >= -0.001
 
 
 @pytest.mark.parametrize(("envs", "dream", "kind"), [

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from embodiedreamer_gym.errors import PolicyError
-from embodiedreamer_gym.policies.protocol import Policy
+from embodiedreamer_gym.policies.protocol import Policy, ask
 from embodiedreamer_gym.unseen import see_through, unseen
 
 Watch = Callable[[Any, dict[str, Any]], None]
@@ -90,7 +90,7 @@ def check_fit(policy: Policy, env: gym.Env) -> None:
 
     Raises: PolicyError where they are not.
     """
-    shape = env.action_space.shape
+    shape = getattr(env, "single_action_space", env.action_space).shape  # of one of a vector
     if shape is None or len(shape) not in (1, 2) or shape[-1] != policy.action_size:
         raise PolicyError(
             f"the policy gives actions of {policy.action_size} numbers, and {_name(env)} takes the shape {shape}; "
@@ -126,7 +126,7 @@ def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | N
     steps, first, over = 0, None, False
     world = see_through(env) if watch is None else None
     while not over:
-        actions = np.asarray(policy(as_batch(observation, cameras)))[0][:execute]
+        actions = ask(policy, as_batch(observation, cameras), (1, execute, policy.action_size))[0]
         for observation, over, info, count in _played(env, actions, world):
             steps += count
             first = steps if first is None and info["is_success"] else first

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import importlib
+import os
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
 
 HOW = "a folder of `embodiedreamer policy train`, a folder with a LeRobot ACT checkpoint, or package.module:function"
 
@@ -33,7 +35,7 @@ class Policy(Protocol):
 def load_policy(spec: str | Path) -> Policy:
     """The policy in a folder, or what the user's `package.module:function` returns when it is called.
 
-    The module is imported, which runs its code.
+    The module is imported, from the current folder too, which runs its code.
     Raises: PolicyError where there is none.
     """
     folder = Path(spec)
@@ -50,17 +52,44 @@ def load_policy(spec: str | Path) -> Policy:
 
 def _made(spec: str, module: str, name: str) -> Policy:
     """What a user's function returns."""
+    here = os.getcwd()
+    if here not in sys.path and "" not in sys.path:
+        sys.path.append(here)
     try:
         make = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError) as error:
         raise PolicyError(f"policy {spec} cannot be imported: {error}.") from error
-    policy = make() if callable(make) else None
+    except Exception as error:  # whatever the user's code raises
+        raise PolicyError(f"policy {spec} cannot be imported: {type(error).__name__}: {error}.") from error
+    try:
+        policy = make() if callable(make) else None
+    except Exception as error:
+        raise PolicyError(f"policy {spec} cannot be made: {type(error).__name__}: {error}.") from error
     if not isinstance(policy, Policy) or not callable(policy):
         raise PolicyError(
             f"policy {spec} must be a function without arguments that returns a policy: something to call with a batch, "
             "with the attributes action_size and chunk."
         )
     return policy
+
+
+def ask(policy: Any, batch: Mapping[str, Any], shape: tuple[int, int, int]) -> np.ndarray:
+    """What a policy says (B, k, m) for a batch, float32, cut to a shape of which B and m have to be, and k can be longer.
+
+    Raises: PolicyError where it fails, or says something of another shape.
+    """
+    try:
+        said = np.asarray(policy(batch), np.float32)
+    except EmbodieDreamerError:
+        raise
+    except Exception as error:  # whatever the user's code raises
+        raise PolicyError(f"the policy {type(policy).__name__} fails: {type(error).__name__}: {error}.") from error
+    if said.ndim != 3 or said.shape[0] != shape[0] or said.shape[1] < shape[1] or said.shape[2] != shape[2]:
+        raise PolicyError(
+            f"the policy {type(policy).__name__} says actions of shape {said.shape}, wanted are {shape} or longer chunks; "
+            "use a policy of this robot, or execute fewer."
+        )
+    return said[:, : shape[1]]
 
 
 def sight(policy: Any) -> tuple[tuple[str, ...], tuple[int, int]]:

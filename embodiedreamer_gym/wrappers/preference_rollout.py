@@ -11,10 +11,11 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
-from embodiedreamer_gym.errors import PolicyError, SimulationError
+from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.policies.preferences.files import save_trajectories
 from embodiedreamer_gym.policies.preferences.likelihood import spread_of
 from embodiedreamer_gym.policies.preferences.trajectory import OUTCOMES, Trajectory, flat
+from embodiedreamer_gym.policies.protocol import ask
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 
 NOISE_PER = ("chunk", "step")
@@ -92,7 +93,7 @@ class _Rollouts:
         limit = self.chunks or MOST_CHUNKS
         for number in range(limit):
             batch = policy_batch(observation, self.camera)
-            said = _chunks(policy(batch), envs)
+            said = ask(policy, batch, (envs.num_envs, *envs.single_action_space.shape))
             actions = said + self.noise * spread * np.stack([self._draw(rng, said.shape[1:]) for rng in rngs])
             actions = actions.astype(np.float32)  # kept as drawn, so that without noise they are what was said
             played = np.clip(actions, envs.single_action_space.low, envs.single_action_space.high)
@@ -241,18 +242,6 @@ def outcome(info: Mapping[str, Any], i: int) -> dict[str, float]:
 def _last(info: Mapping[str, Any], i: int) -> Mapping[str, Any]:
     """What was told of environment i before it began anew, where it did so in the same step."""
     return info["final_info"] if "final_info" in info and info["_final_info"][i] else info
-
-
-def _chunks(said: Any, envs: Any) -> np.ndarray:
-    """Of what a policy says (B, k, m), as many actions as the environments take."""
-    said = np.asarray(said, np.float32)
-    k, m = envs.single_action_space.shape
-    if said.ndim != 3 or len(said) != envs.num_envs or said.shape[1] < k or said.shape[2] != m:
-        raise PolicyError(
-            f"the policy says chunks of shape {said.shape[1:]}, and the environment takes {k} actions of size {m}; "
-            "use a policy of this robot, or a shorter ActionChunk."
-        )
-    return said[:, :k]
 
 
 def _spread(policy: Any, size: int) -> np.ndarray:

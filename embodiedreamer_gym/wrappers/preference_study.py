@@ -3,19 +3,39 @@
 from __future__ import annotations
 
 import json
+import math
+import shutil
+import zlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.policies.evaluation import check_fit
+from embodiedreamer_gym.recordings.settings import check_settings
+from embodiedreamer_gym.robot.files import write_json
 
 FIRST_START, FIRST_EVALUATION = (
     300_000_000,
     200_000,
 )  # seeds; demonstrations count from 0, `policy evaluate` from 100 000
-SETTINGS, ROW, WEIGHTS, PAIRS = "settings.json", "row.json", "weights.pt", "pairs.hdf5"
+SETTINGS, ROW, WEIGHTS, PAIRS, ROLLOUTS = "settings.json", "row.json", "weights.pt", "pairs.hdf5", "rollouts"
 FREE = ("envs", "jobs")  # settings with others of which a study may go on
+LEARNING = (
+    "metric",
+    "pairing",
+    "top",
+    "margin",
+    "method",
+    "variant",
+    "beta",
+    "sigma",
+    "epochs",
+    "batch",
+    "rate",
+    "fall",
+)  # those that may change as long as nothing has been learnt: rollouts do not depend on them
 PREFERENCES = "preferences"  # the method that compares; the others clone
 RATE, CLONING_RATE = 3e-5, 1e-4  # of Adam
 
@@ -29,6 +49,7 @@ class StudySettings:
     in each of jobs processes; starts of a cycle, tries from each, noise (normalised) per chunk or step; metric, pairing, top,
     margin (m): as of `PreferenceSet.choose`; method: preferences, best_of, top or rwr; variant, beta: of the loss; sigma,
     epochs, batch, rate, fall: as of `TuningConfig` (rate None: RATE, or CLONING_RATE); evaluations: episodes after each cycle; seed: of all that is drawn.
+    Raises: PolicyError for what could only fail after the rollouts.
     """
 
     policy: str
@@ -59,6 +80,19 @@ class StudySettings:
     rate: float | None
     fall: float
 
+    def __post_init__(self) -> None:
+        from embodiedreamer_gym.policies.preferences import METRICS
+
+        for name, value in (("noise", self.noise), ("margin", self.margin)):
+            if not 0 <= value < math.inf:
+                raise PolicyError(f"{name} is {value}, but must be a number of at least 0.")
+        if self.seed < 0:
+            raise PolicyError(f"seed is {self.seed}, but must be at least 0.")
+        if self.metric not in METRICS:
+            raise PolicyError(f"metric '{self.metric}' is none of {', '.join(METRICS)}.")
+        if self.tries == 1 and self.pairing == "same_start" and self.method == PREFERENCES:
+            raise PolicyError("every start is tried once, which makes no pair; give at least 2 tries, or global_rank.")
+
 
 class Study:
     """A policy, an environment, and a folder with what each cycle left: weights, pairs, and a row, written last."""
@@ -71,18 +105,16 @@ class Study:
         if not hasattr(getattr(self.policy, "network", None), "mean"):
             raise PolicyError(f"policy {a.policy} has no network to fine-tune; give one that `policy train` wrote.")
         self.config = _config(a)
-        self.settings = {key: value for key, value in sorted(asdict(a).items()) if key not in FREE}
+        kept = {key: value for key, value in asdict(a).items() if key not in FREE}
+        self.settings = dict(sorted({**kept, "weights": _fingerprint(self.policy.network)}.items()))
         self.env = environment(a, self.policy)
-        path = out / SETTINGS
-        if not path.is_file():
-            from embodiedreamer_gym.robot.files import write_json
-
-            out.mkdir(parents=True, exist_ok=True)
-            write_json(self.settings, path)
-        elif json.loads(path.read_text()) != self.settings:
-            raise EmbodieDreamerError(
-                f"{out} holds a study with other settings; give another folder, or the same settings."
-            )
+        check_fit(self.policy, self.env)
+        if (out / SETTINGS).is_file():
+            begun, there = (self.folder(1) / WEIGHTS).is_file(), _read(out / SETTINGS)
+            wanted = {key: value for key, value in self.settings.items() if begun or key not in LEARNING}
+            check_settings(out, there, wanted)
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(self.settings, out / SETTINGS)
 
     def close(self) -> None:
         """End the progress and the environment."""
@@ -97,19 +129,22 @@ class Study:
         """What a cycle reached: read, with its weights, or run."""
         import torch
 
-        from embodiedreamer_gym.robot.files import write_json
-
         folder = self.folder(cycle)
         folder.mkdir(exist_ok=True)
         if (folder / ROW).is_file():
-            self.policy.network.load_state_dict(torch.load(folder / WEIGHTS, weights_only=True, map_location="cpu"))
-            return json.loads((folder / ROW).read_text())
+            try:
+                weights = torch.load(folder / WEIGHTS, weights_only=True, map_location="cpu")
+                self.policy.network.load_state_dict(weights)
+            except Exception as error:  # whatever a damaged or foreign file raises
+                raise PolicyError(f"{folder / WEIGHTS} is damaged, or of another policy; remove {folder}.") from error
+            return _read(folder / ROW)
         told = self._learn(cycle, folder) if cycle else {}
         part = folder / f".{WEIGHTS}.part"
         torch.save(self.policy.network.state_dict(), part)
         part.replace(folder / WEIGHTS)
         row = {"cycle": cycle, **self._judge(), **told}
         write_json(row, folder / ROW)
+        shutil.rmtree(folder / ROLLOUTS, ignore_errors=True)
         return row
 
     def _rolled(self, seeds: range, tries: int, noise: float, folder: Path | None = None) -> list[Any]:
@@ -139,15 +174,11 @@ class Study:
         return found | {k: sum(e[k] for e in ends) / len(ends) for k in METRICS if k in ends[0]}
 
     def _learn(self, cycle: int, folder: Path) -> dict[str, Any]:
-        """Roll out, choose and fine-tune; what is left of the rollouts are the pairs."""
-        import shutil
-
+        """Roll out, choose and fine-tune."""
         first = FIRST_START + 1_000_000 * self.a.seed + 10_000 * cycle
         seeds = range(first, first + self.a.starts)
-        files = self._rolled(seeds, self.a.tries, self.a.noise, folder / "rollouts")
-        told = self._prefer(files, folder) if self.a.method == PREFERENCES else self._clone(files)
-        shutil.rmtree(folder / "rollouts")
-        return told
+        files = self._rolled(seeds, self.a.tries, self.a.noise, folder / ROLLOUTS)
+        return self._prefer(files, folder) if self.a.method == PREFERENCES else self._clone(files)
 
     def _prefer(self, files: Sequence[Path], folder: Path) -> dict[str, Any]:
         from embodiedreamer_gym.policies.preferences import PreferenceSet, fine_tune, load_trajectories
@@ -162,8 +193,9 @@ class Study:
         pairs = PreferenceSet.choose(found, a.metric, a.pairing, a.top, a.margin)
         pairs.save(folder / PAIRS)
         tuned = fine_tune(self.policy.network, pairs, self.config, self.said)
-        return {"pairs": len(pairs), "contrast": pairs.contrast, "gradient": tuned.gradient, "winners": tuned.winner[-1],
-                "losers": tuned.loser[-1], "stopped": tuned.stopped}  # fmt: skip
+        kept = -1 if tuned.stopped is None else -2  # the epoch whose weights are there
+        return {"pairs": len(pairs), "contrast": pairs.contrast, "gradient": tuned.gradient, "winners": tuned.winner[kept],
+                "losers": tuned.loser[kept], "stopped": tuned.stopped}  # fmt: skip
 
     def _clone(self, files: Sequence[Path]) -> dict[str, Any]:
         from embodiedreamer_gym.policies.preferences import clone, filtered, load_trajectories, reward_weights
@@ -207,6 +239,20 @@ def environment(a: StudySettings, policy: Any) -> Any:
     from embodiedreamer_gym.wrappers.policy_world import policy_world
 
     return policy_world(policy, a.task, a.robot, a.execute, a.dream, a.bank, a.every, a.envs)
+
+
+def _fingerprint(network: Any) -> str:
+    """What tells the weights of a policy from others."""
+    sums = [zlib.crc32(value.detach().cpu().numpy().tobytes()) for _, value in sorted(network.state_dict().items())]
+    return f"{zlib.crc32(repr(sums).encode()):08x}"
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """A JSON object that a study left."""
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError) as error:
+        raise PolicyError(f"{path} is damaged; remove {path.parent}.") from error
 
 
 def _config(a: StudySettings) -> Any:

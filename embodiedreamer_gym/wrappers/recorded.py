@@ -89,7 +89,9 @@ def source_files(episodes: str | Path | Sequence[str | Path]) -> list[Path]:
     names = [path.stem for path in found]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise RecordingError(f"two episodes are called {twice[0]}; deal with the folders one after the other.")
+        raise RecordingError(
+            f"two episodes are called {twice[0]}; make one set of each folder: one after the other, into folders of their own."
+        )
     if found:
         AlohaEpisodes(found)
     return found

@@ -119,7 +119,11 @@ def _all(work: _Work, sources: list[Source], copies: int, jobs: int) -> Iterator
 
 def _episode(work: _Work, source: Source, copies: int) -> int | None:
     """Replay one episode and write the copies that are not there."""
-    wanted = [copy for copy in range(copies) if not work.path(source.name, copy).is_file()]
+    paths = [work.path(source.name, copy) for copy in range(copies)]
+    wanted = [copy for copy, path in enumerate(paths) if not path.is_file()]
+    for path in paths:
+        if path.is_file() and not _same(source, AlohaEpisodes([path])):
+            raise RecordingError(f"{path} was made of another {source.name} than {source.path}; give another folder.")
     if not wanted:
         return 0
     recorded = AlohaEpisodes([source.path])
@@ -132,6 +136,11 @@ def _episode(work: _Work, source: Source, copies: int) -> int | None:
     for copy in wanted:
         _write(work, source, copy, played, start)
     return len(wanted)
+
+
+def _same(source: Source, made: AlohaEpisodes) -> bool:
+    """Whether an episode that is there was made of this one: states and actions are taken over to the bit."""
+    return np.array_equal(made.actions(0), source.actions) and np.array_equal(made.states(0), source.states)
 
 
 def _own_frame(recorded: AlohaEpisodes, source: Source) -> np.ndarray:

@@ -147,6 +147,13 @@ def test_what_does_not_fit_is_said() -> None:
         evaluate(policy, Walk(), [0])
     with pytest.raises(PolicyError, match="at least one episode"):
         evaluate(Goes(), Walk(), [])
+    policy = Goes()
+    policy.chunk = 5  # says more than it gives
+    with pytest.raises(PolicyError, match=r"Goes says actions of shape \(1, 4, 2\), wanted are \(1, 5, 2\)"):
+        evaluate(policy, Walk(), [0])
+    policy = Goes(sign=[1, 2, 3])  # type: ignore[arg-type]
+    with pytest.raises(PolicyError, match="the policy Goes fails: ValueError: operands"):
+        evaluate(policy, Walk(), [0])
     for observation in (np.zeros(3), {"state": np.zeros(3)}):
         with pytest.raises(PolicyError, match="pixels_agent_pos"):
             as_batch(observation, ("head",))

@@ -29,6 +29,9 @@ def broken():
     return lambda batch: batch
 
 number = 3
+
+def fails():
+    raise RuntimeError("no weights")
 """
 
 
@@ -66,8 +69,19 @@ def test_a_class_of_the_users_is_made(module: str) -> None:
         ("{module}:missing", "cannot be imported"),
         ("{module}:broken", "must be a function without arguments"),
         ("{module}:number", "must be a function without arguments"),
+        ("{module}:fails", "cannot be made: RuntimeError: no weights"),
     ],
 )
 def test_what_is_no_policy(module: str, spec: str, said: str) -> None:
     with pytest.raises(PolicyError, match=said):
         load_policy(spec.format(module=module))
+
+
+def test_a_module_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "policy_of_this_folder.py").write_text(MODULE)
+    (tmp_path / "policy_with_a_slip.py").write_text("def make(:")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [one for one in sys.path if one])
+    assert load_policy("policy_of_this_folder:make").action_size == 2
+    with pytest.raises(PolicyError, match="cannot be imported: SyntaxError"):
+        load_policy("policy_with_a_slip:make")

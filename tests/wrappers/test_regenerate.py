@@ -155,6 +155,17 @@ def test_it_goes_on_and_is_the_same_again(demos: Path, small: str, tmp_path: Pat
             regenerate(demos, tmp_path / "a", **(options | changed))
 
 
+def test_another_episode_of_the_same_name_is_not_taken_for_done(demos: Path, small: str, tmp_path: Path, quick) -> None:
+    other = plain_log(demos, tmp_path / "logs" / "episode_0.hdf5")
+    regenerate(demos, tmp_path / "out", small)
+    before = (tmp_path / "out" / "episode_0_0.hdf5").read_bytes()
+    with h5py.File(other, "r+") as file:
+        file["action"][3, 2] += 1e-6
+    with pytest.raises(RecordingError, match=r"was made of another episode_0 than .*logs.*; give another folder"):
+        regenerate(other, tmp_path / "out", small)
+    assert (tmp_path / "out" / "episode_0_0.hdf5").read_bytes() == before
+
+
 def test_what_fails_is_counted_and_left_out(demos: Path, small: str, tmp_path: Path) -> None:
     """The actions of another scene: the gripper closes beside the cup."""
     log = plain_log(demos, tmp_path / "logs" / "moved.hdf5")

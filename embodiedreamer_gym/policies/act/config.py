@@ -87,7 +87,7 @@ class ActConfig:
         return replace(self, **changes)
 
     def paper(self) -> ActConfig:
-        """The same inputs with the paper's sizes, about 80 million weights; chunk 100.
+        """The same inputs with the paper's sizes, about 52 million weights; chunk 100.
 
         One decoder layer: upstream asks for seven, but returns the first one's output (tonyzhaozh/act, issue 25).
         """

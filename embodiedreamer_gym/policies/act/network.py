@@ -125,7 +125,7 @@ class Act(nn.Module):
         """The same with what the eyes tell in place of pictures, where there are eyes: it does not change any more."""
         if self.eyes is None or "told" in batch:
             return batch
-        return {"agent_pos": batch["agent_pos"], "told": self.told(batch["pixels"]).cpu()}
+        return {"agent_pos": batch["agent_pos"], "told": self.told(batch.get("pixels", {})).cpu()}
 
     def normalise(self, actions: torch.Tensor) -> torch.Tensor:
         """Actions (..., m) in the environment's units to normalised ones."""
@@ -139,11 +139,15 @@ class Act(nn.Module):
 
     def _state(self, batch: Batch) -> torch.Tensor:
         """Normalised states (B, n)."""
+        if "agent_pos" not in batch:
+            raise PolicyError(f"this policy takes states, agent_pos, and there are only: {', '.join(batch) or 'none'}.")
         state = torch.as_tensor(batch["agent_pos"], dtype=torch.float32, device=self.device)
         if state.dim() != 2 or state.shape[1] != self.config.state_size:
             raise PolicyError(
-                f"this policy takes states of {self.config.state_size} numbers, not {tuple(state.shape)}."
+                f"this policy takes states of {self.config.state_size} numbers, not of the shape {tuple(state.shape)}."
             )
+        if not bool(torch.isfinite(state).all()):
+            raise PolicyError("a state, agent_pos, is not finite.")
         return (state - self.get_buffer("state_mean")) / self.get_buffer("state_scale")
 
     def _pictures(self, pictures: Mapping[str, Any]) -> list[torch.Tensor]:
@@ -155,6 +159,10 @@ class Act(nn.Module):
                 known = ", ".join(pictures) or "none"
                 raise PolicyError(
                     f"this policy sees with the camera '{name}', and there are only pictures of: {known}."
+                )
+            if len(pixels.shape) != 4 or pixels.shape[3] != 3 or str(pixels.dtype).removeprefix("torch.") != "uint8":
+                raise PolicyError(
+                    f"this policy takes pictures (B, H, W, 3) uint8, not {tuple(pixels.shape)} {pixels.dtype} of '{name}'."
                 )
             if pixels.shape[1:3] != (height, width):
                 pixels = scaled(np.asarray(pixels), (width, height))
@@ -185,7 +193,7 @@ class Act(nn.Module):
         if self.config.latent and z is None:
             z = torch.zeros(len(state), self.config.latent, device=state.device)
         if self.eyes is None:
-            return self._attend(state, self._pictures(batch["pixels"]), z)
+            return self._attend(state, self._pictures(batch.get("pixels", {})), z)
         told = self.digest(batch)["told"].to(state.device)
         return self.direct(torch.cat([state, told] if z is None else [state, told, z], 1))
 

@@ -146,9 +146,11 @@ class Samples:
 
     @property
     def fingerprint(self) -> list[list[Any]]:
-        """What tells this set from another: each episode's name, length, and sum of actions."""
-        sums = [float(np.abs(actions, dtype=np.float64).sum()) for actions in self.actions]
-        return [list(row) for row in zip(self._episodes.names, self._episodes.lengths, sums, strict=True)]
+        """What tells this set from another: each episode's name, length, and sums of states and actions."""
+        states, actions = (
+            [float(np.abs(one, dtype=np.float64).sum()) for one in part] for part in (self.states, self.actions)
+        )
+        return [list(row) for row in zip(self._episodes.names, self._episodes.lengths, states, actions, strict=True)]
 
     def draw(self, rng: np.random.Generator, count: int, asked: float = 0.0) -> Sample:
         """A number of starts, each step of each episode as likely.

@@ -57,6 +57,10 @@ class TrainingConfig:
                 raise PolicyError(f"{name} is {getattr(self, name)}, but must be at least 1.")
         if not 0 <= self.asked <= 1:
             raise PolicyError(f"asked is {self.asked}, but must be a share between 0 and 1.")
+        if not 0 < self.rate < math.inf:
+            raise PolicyError(f"the learning rate is {self.rate}, but must be a number above 0.")
+        if self.seed < 0:
+            raise PolicyError(f"seed is {self.seed}, but must be at least 0.")
 
     @staticmethod
     def usual(config: ActConfig, **settings: Any) -> TrainingConfig:
@@ -210,7 +214,9 @@ def train(episodes: Episodes, config: ActConfig, training: TrainingConfig, folde
             run.policy().save(folder)
     finally:
         curves.close()
-    return run.policy()
+    policy = run.policy()
+    policy.save(folder)  # again: the last time may have been interrupted between the two
+    return policy
 
 
 def _share(step: int, steps: int) -> float:

@@ -6,7 +6,7 @@ Source: collect_data.py of agilexrobotics/cobot_magic, record_sim_episodes.py of
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -210,6 +210,11 @@ def _objects(file: h5py.File, path: Path, cameras: dict[str, tuple[int, int]], l
     return {str(name): number for number, name in enumerate(names) if name not in NO_OBJECTS}
 
 
+def _numbered(objects: Mapping[str, int]) -> str:
+    """Objects with their numbers in the masks."""
+    return ", ".join(f"{name} ({number})" for name, number in objects.items()) or "nothing"
+
+
 def _task(file: h5py.File) -> str:
     found = file.attrs.get("instruction", file.attrs.get("task", ""))
     return found.decode(errors="replace") if isinstance(found, bytes) else str(found)
@@ -235,7 +240,7 @@ def _agree(one: _File, other: _File) -> None:
         ("a state size of", one.state_size, other.state_size),
         ("the cameras", ", ".join(one.cameras) or "none", ", ".join(other.cameras) or "none"),
         ("frames of", list(one.cameras.values()), list(other.cameras.values())),
-        ("masks of", ", ".join(one.objects) or "nothing", ", ".join(other.objects) or "nothing"),
+        ("masks of", _numbered(one.objects), _numbered(other.objects)),
     ):
         if a != b:
             raise RecordingError(f"{other.path} has {what} {b}, {one.path.name} {a}; all episodes must have the same")

@@ -106,6 +106,19 @@ def test_what_does_not_fit_is_said() -> None:
         a_network().mean(a_batch(cameras=("wrist",)))
     with pytest.raises(PolicyError, match="states of 3 numbers"):
         a_network().mean({**a_batch(), "agent_pos": np.zeros((2, 14), np.float32)})
+    for batch, said in (
+        ({"pixels": {}}, "takes states, agent_pos, and there are only: pixels"),
+        ({"agent_pos": a_batch()["agent_pos"]}, "only pictures of: none"),
+        ({**a_batch(), "agent_pos": np.full((2, 3), np.nan, np.float32)}, "not finite"),
+        (
+            {**a_batch(), "pixels": {"head": np.zeros((24, 32, 3), np.uint8)}},
+            r"\(B, H, W, 3\) uint8, not \(24, 32, 3\)",
+        ),
+        ({**a_batch(), "pixels": {"head": np.zeros((2, 3, 24, 32), np.uint8)}}, r"not \(2, 3, 24, 32\)"),
+        ({**a_batch(), "pixels": {"head": np.zeros((2, 24, 32, 3), np.float32)}}, "float32 of 'head'"),
+    ):
+        with pytest.raises(PolicyError, match=said):
+            a_network().mean(batch)
     bad = Statistics(*(torch.full_like(v, torch.nan) for v in vars(Statistics.neutral(CONFIG)).values()))
     with pytest.raises(PolicyError, match="state_mean"):
         Act(CONFIG, bad)

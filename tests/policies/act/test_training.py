@@ -99,6 +99,10 @@ def test_what_is_finished_is_not_trained_again(tmp_path: Path) -> None:
     policy, counted = train(Tiny(), CONFIG, SHORT, tmp_path), []
     again = train(Tiny(), CONFIG, SHORT, tmp_path, lambda *said: counted.append(said))
     assert not counted and same(policy, again)
+    for name in ("weights.pt", "config.json"):  # killed between the checkpoint and the policy
+        (tmp_path / name).unlink()
+    train(Tiny(), CONFIG, SHORT, tmp_path)
+    assert same(policy, ActPolicy.load(tmp_path))
 
 
 def test_curves_and_progress(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,11 +121,14 @@ def test_curves_and_progress(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         assert not told and list((tmp_path / "tensorboard").glob("events*"))
 
 
-@pytest.mark.parametrize("what", ["settings", "sizes", "episodes"])
+@pytest.mark.parametrize("what", ["settings", "sizes", "episodes", "states"])
 def test_a_checkpoint_of_another_training_is_refused(tmp_path: Path, what: str) -> None:
     train(Tiny(), CONFIG, SHORT, tmp_path)
     before = (tmp_path / "checkpoint.pt").read_bytes()
     episodes = Tiny(seed=1) if what == "episodes" else Tiny()
+    if what == "states":
+        states, what = episodes.states, "episodes"
+        episodes.states = lambda i: states(i) + 0.1  # type: ignore[method-assign]
     config = CONFIG.with_(chunk=3) if what == "sizes" else CONFIG
     settings = TrainingConfig(steps=9, batch=4) if what == "settings" else SHORT
     with pytest.raises(PolicyError, match=f"other {what}"):
@@ -148,6 +155,11 @@ def test_counts_are_checked() -> None:
         TrainingConfig(batch=0)
     with pytest.raises(PolicyError, match="asked is 1"):
         TrainingConfig(asked=1.5)
+    for rate in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(PolicyError, match="the learning rate is"):
+            TrainingConfig(rate=rate)
+    with pytest.raises(PolicyError, match="seed is -1"):
+        TrainingConfig(seed=-1)
 
 
 def test_half_of_the_starts_are_mirrored(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:

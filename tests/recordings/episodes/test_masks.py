@@ -65,6 +65,10 @@ def test_files_of_one_set_agree_in_masks_and_names_that_are_none_are_none(tmp_pa
     write(tmp_path / "a" / "episode_1.hdf5", None)
     with pytest.raises(RecordingError, match="has masks of nothing"):
         open_episodes(tmp_path / "a")
+    write(tmp_path / "c" / "episode_0.hdf5")
+    write(tmp_path / "c" / "episode_1.hdf5", names=("more", *NAMES))
+    with pytest.raises(RecordingError, match=r"has masks of more \(0\)|has masks of .* \(\d\)"):
+        open_episodes(tmp_path / "c")
     path = write(tmp_path / "b" / "episode_0.hdf5")
     with h5py.File(path, "r+") as file:
         file.attrs["class_names"] = "no JSON"
