@@ -35,7 +35,13 @@ def add_prefer(actions: Any) -> None:
     one.add_argument("--every", type=count, default=EVERY, metavar="N",
                      help="dream after every N-th action and the last of a chunk (default %(default)s)")  # fmt: skip
     one.add_argument("--execute", type=count, metavar="K", help="actions executed of each chunk (default: all)")
-    one.add_argument("--envs", type=count, default=1, metavar="E", help="episodes at once (default %(default)s)")
+    one.add_argument(
+        "--envs",
+        type=count,
+        default=1,
+        metavar="E",
+        help="episodes at once (default %(default)s); the last digits of what is computed depend on it",
+    )
     one.add_argument("--jobs", type=count, default=1, metavar="J", help="processes (default %(default)s)")
     one.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
     one.add_argument("--quiet", action="store_true", help="no progress")
