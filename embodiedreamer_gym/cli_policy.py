@@ -143,7 +143,7 @@ def _config(a: argparse.Namespace, episodes: Any) -> Any:
 
 
 def _shrunk(size: tuple[int, int], preset: str) -> tuple[int, int]:
-    """A size that the small preset learns from in minutes; at 640 x 480 its attention takes 8 GB."""
+    """A size that the small preset learns from in minutes; at 640 x 480 its attention takes gigabytes."""
     width, height = size
     if preset != "small" or width <= WIDEST:
         return size
