@@ -20,7 +20,7 @@ def keep_settings(folder: Path, **settings: Any) -> None:
     Raises: SystemExit where it is of other settings.
     """
     from embodiedreamer_gym.errors import RecordingError
-    from embodiedreamer_gym.recordings.settings import check_settings
+    from embodiedreamer_gym.io.fingerprint import check_settings
 
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "settings.json"

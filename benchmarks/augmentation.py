@@ -37,8 +37,8 @@ def edits(scene: str, colour: tuple[str, ...] | None = None) -> Any:
 
 def episodes(a: argparse.Namespace) -> dict[str, Path]:
     """Folders of original and generated episodes."""
-    from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
-    from embodiedreamer_gym.wrappers.regenerate import regenerate
+    from embodiedreamer_gym.pipelines.demonstrations import Demonstrations, record_demonstrations
+    from embodiedreamer_gym.pipelines.regenerate import regenerate
 
     plain = a.out / f"demos_{a.task}"
     record_demonstrations(Demonstrations(a.task, size=SIZE), a.demos, plain)

@@ -66,8 +66,8 @@ def calibrated(folder: Path) -> Path:
 
 def episodes(a: argparse.Namespace, task: str, kind: str) -> Path:
     """Folder of demonstrations of a kind."""
-    from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
-    from embodiedreamer_gym.wrappers.regenerate import regenerate
+    from embodiedreamer_gym.pipelines.demonstrations import Demonstrations, record_demonstrations
+    from embodiedreamer_gym.pipelines.regenerate import regenerate
 
     robot = "aloha" if kind in NOMINAL else str(calibrated(a.out))
     folder = a.out / f"demos_{task}_{'plain' if kind in NOMINAL else 'calibrated'}"
@@ -102,7 +102,7 @@ def trained(a: argparse.Namespace, task: str, kind: str, seed: int) -> Path:
 
 def preferred(a: argparse.Namespace, task: str, seed: int, folder: Path) -> Path:
     """The dreamed policy after cycles of preferences in the calibrated, dreamed world."""
-    from embodiedreamer_gym.cli import main as embodiedreamer
+    from embodiedreamer_gym.cli.command import main as embodiedreamer
 
     start, study = trained(a, task, "dreamed", seed), a.out / f"study_{task}_{seed}"
     failed = embodiedreamer([

@@ -19,8 +19,8 @@ import numpy as np
 
 from embodiedreamer_gym.diagnosis import Diagnosis, add_effect, compare, diagnose
 from embodiedreamer_gym.diagnosis.candidates import refit
-from embodiedreamer_gym.diagnosis.next_motion import propose_motion
-from embodiedreamer_gym.diagnosis.screen import grounds, screen
+from embodiedreamer_gym.diagnosis.experiment_design import propose_motion
+from embodiedreamer_gym.diagnosis.screening import grounds, screen
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.motions import Motion
@@ -28,7 +28,7 @@ from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_square
 from embodiedreamer_gym.recordings import load_recordings, save_recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.cases import Case, draw_case
-from embodiedreamer_gym.standin.sizes import SIZES
+from embodiedreamer_gym.standin.effect_sizes import SIZES
 
 SEEDS = {"development": 20011, "test": 70001}
 BARELY, PLAIN, STRONG = 0.15, 1.0, 2.5  # strengths; 1.0 is a plain effect

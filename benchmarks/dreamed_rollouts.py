@@ -36,7 +36,7 @@ def play(folder: Path | None, seeds: range, execute: int, dream: bool, out: Path
     pin_threads()
     import torch
 
-    from embodiedreamer_gym.wrappers.policy_world import policy_world
+    from embodiedreamer_gym.pipelines.policy_env import policy_world
     from embodiedreamer_gym.wrappers.preference_rollout import PreferenceRolloutWrapper
 
     torch.set_num_threads(1)

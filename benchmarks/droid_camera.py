@@ -29,8 +29,9 @@ import numpy as np  # noqa: E402
 import pybullet_data  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
 
-from embodiedreamer_gym.camera import Camera  # noqa: E402
 from embodiedreamer_gym.errors import VisionError  # noqa: E402
+from embodiedreamer_gym.geometry.camera import Camera  # noqa: E402
+from embodiedreamer_gym.io.video import save_picture  # noqa: E402
 from embodiedreamer_gym.robot import RobotModel  # noqa: E402
 from embodiedreamer_gym.robot.surface import Surface  # noqa: E402
 from embodiedreamer_gym.vis_aligner.camera_calibration import (  # noqa: E402
@@ -43,7 +44,6 @@ from embodiedreamer_gym.vis_aligner.camera_calibration import (  # noqa: E402
 )
 from embodiedreamer_gym.vis_aligner.camera_calibration.overlay import overlay  # noqa: E402
 from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames  # noqa: E402
-from embodiedreamer_gym.vis_aligner.video import save_picture  # noqa: E402
 
 POINTS = Path(__file__).with_name("droid_points.json")
 JOINTS = tuple(f"panda_joint{k}" for k in range(1, 8))

@@ -25,16 +25,16 @@ import pybullet_data  # noqa: E402
 import torch  # noqa: E402
 
 from benchmarks.droid_camera import EPISODES, JOINTS, joint_angles  # noqa: E402
-from embodiedreamer_gym.camera import Camera  # noqa: E402
-from embodiedreamer_gym.envs.rendering import Renderer, stacked  # noqa: E402
-from embodiedreamer_gym.simulation.world import World  # noqa: E402
+from embodiedreamer_gym.engines.bullet.client import World  # noqa: E402
+from embodiedreamer_gym.engines.bullet.rendering import Renderer, stacked  # noqa: E402
+from embodiedreamer_gym.geometry.camera import Camera  # noqa: E402
+from embodiedreamer_gym.io.video import save_picture  # noqa: E402
 from embodiedreamer_gym.vis_aligner import Condition, Episode, load_aligner, measures  # noqa: E402
 from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames  # noqa: E402
 from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner  # noqa: E402
 from embodiedreamer_gym.vis_aligner.clip import ROBOT  # noqa: E402
-from embodiedreamer_gym.vis_aligner.judging import judge, tables  # noqa: E402
+from embodiedreamer_gym.vis_aligner.held_out import judge, tables  # noqa: E402
 from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train  # noqa: E402
-from embodiedreamer_gym.vis_aligner.video import save_picture  # noqa: E402
 
 SIZE = (160, 96)
 HELD = EPISODES[-2:]

@@ -27,7 +27,7 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import simulate
 from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
 from embodiedreamer_gym.standin.cases import ALOHA_HOME
-from embodiedreamer_gym.standin.world import StandIn
+from embodiedreamer_gym.standin.robot import StandIn
 
 ROBOTS = ("arm6", "arm6b", "arm7", "aloha")
 SECONDS = 4.0

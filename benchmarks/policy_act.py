@@ -36,7 +36,7 @@ FIRST_SEED = 100_000
 
 def demonstrations(a: argparse.Namespace) -> Path:
     """Episodes of the scripted expert, 128 x 96 of the head camera."""
-    from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
+    from embodiedreamer_gym.pipelines.demonstrations import Demonstrations, record_demonstrations
 
     folder = a.out / f"demos_{a.task}_{a.demos}"  # a folder with more of them would be learnt whole
     record_demonstrations(Demonstrations(a.task), a.demos, folder, 1, lambda done, failed: print(
@@ -46,7 +46,7 @@ def demonstrations(a: argparse.Namespace) -> Path:
 
 def trained(a: argparse.Namespace, variant: str, data: Path) -> tuple[Any, float]:
     """The policy of a variant, and the processor time (s) that training took, interruptions left out."""
-    from embodiedreamer_gym.camera import read_size
+    from embodiedreamer_gym.geometry.camera import read_size
     from embodiedreamer_gym.policies.act import ActPolicy
     from embodiedreamer_gym.recordings.episodes import open_episodes
 

@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from embodiedreamer_gym.diagnosis import compare, diagnose
+from embodiedreamer_gym.engines.bullet.plant import replay
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.simulation.bullet import replay
 from embodiedreamer_gym.standin.cases import draw_case
 
 CASES = (

@@ -23,10 +23,10 @@ from benchmarks.common import pin_threads
 from embodiedreamer_gym.robot.files import write_json
 from embodiedreamer_gym.vis_aligner import load_episodes
 from embodiedreamer_gym.vis_aligner.bench import make_bench
-from embodiedreamer_gym.vis_aligner.channels import Inputs
-from embodiedreamer_gym.vis_aligner.judging import AFTER_TRUE, CLOSED, judge
+from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, judge
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
+from embodiedreamer_gym.vis_aligner.network_inputs import Inputs
 from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train
 
 FULL = "everything"

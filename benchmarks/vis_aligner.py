@@ -19,11 +19,11 @@ import numpy as np
 import torch
 
 from benchmarks.common import pin_threads
-from embodiedreamer_gym.cli import main as embodiedreamer
+from embodiedreamer_gym.cli.command import main as embodiedreamer
+from embodiedreamer_gym.io.video import save_picture
 from embodiedreamer_gym.vis_aligner import Aligner, Episode, load_aligner, load_bank, load_episodes, measures
 from embodiedreamer_gym.vis_aligner.clip import Bench, Condition
-from embodiedreamer_gym.vis_aligner.judging import AFTER_TRUE, CLOSED, Judged, judge, tables
-from embodiedreamer_gym.vis_aligner.video import save_picture
+from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, Judged, judge, tables
 
 CUP = "PutCupOnMat"
 FILMS: dict[str, Mapping[str, Any]] = {

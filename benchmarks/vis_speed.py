@@ -17,9 +17,9 @@ import numpy as np
 import torch
 
 from benchmarks.common import pin_threads
+from embodiedreamer_gym.engines.bullet.rendering import stacked
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts import ScriptedExpert
-from embodiedreamer_gym.envs.rendering import stacked
 from embodiedreamer_gym.vis_aligner import Condition, Episode, References, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.bench import make_bench
 

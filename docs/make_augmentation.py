@@ -6,12 +6,12 @@ import tempfile
 from pathlib import Path
 
 from embodiedreamer_gym.envs.cameras import CAMERAS
-from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
+from embodiedreamer_gym.io.video import save_picture
+from embodiedreamer_gym.pipelines.demonstrations import Demonstrations, record_demonstrations
+from embodiedreamer_gym.pipelines.regenerate import regenerate
 from embodiedreamer_gym.recordings.episodes import open_episodes
 from embodiedreamer_gym.vis_aligner import measures
 from embodiedreamer_gym.vis_aligner.editing import Background, Chain, PaperSheet, Recolour
-from embodiedreamer_gym.vis_aligner.video import save_picture
-from embodiedreamer_gym.wrappers.regenerate import regenerate
 
 OUT = Path(__file__).parent / "images" / "vis" / "augmentation.jpg"
 BLUE = Recolour(("cup",), colour=(40, 70, 220))

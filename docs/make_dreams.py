@@ -10,8 +10,8 @@ import numpy as np
 import embodiedreamer_gym
 from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.envs.tasks import TASKS
+from embodiedreamer_gym.io.video import save_picture
 from embodiedreamer_gym.vis_aligner import measures
-from embodiedreamer_gym.vis_aligner.video import save_picture
 from embodiedreamer_gym.wrappers import VisAlignerObservationWrapper
 
 OUT = Path(__file__).parent / "images" / "vis"

@@ -1,6 +1,6 @@
 """`python -m embodiedreamer_gym` is the command `embodiedreamer`."""
 
-from embodiedreamer_gym.cli import main
+from embodiedreamer_gym.cli.command import main
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
+from embodiedreamer_gym.pipelines.demonstrations import Demonstrations, record_demonstrations
 from embodiedreamer_gym.recordings.episodes import open_episodes
 
 

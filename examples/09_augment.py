@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from embodiedreamer_gym.envs.cameras import CAMERAS
-from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
+from embodiedreamer_gym.pipelines.demonstrations import Demonstrations, record_demonstrations
+from embodiedreamer_gym.pipelines.regenerate import regenerate
 from embodiedreamer_gym.recordings.episodes import mixed
 from embodiedreamer_gym.vis_aligner.editing import Chain, PaperSheet, Recolour
-from embodiedreamer_gym.wrappers.regenerate import regenerate
 
 
 def main() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gymnasium as gym
 
 import embodiedreamer_gym
-from embodiedreamer_gym.envs.demonstrations import Demonstrations, record_demonstrations
+from embodiedreamer_gym.pipelines.demonstrations import Demonstrations, record_demonstrations
 from embodiedreamer_gym.policies import evaluate
 from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train, with_eyes
 from embodiedreamer_gym.recordings.episodes import open_episodes

@@ -18,7 +18,7 @@ from benchmarks.diagnosis_figures import beside, clopper_pearson, confusion, fig
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.standin.sizes import SIZES
+from embodiedreamer_gym.standin.effect_sizes import SIZES
 
 STAMP = {"set": "main", "seeds": "test", "labels_sha256": "0"}
 

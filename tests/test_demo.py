@@ -21,7 +21,7 @@ def told(tmp_path_factory) -> tuple[Path, str]:
     folder = tmp_path_factory.mktemp("demo") / "deep" / "report"
     code = (
         "import sys; sys.modules['mujoco'] = None\n"
-        "from embodiedreamer_gym.cli import main\n"
+        "from embodiedreamer_gym.cli.command import main\n"
         f"sys.exit(main(['demo', '--quiet', '--out', {str(folder)!r}]))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=290)

@@ -91,7 +91,7 @@ def test_skipped_blocks_say_why(block: Block) -> None:
 
 @pytest.mark.parametrize(("block", "words"), COMMANDS, ids=[f"{b} {' '.join(w[:1])}" for b, w in COMMANDS])
 def test_command_lines_parse(block: Block, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    from embodiedreamer_gym.cli import build_parser
+    from embodiedreamer_gym.cli.command import build_parser
 
     try:
         build_parser().parse_args(words)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
-from embodiedreamer_gym.diagnosis.journal import Known
-from embodiedreamer_gym.diagnosis.screen import Screened
+from embodiedreamer_gym.diagnosis.refit_cache import Known
+from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, fit_at, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.regimes import REGIMES, regimes
-from embodiedreamer_gym.diagnosis.tables import MILLI, finite, layout, number
 from embodiedreamer_gym.errors import RecordingError
+from embodiedreamer_gym.geometry.pose_error import EndEffector, rotation_error, translation_error
+from embodiedreamer_gym.io.tables import MILLI, finite, layout, number
 from embodiedreamer_gym.phys_aligner.signals import Signals, effort_scales, with_effort_unit
-from embodiedreamer_gym.poses import EndEffector, rotation_error, translation_error
 from embodiedreamer_gym.recordings import Recording, noise_floor, sensor_sd
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Rollout

@@ -10,8 +10,8 @@ import numpy as np
 
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, summarise
 from embodiedreamer_gym.diagnosis.held_out import evaluate
-from embodiedreamer_gym.diagnosis.journal import Journal
-from embodiedreamer_gym.diagnosis.null import draw_null
+from embodiedreamer_gym.diagnosis.null_distribution import draw_null
+from embodiedreamer_gym.diagnosis.refit_cache import Journal
 from embodiedreamer_gym.diagnosis.search import Found, Progress, Search, look, screen_all
 from embodiedreamer_gym.diagnosis.verdict import ALARM, convinces
 from embodiedreamer_gym.effects import Effect

@@ -11,9 +11,9 @@ import numpy as np
 from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.compare import compare, trajectory_losses
 from embodiedreamer_gym.diagnosis.held_out import HeldOut
-from embodiedreamer_gym.diagnosis.null import Null
-from embodiedreamer_gym.diagnosis.tables import MILLI, finite
+from embodiedreamer_gym.diagnosis.null_distribution import Null
 from embodiedreamer_gym.diagnosis.verdict import explained, total_explained
+from embodiedreamer_gym.io.tables import MILLI, finite
 from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel

@@ -7,16 +7,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from embodiedreamer_gym.diagnosis.backward_elimination import decided, placed, without_needless
 from embodiedreamer_gym.diagnosis.candidates import Candidate, polish, refit
 from embodiedreamer_gym.diagnosis.diagnosis import Ranked
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, gain
-from embodiedreamer_gym.diagnosis.journal import Journal
-from embodiedreamer_gym.diagnosis.null import Null, draw_null
-from embodiedreamer_gym.diagnosis.parallel import many
-from embodiedreamer_gym.diagnosis.revise import decided, placed, without_needless
-from embodiedreamer_gym.diagnosis.screen import SEEN_SHARE, Screened, grounds, screen
+from embodiedreamer_gym.diagnosis.null_distribution import Null, draw_null
+from embodiedreamer_gym.diagnosis.refit_cache import Journal
+from embodiedreamer_gym.diagnosis.screening import SEEN_SHARE, Screened, grounds, screen
 from embodiedreamer_gym.diagnosis.verdict import ALARM, contenders, convinces, left_over, mends, pays
 from embodiedreamer_gym.effects import Effect
+from embodiedreamer_gym.io.parallel import many
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording

@@ -10,16 +10,16 @@ import pybullet
 from gymnasium import spaces
 from gymnasium.utils import EzPickle
 
+from embodiedreamer_gym.engines.bullet.client import World
+from embodiedreamer_gym.engines.bullet.scene import Scene
 from embodiedreamer_gym.envs import observations as observe
 from embodiedreamer_gym.envs.arguments import check_choice, check_size, choose, control_steps, vector, within
 from embodiedreamer_gym.envs.cameras import CAMERAS, Frame, Renderer, load_cameras
 from embodiedreamer_gym.envs.robots import draw_parameters, home, load_robot
-from embodiedreamer_gym.envs.scene import Scene
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.envs.tasks.attempt import Attempt
 from embodiedreamer_gym.envs.tasks.task import SIDES, Situation, placed
 from embodiedreamer_gym.errors import ModelError
-from embodiedreamer_gym.simulation.world import World
 
 RENDER_SIZE = (640, 480)
 RESET_OPTIONS = ("joint_positions", "joint_velocities", "command", "object_poses")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from embodiedreamer_gym.terminal import StatusLine
+from embodiedreamer_gym.io.terminal import StatusLine
 
 
 class Progress:

@@ -12,7 +12,7 @@ from embodiedreamer_gym.effects import Effect, JointState, Mechanics, MechanicsC
 from embodiedreamer_gym.effects.effect import STAGES
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.model import GRAVITY, SERVO_GROUPS
-from embodiedreamer_gym.simulation.solve import end_stops, solve_step, tightened, within_limits
+from embodiedreamer_gym.simulation.joint_solver import end_stops, solve_step, tightened, within_limits
 
 TIME_STEP = 1.0 / 240.0  # s, the environment's own
 UNLIMITED = 1e12  # N m or rad/s

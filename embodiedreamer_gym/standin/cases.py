@@ -22,8 +22,8 @@ from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.motions import MOTIONS, Motion, Span, span_of, teleoperation
 from embodiedreamer_gym.recordings import Recording, Recordings, save_recording
 from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
-from embodiedreamer_gym.standin.sizes import draw_values, strength_of
-from embodiedreamer_gym.standin.world import StandIn
+from embodiedreamer_gym.standin.effect_sizes import draw_values, strength_of
+from embodiedreamer_gym.standin.robot import StandIn
 
 Array = np.ndarray
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Bench, Condition, Episode, Gallery, facings
-from embodiedreamer_gym.vis_aligner.spread import spread
+from embodiedreamer_gym.vis_aligner.farthest_points import spread
 
 PICTURES = 240  # of which a pixel's median is taken; more tell no more
 EDGE = 1.0 / 128  # of the width: how near to a thing a pixel may be partly that thing

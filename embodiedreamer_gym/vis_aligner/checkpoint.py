@@ -13,9 +13,9 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.aligner import Aligner
 from embodiedreamer_gym.vis_aligner.bank import Bank
 from embodiedreamer_gym.vis_aligner.bank import load_bank as read_bank
-from embodiedreamer_gym.vis_aligner.channels import Inputs
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
+from embodiedreamer_gym.vis_aligner.network_inputs import Inputs
 
 ASSETS = resources.files("embodiedreamer_gym") / "assets" / "vis"
 SHIPPED = {"lean": "lean.pt"}

@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from embodiedreamer_gym.vis_aligner.channels import Inputs
+from embodiedreamer_gym.vis_aligner.network_inputs import Inputs
 
 PAIR = 2  # pixels to a side that are one cell of the finest level
 DEEPEST = 16  # pixels to a side that are one cell of the coarsest

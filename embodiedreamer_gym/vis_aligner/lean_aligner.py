@@ -11,7 +11,11 @@ import torch.nn.functional as F
 from torch import Generator, Tensor
 
 from embodiedreamer_gym.vis_aligner.aligner import Made, check_batch
-from embodiedreamer_gym.vis_aligner.channels import (
+from embodiedreamer_gym.vis_aligner.clip import ROBOT, Condition, References, Window
+from embodiedreamer_gym.vis_aligner.diffusion import add_noise, draw_times, sample
+from embodiedreamer_gym.vis_aligner.lean import Lean
+from embodiedreamer_gym.vis_aligner.motion_window import windows
+from embodiedreamer_gym.vis_aligner.network_inputs import (
     allowed,
     frame_channels,
     reference_channels,
@@ -19,10 +23,6 @@ from embodiedreamer_gym.vis_aligner.channels import (
     to_frames,
     to_tensor,
 )
-from embodiedreamer_gym.vis_aligner.clip import ROBOT, Condition, References, Window
-from embodiedreamer_gym.vis_aligner.diffusion import add_noise, draw_times, sample
-from embodiedreamer_gym.vis_aligner.lean import Lean
-from embodiedreamer_gym.vis_aligner.window import windows
 
 THINGS = 4.0  # weight of a pixel of robot or object, beside 1
 EDGES = 0.5  # weight of the pictures' gradients

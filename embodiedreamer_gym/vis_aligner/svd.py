@@ -19,9 +19,9 @@ from torch import Generator, Tensor
 
 from embodiedreamer_gym.errors import MissingExtraError, VisionError
 from embodiedreamer_gym.vis_aligner.aligner import Made, check_batch
-from embodiedreamer_gym.vis_aligner.channels import to_frames, to_tensor
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, Condition, References
 from embodiedreamer_gym.vis_aligner.diffusion import add_noise, draw_times, sample
+from embodiedreamer_gym.vis_aligner.network_inputs import to_frames, to_tensor
 
 SETTINGS = "embodiedreamer.json"
 PAINT = ((255, 60, 60), (60, 60, 255))  # what the masks of object and goal add to the picture

@@ -8,8 +8,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from embodiedreamer_gym.engines.bullet.rendering import Frame, stacked
 from embodiedreamer_gym.envs.aloha import AlohaEnv
-from embodiedreamer_gym.envs.rendering import Frame, stacked
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.unseen import see_through, unseen
 

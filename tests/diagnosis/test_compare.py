@@ -7,8 +7,8 @@ import pytest
 
 from embodiedreamer_gym.diagnosis import compare
 from embodiedreamer_gym.diagnosis.compare import effort_scale
-from embodiedreamer_gym.diagnosis.tables import layout, number
 from embodiedreamer_gym.errors import RecordingError, SimulationError
+from embodiedreamer_gym.io.tables import layout, number
 from embodiedreamer_gym.recordings import noise_floor
 from tests.two_joint_arm import load_arm, record
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.diagnosis import add_effect, diagnose
+from embodiedreamer_gym.diagnosis.backward_elimination import without_needless
 from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain, score
-from embodiedreamer_gym.diagnosis.null import draw_null
-from embodiedreamer_gym.diagnosis.revise import without_needless
+from embodiedreamer_gym.diagnosis.null_distribution import draw_null
 from embodiedreamer_gym.diagnosis.verdict import contenders, convinces, explained, left_over, pays, total_explained
 from embodiedreamer_gym.effects import CATALOGUE, Parameter, SignalLaw
 from embodiedreamer_gym.errors import CalibrationError

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.cli import main
+from embodiedreamer_gym.cli.command import main
 from embodiedreamer_gym.diagnosis import compare, diagnose, where
 from embodiedreamer_gym.diagnosis.report.figures import profiles
 from embodiedreamer_gym.phys_aligner.signals import with_effort_unit

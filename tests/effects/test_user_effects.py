@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from embodiedreamer_gym import cli
+from embodiedreamer_gym.cli import command as cli
 from embodiedreamer_gym.effects import CATALOGUE, load_effects
 from embodiedreamer_gym.errors import EffectError
 

@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.experts import other_robot
+from embodiedreamer_gym.engines.table import TABLE_HEIGHT
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.envs.experts.paths import SPEED, line
@@ -20,8 +21,9 @@ from embodiedreamer_gym.envs.experts.plan import READY, Planner, moved
 from embodiedreamer_gym.envs.robots import home
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.envs.tasks.grips import downward, outward
-from embodiedreamer_gym.envs.tasks.task import SIDES, TABLE_HEIGHT, Pose, Situation
+from embodiedreamer_gym.envs.tasks.task import SIDES, Situation
 from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.geometry.pose import Pose
 from embodiedreamer_gym.robot.kinematics import Kinematics
 from tests.bank import robot
 from tests.envs.moves import drain, shove

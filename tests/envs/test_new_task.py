@@ -7,13 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from embodiedreamer_gym.engines.prop import Prop
+from embodiedreamer_gym.engines.shapes import Shape
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.envs.tasks import TASKS, Task
 from embodiedreamer_gym.envs.tasks.grips import downward
-from embodiedreamer_gym.envs.tasks.prop import Prop
-from embodiedreamer_gym.envs.tasks.shapes import Shape
-from embodiedreamer_gym.envs.tasks.task import Pose, Situation
+from embodiedreamer_gym.envs.tasks.task import Situation
+from embodiedreamer_gym.geometry.pose import Pose
 
 EDGE, THICK = 0.04, 0.01  # m
 BLOCK = Prop("block", (EDGE,) * 3, 0.05, (0.8, 0.2, 0.2, 1.0), (Shape("box", (EDGE,) * 3, (0.0, 0.0, EDGE / 2)),))

@@ -8,9 +8,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from embodiedreamer_gym.engines.prop import Prop
+from embodiedreamer_gym.engines.shapes import EDGES, MARGIN, Shape, beaker, frustum, open_box, staves
 from embodiedreamer_gym.envs.tasks import TASKS
-from embodiedreamer_gym.envs.tasks.prop import Prop
-from embodiedreamer_gym.envs.tasks.shapes import EDGES, MARGIN, Shape, beaker, frustum, open_box, staves
 
 PROPS = {prop.name: prop for task in TASKS.values() for prop in task().props}
 

@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from embodiedreamer_gym.engines.table import TABLE, TABLE_CENTRE, TABLE_HEIGHT
 from embodiedreamer_gym.envs import NAMES
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.cameras import CAMERAS
 from embodiedreamer_gym.envs.experts.plan import READY
 from embodiedreamer_gym.envs.robots import home
-from embodiedreamer_gym.envs.scene import TABLE, TABLE_CENTRE
 from embodiedreamer_gym.envs.tasks import TASKS, Task
 from embodiedreamer_gym.envs.tasks.attempt import Attempt
 from embodiedreamer_gym.envs.tasks.grips import outward
-from embodiedreamer_gym.envs.tasks.task import GAP, SIDES, TABLE_HEIGHT, Pose
+from embodiedreamer_gym.envs.tasks.task import GAP, SIDES
 from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.geometry.pose import Pose
 from embodiedreamer_gym.robot.kinematics import Kinematics
 
 CENTRE = (0.5, 0.3)  # m, in front of the left arm

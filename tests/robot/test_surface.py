@@ -11,7 +11,7 @@ import trimesh
 from pybullet_utils.bullet_client import BulletClient
 
 from embodiedreamer_gym.errors import ModelError, VisionError
-from embodiedreamer_gym.poses import EndEffector
+from embodiedreamer_gym.geometry.pose_error import EndEffector
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.surface import Surface
 

@@ -7,7 +7,7 @@ import pytest
 
 from embodiedreamer_gym.motions import Motion, Span, span_of
 from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
-from embodiedreamer_gym.standin.world import StandIn
+from embodiedreamer_gym.standin.robot import StandIn
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.bank import UNNAMED, Bank, Entry, load_bank, make_bank, save_bank
 from embodiedreamer_gym.vis_aligner.clip import Episode
 from tests.vis_aligner.scenes import episode, texture
-from tests.vis_aligner.test_carry import board
+from tests.vis_aligner.test_reprojection import board
 
 
 @pytest.fixture(scope="module")

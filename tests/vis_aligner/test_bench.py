@@ -11,7 +11,7 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.bench import PICTURES, make_bench, make_gallery, with_benches
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, Episode, facings
 from tests.vis_aligner.scenes import episode, texture
-from tests.vis_aligner.test_carry import board
+from tests.vis_aligner.test_reprojection import board
 
 
 def test_a_backdrop_is_the_bench() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from embodiedreamer_gym.vis_aligner import measures
-from embodiedreamer_gym.vis_aligner.measures.evaluate import UNITS
+from embodiedreamer_gym.vis_aligner.metrics.evaluate import UNITS
 
 TEXT = (Path(__file__).parents[2] / "docs" / "vis_measures.md").read_text(encoding="utf-8")
 
@@ -18,7 +18,7 @@ def test_constants_are_those_of_the_code() -> None:
     found = re.findall(r"^\| `(\w+)\.([A-Z_]+)` \| ([\d.]+) \|", TEXT, re.MULTILINE)
     assert len(found) == 8
     for module, name, value in found:
-        here = importlib.import_module(f"embodiedreamer_gym.vis_aligner.measures.{module}")
+        here = importlib.import_module(f"embodiedreamer_gym.vis_aligner.metrics.{module}")
         assert float(value) == getattr(here, name), f"{module}.{name}"
 
 

@@ -10,11 +10,11 @@ import torch
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.aligner import dream
-from embodiedreamer_gym.vis_aligner.channels import Inputs, sources, to_frames
 from embodiedreamer_gym.vis_aligner.clip import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
-from embodiedreamer_gym.vis_aligner.window import moving, windows
+from embodiedreamer_gym.vis_aligner.motion_window import moving, windows
+from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, sources, to_frames
 from tests.vis_aligner.scenes import episode
 
 SMALL = LeanConfig((8, 8, 8, 16))

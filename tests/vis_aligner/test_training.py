@@ -10,7 +10,7 @@ import torch
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.bench import with_benches
-from embodiedreamer_gym.vis_aligner.judging import AFTER_TRUE, CLOSED, judge, tables
+from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, judge, tables
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
 from embodiedreamer_gym.vis_aligner.training import CHECKPOINT, Training, TrainingConfig, train

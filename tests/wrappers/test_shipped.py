@@ -12,7 +12,7 @@ import pytest
 
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.vis_aligner import load_aligner, load_bank, load_episode
-from embodiedreamer_gym.vis_aligner.judging import AFTER_TRUE, CLOSED, judge
+from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, judge
 from embodiedreamer_gym.wrappers import VisAlignerObservationWrapper
 
 CLIP = Path(__file__).with_name("lab.hdf5")  # held out: of `cup_full`, in no training set

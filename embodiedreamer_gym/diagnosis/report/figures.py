@@ -13,8 +13,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from embodiedreamer_gym.diagnosis.compare import Comparison, effort_scale
-from embodiedreamer_gym.diagnosis.tables import MILLI, number
-from embodiedreamer_gym.diagnosis.where import AGAINST, Where
+from embodiedreamer_gym.diagnosis.error_breakdown import AGAINST, Where
+from embodiedreamer_gym.io.tables import MILLI, number
 from embodiedreamer_gym.robot import ParameterRow
 
 INK, GREY, BAND = "#222222", "#8a8f98", "#d5d9de"

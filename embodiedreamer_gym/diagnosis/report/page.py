@@ -10,9 +10,9 @@ from pathlib import Path
 
 from embodiedreamer_gym.diagnosis.compare import Comparison, compare
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis
+from embodiedreamer_gym.diagnosis.error_breakdown import Where
 from embodiedreamer_gym.diagnosis.report import sections
 from embodiedreamer_gym.diagnosis.report.words import closer_look, effect_name, headline, verdict_sentence
-from embodiedreamer_gym.diagnosis.where import Where
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.recordings import Recording

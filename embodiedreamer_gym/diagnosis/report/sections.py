@@ -15,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from embodiedreamer_gym.diagnosis.compare import Comparison
+from embodiedreamer_gym.diagnosis.error_breakdown import Where
 from embodiedreamer_gym.diagnosis.regimes import REGIMES
 from embodiedreamer_gym.diagnosis.report import figures
 from embodiedreamer_gym.diagnosis.report.words import (
@@ -25,8 +26,7 @@ from embodiedreamer_gym.diagnosis.report.words import (
     percent,
     unseen_sentences,
 )
-from embodiedreamer_gym.diagnosis.tables import MILLI, number
-from embodiedreamer_gym.diagnosis.where import Where
+from embodiedreamer_gym.io.tables import MILLI, number
 from embodiedreamer_gym.robot import RobotModel
 
 RESOLUTION = 150  # dots per inch: sharp on a screen of twice the usual density

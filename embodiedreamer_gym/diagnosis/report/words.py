@@ -9,9 +9,9 @@ from typing import Any
 from scipy.special import betaincinv
 
 from embodiedreamer_gym.diagnosis.compare import Comparison
-from embodiedreamer_gym.diagnosis.tables import MILLI, number
+from embodiedreamer_gym.diagnosis.error_breakdown import Where
 from embodiedreamer_gym.diagnosis.verdict import ALARM
-from embodiedreamer_gym.diagnosis.where import Where
+from embodiedreamer_gym.io.tables import MILLI, number
 from embodiedreamer_gym.phys_aligner import Calibration
 
 READABLE = 6  # joints in a sentence

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation, Slerp
 
-from embodiedreamer_gym.envs.tasks.task import Pose
+from embodiedreamer_gym.geometry.pose import Pose
 from embodiedreamer_gym.robot.kinematics import Kinematics
 
 SPEED = 1.3  # rad/s, of the fastest joint at its peak; the arms can do 3

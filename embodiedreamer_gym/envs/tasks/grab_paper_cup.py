@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from embodiedreamer_gym.engines.prop import Prop
+from embodiedreamer_gym.engines.shapes import beaker, frustum
 from embodiedreamer_gym.envs.tasks.grips import outward
-from embodiedreamer_gym.envs.tasks.prop import Prop
-from embodiedreamer_gym.envs.tasks.shapes import beaker, frustum
-from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
+from embodiedreamer_gym.envs.tasks.task import Situation, Task
+from embodiedreamer_gym.geometry.pose import Pose
 
 HEIGHT, BOTTOM, TOP = 0.085, 0.026, 0.032  # m; between a 7 oz and a 9 oz paper cup, see assets/SOURCES.md
 GRIP = 0.05  # m above its base, where the gripper holds it

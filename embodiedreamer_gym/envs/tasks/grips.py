@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from embodiedreamer_gym.envs.tasks.task import Pose, Situation
+from embodiedreamer_gym.envs.tasks.task import Situation
+from embodiedreamer_gym.geometry.pose import Pose
 
 
 def outward(situation: Situation, point: np.ndarray, pitch: float) -> Pose:

@@ -6,11 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from embodiedreamer_gym.engines.prop import Prop
+from embodiedreamer_gym.engines.shapes import Shape, frustum
 from embodiedreamer_gym.envs.tasks.grab_paper_cup import BOTTOM, CUP, GRIP, PITCHES, GrabPaperCup
 from embodiedreamer_gym.envs.tasks.grips import outward
-from embodiedreamer_gym.envs.tasks.prop import Prop
-from embodiedreamer_gym.envs.tasks.shapes import Shape, frustum
-from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
+from embodiedreamer_gym.envs.tasks.task import Situation, Task
+from embodiedreamer_gym.geometry.pose import Pose
 
 RADIUS, THICK = 0.065, 0.004  # m
 DROP = 0.003  # m that the cup falls when let go

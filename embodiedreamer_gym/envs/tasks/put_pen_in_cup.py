@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from embodiedreamer_gym.engines.prop import Prop
+from embodiedreamer_gym.engines.shapes import Shape, beaker, frustum, staves
 from embodiedreamer_gym.envs.tasks.grips import downward, outward, ways
-from embodiedreamer_gym.envs.tasks.prop import Prop
-from embodiedreamer_gym.envs.tasks.shapes import Shape, beaker, frustum, staves
-from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
+from embodiedreamer_gym.envs.tasks.task import Situation, Task
+from embodiedreamer_gym.geometry.pose import Pose
 
 LENGTH, THICK = 0.145, 0.012  # m
 BLUE = (0.1, 0.2, 0.6, 1.0)

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from embodiedreamer_gym.engines.prop import Prop
+from embodiedreamer_gym.engines.shapes import Shape, open_box
 from embodiedreamer_gym.envs.tasks.grips import downward, ways
-from embodiedreamer_gym.envs.tasks.prop import Prop
-from embodiedreamer_gym.envs.tasks.shapes import Shape, open_box
-from embodiedreamer_gym.envs.tasks.task import Pose, Situation, Task
+from embodiedreamer_gym.envs.tasks.task import Situation, Task
+from embodiedreamer_gym.geometry.pose import Pose
 
 LENGTH, WIDTH, THICK = 0.16, 0.046, 0.02  # m
 BUTTONS = [(x, y) for x in (-0.03, -0.01, 0.01, 0.03) for y in (-0.012, 0.0, 0.012)]

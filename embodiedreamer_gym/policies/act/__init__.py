@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from embodiedreamer_gym.policies.act.config import ActConfig
 from embodiedreamer_gym.policies.act.ensemble import TemporalEnsemble
-from embodiedreamer_gym.policies.act.eyes import with_eyes
 from embodiedreamer_gym.policies.act.network import Act
+from embodiedreamer_gym.policies.act.object_pose_head import with_eyes
 from embodiedreamer_gym.policies.act.policy import ActPolicy
 from embodiedreamer_gym.policies.act.samples import Samples, check_cameras, picture_size
 from embodiedreamer_gym.policies.act.training import Training, TrainingConfig, train

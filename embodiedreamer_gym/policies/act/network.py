@@ -12,10 +12,10 @@ from torch import nn
 
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.act.config import ActConfig
-from embodiedreamer_gym.policies.act.direct import Direct
-from embodiedreamer_gym.policies.act.eyes import NUMBERS, Eyes
+from embodiedreamer_gym.policies.act.image_size import scaled
 from embodiedreamer_gym.policies.act.keypoints import Keypoints
-from embodiedreamer_gym.policies.act.pictures import scaled
+from embodiedreamer_gym.policies.act.mlp_head import Direct
+from embodiedreamer_gym.policies.act.object_pose_head import NUMBERS, Eyes
 from embodiedreamer_gym.policies.act.resnet import ResNet
 from embodiedreamer_gym.policies.act.samples import Progress, Samples
 from embodiedreamer_gym.policies.act.statistics import Statistics

@@ -10,7 +10,7 @@ import torch
 
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.act.config import ActConfig
-from embodiedreamer_gym.policies.act.pictures import scaled, scaled_masks
+from embodiedreamer_gym.policies.act.image_size import scaled, scaled_masks
 
 MEMORY = 4 << 30  # bytes of pictures kept; more are read again whenever they are drawn
 BLOCK = 64  # frames read at once

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from embodiedreamer_gym.envs.scene import TABLE, TABLE_CENTRE
-from embodiedreamer_gym.envs.tasks.prop import Prop
-from embodiedreamer_gym.envs.tasks.shapes import Shape
+from embodiedreamer_gym.engines.prop import Prop
+from embodiedreamer_gym.engines.shapes import Shape
+from embodiedreamer_gym.engines.table import TABLE, TABLE_CENTRE
 from embodiedreamer_gym.standin.film.geometry import turned
 from embodiedreamer_gym.standin.plant import import_mujoco
 

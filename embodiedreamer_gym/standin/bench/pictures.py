@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from embodiedreamer_gym.engines.prop import Prop
 from embodiedreamer_gym.envs.cameras import CAMERAS
-from embodiedreamer_gym.envs.tasks.prop import Prop
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.standin.film.appearance_library import find_look
 from embodiedreamer_gym.standin.film.blender import Studio, check_blender
+from embodiedreamer_gym.standin.film.camera_noise import Optics, meter, sense
 from embodiedreamer_gym.standin.film.episode import AWAY
 from embodiedreamer_gym.standin.film.geometry import scene_parts
-from embodiedreamer_gym.standin.film.lens import Optics, meter, sense
-from embodiedreamer_gym.standin.film.looks import find_look
 from embodiedreamer_gym.standin.film.scene import Take, make_scene
 from embodiedreamer_gym.standin.film.settings import check_size
 from embodiedreamer_gym.standin.film.write import CAMERA

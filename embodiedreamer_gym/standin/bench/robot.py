@@ -13,7 +13,7 @@ from embodiedreamer_gym.motions import MOTIONS, span_of
 from embodiedreamer_gym.recordings import Recordings
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.cases import ALOHA_HOME, IMPERFECT, SENSOR
-from embodiedreamer_gym.standin.world import StandIn
+from embodiedreamer_gym.standin.robot import StandIn
 
 Effects = Mapping[str, Mapping[str, Any]]
 

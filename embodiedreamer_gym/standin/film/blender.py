@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.camera import Camera
 from embodiedreamer_gym.errors import MissingExtraError, SimulationError
+from embodiedreamer_gym.geometry.camera import Camera
 
 STUDIO = Path(__file__).with_name("studio.py")
 LINE = "pip install --no-deps 'bpy>=5.0.1,<6'"  # with its dependencies it would ask for numpy < 2

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.envs.cameras import CAMERAS
+from embodiedreamer_gym.standin.film.appearance import Look
+from embodiedreamer_gym.standin.film.appearance_library import find_look
 from embodiedreamer_gym.standin.film.blender import render as blender
-from embodiedreamer_gym.standin.film.lens import FINER, Optics, meter, quantise, sense
-from embodiedreamer_gym.standin.film.look import Look
-from embodiedreamer_gym.standin.film.looks import find_look
+from embodiedreamer_gym.standin.film.camera_noise import FINER, Optics, meter, quantise, sense
 from embodiedreamer_gym.standin.film.play import Played, Stage
 from embodiedreamer_gym.standin.film.scene import Take, make_scene
 from embodiedreamer_gym.standin.film.settings import Film

@@ -11,9 +11,9 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from embodiedreamer_gym.envs.scene import TABLE
-from embodiedreamer_gym.envs.tasks.prop import Prop
-from embodiedreamer_gym.envs.tasks.shapes import Shape
+from embodiedreamer_gym.engines.prop import Prop
+from embodiedreamer_gym.engines.shapes import Shape
+from embodiedreamer_gym.engines.table import TABLE
 from embodiedreamer_gym.errors import ModelError
 
 SIDES = 48  # of whatever is round

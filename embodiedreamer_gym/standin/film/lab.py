@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from embodiedreamer_gym.standin.film.lens import Lens
-from embodiedreamer_gym.standin.film.look import Block, Lamp, Look
-from embodiedreamer_gym.standin.film.paints import Surface
+from embodiedreamer_gym.standin.film.appearance import Block, Lamp, Look
+from embodiedreamer_gym.standin.film.camera_noise import Lens
+from embodiedreamer_gym.standin.film.materials import Surface
 
 
 def lab() -> Look:

@@ -10,11 +10,11 @@ from typing import Any
 from joblib import Parallel, delayed
 
 from embodiedreamer_gym.errors import RecordingError
+from embodiedreamer_gym.io.terminal import StatusLine
 from embodiedreamer_gym.standin.film.blender import check_blender
 from embodiedreamer_gym.standin.film.episode import Render, film_episode
 from embodiedreamer_gym.standin.film.settings import Film
 from embodiedreamer_gym.standin.film.write import is_filmed
-from embodiedreamer_gym.terminal import StatusLine
 
 TYPICAL = 200  # pictures of a whole episode
 ENOUGH = 5  # pictures by which the time left is judged

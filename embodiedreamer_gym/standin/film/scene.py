@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from embodiedreamer_gym.camera import Camera, look_at
-from embodiedreamer_gym.envs.scene import TABLE, TABLE_CENTRE
+from embodiedreamer_gym.engines.table import TABLE, TABLE_CENTRE
+from embodiedreamer_gym.geometry.camera import Camera, look_at
+from embodiedreamer_gym.standin.film.appearance import Block, Lamp, Look
 from embodiedreamer_gym.standin.film.blender import camera_spec
 from embodiedreamer_gym.standin.film.geometry import Part, box, table_part
-from embodiedreamer_gym.standin.film.look import Block, Lamp, Look
-from embodiedreamer_gym.standin.film.paints import Surface, nodes_of
+from embodiedreamer_gym.standin.film.materials import Surface, nodes_of
 
 DECK = Block((-0.06, 0.0, 0.655), (0.72, 0.84, 0.2), 0.0, "deck")  # ends below and before what the simulator draws
 MAST = Block((-0.28, 0.0, 1.0), (0.05, 0.05, 2.0), 0.0, "legs")

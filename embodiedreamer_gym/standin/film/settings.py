@@ -11,7 +11,7 @@ import numpy as np
 
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.errors import SimulationError, VisionError
-from embodiedreamer_gym.standin.film.looks import find_look
+from embodiedreamer_gym.standin.film.appearance_library import find_look
 
 RECIPE = 2  # to be raised with whatever changes the pictures of the same settings
 FEWEST = 10  # samples that a recording must have

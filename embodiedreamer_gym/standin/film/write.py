@@ -12,9 +12,9 @@ from typing import Any
 import h5py
 import numpy as np
 
-from embodiedreamer_gym.envs.rendering import Frame
+from embodiedreamer_gym.engines.bullet.rendering import Frame
 from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.recordings.settings import check_settings
+from embodiedreamer_gym.io.fingerprint import check_settings
 
 CAMERA = "head"
 REAL, CLEAN, MASKS = (f"observations/{what}/{CAMERA}" for what in ("images", "clean", "masks"))

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from embodiedreamer_gym.camera import Camera
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.camera_calibration.adjust import (
+from embodiedreamer_gym.geometry.articulated_mesh import Body, Figure
+from embodiedreamer_gym.geometry.camera import Camera
+from embodiedreamer_gym.vis_aligner.camera_calibration.bundle_adjustment import (
     JUDGED,
     REACH,
     SHARED,
@@ -18,11 +19,10 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.adjust import (
     match,
     support,
 )
-from embodiedreamer_gym.vis_aligner.camera_calibration.body import Body, Figure
-from embodiedreamer_gym.vis_aligner.camera_calibration.fit import LEAST, CameraFit, names_of
+from embodiedreamer_gym.vis_aligner.camera_calibration.fit_quality import judge
 from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Footage, Scene, extent, look
-from embodiedreamer_gym.vis_aligner.camera_calibration.judge import judge
 from embodiedreamer_gym.vis_aligner.camera_calibration.keypoints import Keypoints, first_views
+from embodiedreamer_gym.vis_aligner.camera_calibration.result import LEAST, CameraFit, names_of
 from embodiedreamer_gym.vis_aligner.camera_calibration.search import Matcher, Report, search
 from embodiedreamer_gym.vis_aligner.camera_calibration.silhouette import Silhouette
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.geometry.articulated_mesh import Body
 from embodiedreamer_gym.recordings import FrameSource
-from embodiedreamer_gym.vis_aligner.camera_calibration.body import Body
-from embodiedreamer_gym.vis_aligner.camera_calibration.evidence import moving_evidence, smooth
-from embodiedreamer_gym.vis_aligner.spread import spread
+from embodiedreamer_gym.vis_aligner.camera_calibration.motion_mask import moving_evidence, smooth
+from embodiedreamer_gym.vis_aligner.farthest_points import spread
 
 FEWEST = 6  # pictures of one recording
 LOOKED_AT = 24  # pictures that are fitted

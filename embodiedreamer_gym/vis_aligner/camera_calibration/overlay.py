@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.camera_calibration.body import Body
+from embodiedreamer_gym.geometry.articulated_mesh import Body
+from embodiedreamer_gym.geometry.rasterizer import draw_parts
 from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Footage
 from embodiedreamer_gym.vis_aligner.camera_calibration.keypoints import Keypoints
-from embodiedreamer_gym.vis_aligner.camera_calibration.raster import draw_parts
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
-from embodiedreamer_gym.vis_aligner.spread import spread
+from embodiedreamer_gym.vis_aligner.farthest_points import spread
 
 WIDE = 480  # pixels, of one frame in the picture
 COLUMNS = 3

@@ -13,9 +13,9 @@ import numpy as np
 from scipy import fft
 from scipy.stats import qmc
 
-from embodiedreamer_gym.vis_aligner.camera_calibration.body import Body
+from embodiedreamer_gym.geometry.articulated_mesh import Body
+from embodiedreamer_gym.geometry.rasterizer import draw_parts
 from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Scene
-from embodiedreamer_gym.vis_aligner.camera_calibration.raster import draw_parts
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
 
 Report = Callable[[str, int, float], None]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from embodiedreamer_gym.vis_aligner.camera_calibration.body import Figure
+from embodiedreamer_gym.geometry.articulated_mesh import Figure
+from embodiedreamer_gym.geometry.rasterizer import draw_parts
 from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Scene
-from embodiedreamer_gym.vis_aligner.camera_calibration.outline import near_loose
-from embodiedreamer_gym.vis_aligner.camera_calibration.raster import draw_parts
+from embodiedreamer_gym.vis_aligner.camera_calibration.silhouette_edges import near_loose
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import PARAMETERS, POSE, View
 
 CELLS = 40  # across the picture

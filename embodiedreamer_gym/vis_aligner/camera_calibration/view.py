@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from embodiedreamer_gym.camera import Camera
+from embodiedreamer_gym.geometry.camera import Camera
+from embodiedreamer_gym.geometry.rasterizer import NEAREST
 
 POSE = ("turn_x", "turn_y", "turn_z", "shift_x", "shift_y", "shift_z")
 LENS = ("focal", "aspect", "cx", "cy", "k1")
 PARAMETERS = POSE + LENS
-NEAREST = 0.02  # m, of a point that can be seen
 UNBENDING = 10  # rounds that take distortion off a pixel
 WIDEST = 4.0  # squared tangent beyond which k1 bends no further, lest the picture fold back
 

@@ -8,8 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from embodiedreamer_gym.camera import Camera
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.vis_aligner.editing.editor import Masks, things
 
 A4 = (0.297, 0.210)  # m

@@ -7,7 +7,7 @@ import pytest
 
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.act import Samples, picture_size
-from embodiedreamer_gym.policies.act.pictures import scaled
+from embodiedreamer_gym.policies.act.image_size import scaled
 from tests.policies.act.tiny import CONFIG, SIZE, Tiny
 
 

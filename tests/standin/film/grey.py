@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.camera import Camera
+from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.standin.film.blender import LINE
 
 needs_bpy = pytest.mark.skipif(

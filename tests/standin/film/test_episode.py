@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from embodiedreamer_gym import cli
+from embodiedreamer_gym.cli import command as cli
 from embodiedreamer_gym.envs.cameras import CAMERAS, load_cameras
 from embodiedreamer_gym.errors import EmbodieDreamerError, MissingExtraError, RecordingError
 from embodiedreamer_gym.recordings import load_recordings

@@ -7,13 +7,13 @@ import json
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.camera import Camera, look_at
 from embodiedreamer_gym.envs.cameras import CAMERAS
+from embodiedreamer_gym.geometry.camera import Camera, look_at
+from embodiedreamer_gym.standin.film.appearance_library import draw_look
 from embodiedreamer_gym.standin.film.blender import SENSOR, camera_spec
 from embodiedreamer_gym.standin.film.geometry import Part, box
 from embodiedreamer_gym.standin.film.lab import lab
-from embodiedreamer_gym.standin.film.looks import draw_look
-from embodiedreamer_gym.standin.film.paints import linear
+from embodiedreamer_gym.standin.film.materials import linear
 from embodiedreamer_gym.standin.film.play import Stage
 from embodiedreamer_gym.standin.film.scene import Take, make_scene, room_parts
 

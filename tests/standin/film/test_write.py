@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.envs.rendering import Frame
+from embodiedreamer_gym.engines.bullet.rendering import Frame
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.recordings.aloha_hdf5 import ALOHA_JOINTS

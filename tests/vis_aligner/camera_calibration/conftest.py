@@ -11,8 +11,8 @@ import pybullet
 import pytest
 from pybullet_utils.bullet_client import BulletClient
 
-from embodiedreamer_gym.camera import Camera, look_at
-from embodiedreamer_gym.envs.rendering import Renderer
+from embodiedreamer_gym.engines.bullet.rendering import Renderer
+from embodiedreamer_gym.geometry.camera import Camera, look_at
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.surface import Surface
 from embodiedreamer_gym.vis_aligner.camera_calibration import Footage, Keypoints, View

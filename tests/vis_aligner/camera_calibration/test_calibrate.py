@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.camera import Camera, look_at
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.geometry.camera import Camera, look_at
 from embodiedreamer_gym.vis_aligner.camera_calibration import CameraFit, calibrate_camera
 from embodiedreamer_gym.vis_aligner.camera_calibration import calibrate as calibrating
 from embodiedreamer_gym.vis_aligner.camera_calibration import search as searching

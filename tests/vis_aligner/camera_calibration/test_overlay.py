@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.io.video import save_picture
 from embodiedreamer_gym.vis_aligner.camera_calibration import View
 from embodiedreamer_gym.vis_aligner.camera_calibration.overlay import (
     INNER,
@@ -19,7 +20,6 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.overlay import (
     draw_outlines,
     overlay,
 )
-from embodiedreamer_gym.vis_aligner.video import save_picture
 from tests.vis_aligner.camera_calibration.conftest import TRUTH, Bench, marks_of, surface
 
 

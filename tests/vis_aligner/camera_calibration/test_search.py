@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from embodiedreamer_gym.geometry.articulated_mesh import Figure
 from embodiedreamer_gym.vis_aligner.camera_calibration import search as searching
-from embodiedreamer_gym.vis_aligner.camera_calibration.body import Figure
 from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Scene, extent, look
 from embodiedreamer_gym.vis_aligner.camera_calibration.search import Matcher, search
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View

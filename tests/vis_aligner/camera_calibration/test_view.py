@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.camera import Camera, look_at
+from embodiedreamer_gym.geometry.camera import Camera, look_at
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import PARAMETERS, View
 
 CAMERA = Camera("c", (1.0, 0.5, 0.8), look_at((1.0, 0.5, 0.8), (0.2, 0, 0.1)), (320, 192), 150.0, 160.0, 155.0, 99.0)

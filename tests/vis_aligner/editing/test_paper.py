@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.camera import Camera, look_at
+from embodiedreamer_gym.engines.table import TABLE, TABLE_CENTRE, TABLE_HEIGHT
 from embodiedreamer_gym.envs.cameras import CAMERAS
-from embodiedreamer_gym.envs.scene import TABLE, TABLE_CENTRE
-from embodiedreamer_gym.envs.tasks.task import TABLE_HEIGHT
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.geometry.camera import Camera, look_at
 from embodiedreamer_gym.vis_aligner.editing import PaperSheet, apply, draws_of
 
 SIZE = (320, 240)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.vis_aligner.measures import Truth
+from embodiedreamer_gym.vis_aligner.metrics import Truth
 
 NAMES = ("background", "table", "robot", "cup", "mat")
 WIDTH, HEIGHT, COUNT = 96, 72, 17

@@ -1,0 +1,246 @@
+"""where: in which joints and regimes a model fails, on which side, and what its error goes with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis.compare import Comparison, compare
+from embodiedreamer_gym.diagnosis.error_attribution import controller_share, lags
+from embodiedreamer_gym.diagnosis.regimes import REGIMES
+from embodiedreamer_gym.io.tables import MILLI, finite, layout, number
+from embodiedreamer_gym.recordings import Recording, smooth_motion
+from embodiedreamer_gym.robot import RobotModel
+
+BINS = 12
+FEWEST = 10  # samples in a bin
+AGAINST = ("speed", "angle", "torque", "time")
+FOLLOWS = {
+    "speed": "goes with speed and its direction",
+    "angle": "goes with the joint's angle",
+    "torque": "goes with the torque on the joint",
+    "time": "drifts with time",
+}
+WHEN = {
+    "hold": "while the joint holds still",
+    "slow": "in slow motion",
+    "fast": "in fast motion",
+    "reversal": "around reversals",
+    "accelerating": "while it accelerates",
+    "loaded": "under load",
+}
+VISIBLE = 2.0  # chi2/n above which a joint's error is more than noise
+STRONG = 0.4  # share of the error's variance that must go with something to say so
+ASIDE = 0.8  # share of a joint's error that must be its mean to call it steady
+MORE = 1.3  # times the joint's whole error, to call a regime the worst
+ENOUGH = 30  # samples of a regime to speak of it
+READABLE = 6  # joints in a sentence
+LATE = 5.0  # ms; less than the smoothing can tell at the rates of logs
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """One joint's position error binned against a quantity: arrays (bins,) in the joint's unit.
+
+    centre: of the bin, unit/s, unit, N m or s; median, low, high: of the error (16th and 84th percentile);
+    share: of the error's variance that the bins' means (against time: a straight line) explain.
+    """
+
+    joint: str
+    against: str
+    centre: np.ndarray
+    median: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    share: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """The profile as JSON."""
+        arrays = {key: getattr(self, key).tolist() for key in ("centre", "median", "low", "high")}
+        return {"joint": self.joint, "against": self.against, "share": self.share, **arrays}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Where:
+    """Where one model fails.
+
+    comparison: the model's own; controller_share (n,): see `sides`, nan where not known; side: the same for
+    the whole robot, weighted by each joint's error, None where not known; lag_ms (n,): by how much the
+    measured motion is later than the simulated, nan where not known; profiles: error against speed, angle,
+    torque and time; findings: one plain sentence each.
+    """
+
+    comparison: Comparison
+    controller_share: np.ndarray
+    side: float | None
+    lag_ms: np.ndarray
+    profiles: tuple[Profile, ...]
+    findings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return f"Where({self.comparison.labels[0]!r}, n={len(self.lag_ms)}, {len(self.findings)} findings)"
+
+    @property
+    def chi2(self) -> np.ndarray:
+        """Heat map (n, 7) of chi2/n by joint and regime, "all" first; nan where there is no sample."""
+        return self.comparison.grid()
+
+    def as_dict(self) -> dict[str, Any]:
+        """The result as JSON, with units."""
+        names, joints = ("all", *REGIMES), self.comparison.joints
+        rows = zip(joints, self.chi2, strict=True)
+        return {
+            "findings": list(self.findings),
+            "chi2": {j: {k: finite(v) for k, v in zip(names, row, strict=True)} for j, row in rows},
+            "controller_share": {
+                "all": self.side,
+                **{j: finite(v) for j, v in zip(joints, self.controller_share, strict=True)},
+            },
+            "lag": {"unit": "ms", **{j: finite(v) for j, v in zip(joints, self.lag_ms, strict=True)}},
+            "profiles": [profile.as_dict() for profile in self.profiles],
+            "comparison": self.comparison.as_dict(),
+        }
+
+    def __str__(self) -> str:
+        rows = []
+        for j, joint in enumerate(self.comparison.joints):
+            share = self.controller_share[j]
+            side = f"{share:.0%} / {1 - share:.0%}" if np.isfinite(share) else "-"
+            lag = f"{self.lag_ms[j]:+.0f}" if np.isfinite(self.lag_ms[j]) else "-"
+            rows.append([joint, *(number(v) for v in self.chi2[j]), lag, side])
+        heads = ["all", "hold", "slow", "fast", "reversal", "accel.", "loaded", "late ms", "ctrl/plant"]
+        title = f"chi2/n of {self.comparison.labels[0]} by regime (1 = sensor noise)"
+        return "\n".join([title, layout(["joint", *heads], rows), "", *self.findings])
+
+
+def where(model: RobotModel, recordings: Sequence[Recording]) -> Where:
+    """Find where a model fails: joint, regime, side, what the error goes with; it names no missing effect.
+
+    Raises: SimulationError when a recording is not of this robot, RecordingError when there is none.
+    """
+    comparison = compare(model, recordings)
+    share = controller_share(model, comparison.recordings)
+    profiles = tuple(_profiles(comparison))
+    late = lags(comparison.recordings, comparison.rollouts[0])
+    weight = np.where(np.isfinite(share), np.maximum(comparison.joint_chi2[0] - 1.0, 0.0), 0.0)
+    known = np.isfinite(share) & (weight > 0)
+    side = float(np.average(share[known], weights=weight[known])) if known.any() else None
+    findings = tuple(_findings(comparison, side, late, profiles))
+    return Where(comparison, share, side, late, profiles, findings)
+
+
+def _profiles(comparison: Comparison) -> Iterator[Profile]:
+    pairs = list(zip(comparison.recordings, comparison.rollouts[0], strict=True))
+    motions, errors = [smooth_motion(r) for r in comparison.recordings], comparison.errors(0)
+    values = {
+        "speed": [m.velocity for m in motions],
+        "angle": [m.position for m in motions],
+        "torque": [run.torque for _, run in pairs],
+        "time": [np.repeat((r.time - r.time[0])[:, None], len(r.joints), axis=1) for r, _ in pairs],
+    }
+    for j, joint in enumerate(comparison.joints):
+        usable = [u[:, j] for u in comparison.signals.usable]
+        error = np.concatenate([e[u, j] for e, u in zip(errors, usable, strict=True)])
+        for against in AGAINST:
+            x = np.concatenate([v[u, j] for v, u in zip(values[against], usable, strict=True)])
+            if len(x) >= FEWEST:
+                yield _profile(joint, against, x, error)
+
+
+def _profile(joint: str, against: str, x: np.ndarray, error: np.ndarray) -> Profile:
+    low, high = np.percentile(x, [1, 99])
+    place = np.clip(((x - low) / max(high - low, 1e-12) * BINS).astype(int), 0, BINS - 1)
+    bins = [(np.median(x[place == b]), error[place == b]) for b in range(BINS) if (place == b).sum() >= FEWEST]
+    total = float(np.var(error))
+    between = sum(len(e) * (e.mean() - error.mean()) ** 2 for _, e in bins) / len(error)
+    if against == "time":  # bins follow any slow motion; a drift goes one way
+        between = total * np.corrcoef(x, error)[0, 1] ** 2 if total > 0 and np.ptp(x) > 0 else 0.0
+    quantiles = np.array([np.percentile(e, [50, 16, 84]) for _, e in bins]).reshape(-1, 3).T
+    centre = np.array([c for c, _ in bins])
+    return Profile(joint, against, centre, *quantiles, share=float(between / total) if total > 0 else 0.0)
+
+
+def _findings(
+    comparison: Comparison, side: float | None, late: np.ndarray, profiles: Sequence[Profile]
+) -> Iterator[str]:
+    """Plain sentences: who, when, how late, what it goes with, on which side."""
+    chi2 = comparison.joint_chi2[0]
+    bad = [j for j in range(len(chi2)) if chi2[j] > VISIBLE]
+    if not bad:
+        yield "Every joint is at its noise floor: these recordings show no error."
+        return
+    calm = [comparison.joints[j] for j in range(len(chi2)) if chi2[j] <= VISIBLE]
+    worst = max(bad, key=lambda j: chi2[j])
+    size = f"{number(1e3 * comparison.joint_rms[0, worst])} {MILLI[comparison.units[worst]]}"
+    times = number(np.sqrt(chi2[worst]))
+    yield f"{_joints(comparison, bad)}: the error is more than sensor noise."
+    yield f"Joint {comparison.joints[worst]} is worst: {size}, {times} times its noise."
+    if calm:
+        yield f"{_list(calm)}: at the noise floor."
+    yield from _regime_sentences(comparison, bad)
+    yield from _lag_sentences(comparison, bad, late)
+    yield from _offset_sentences(comparison, bad)
+    yield from _profile_sentences(comparison, bad, profiles)
+    if side is not None:
+        name, part = ("controller", side) if side >= 0.5 else ("plant", 1 - side)
+        between = "command and effort" if side >= 0.5 else "effort and motion"
+        yield f"{part:.0%} of the effort's unexplained part is on the {name} side, between {between}."
+
+
+def _regime_sentences(comparison: Comparison, bad: Sequence[int]) -> Iterator[str]:
+    rms, samples = comparison.grid(value="rms"), comparison.grid(value="samples")
+    enough = samples[:, 1:] >= ENOUGH
+    ratio = np.where(enough, rms[:, 1:] / rms[:, :1], 0.0)
+    for k, regime in enumerate(REGIMES):
+        joints = [j for j in bad if int(np.argmax(ratio[j])) == k and ratio[j, k] > MORE]
+        if joints:
+            most = f"up to {max(ratio[j, k] for j in joints):.1f} times the usual"
+            yield f"{_joints(comparison, joints)}: the error is largest {WHEN[regime]} ({most})."
+
+
+def _lag_sentences(comparison: Comparison, bad: Sequence[int], late: np.ndarray) -> Iterator[str]:
+    for word, sign in (("later", 1), ("earlier", -1)):
+        joints = [j for j in bad if sign * late[j] > LATE]
+        if joints:
+            low, high = (f"{f(abs(late[j]) for j in joints):.0f}" for f in (min, max))
+            time = f"{low} ms" if low == high else f"{low} to {high} ms"
+            yield f"{_joints(comparison, joints)}: the measured motion is {time} {word} than the simulated."
+
+
+def _offset_sentences(comparison: Comparison, bad: Sequence[int]) -> Iterator[str]:
+    """Joints whose error hardly changes."""
+    usable = comparison.signals.usable
+    sums = np.sum([(e * u).sum(axis=0) for e, u in zip(comparison.errors(0), usable, strict=True)], axis=0)
+    mean = sums / np.maximum(np.sum([u.sum(axis=0) for u in usable], axis=0), 1)
+    joints = [j for j in bad if abs(mean[j]) > ASIDE * comparison.joint_rms[0, j]]
+    if joints:
+        sizes = ", ".join(f"{number(1e3 * mean[j])} {MILLI[comparison.units[j]]}" for j in joints)
+        yield f"{_joints(comparison, joints)}: measured beside the simulated by a steady {sizes}."
+
+
+def _profile_sentences(comparison: Comparison, bad: Sequence[int], profiles: Sequence[Profile]) -> Iterator[str]:
+    """What each joint's error goes with most."""
+    best: dict[str, Profile] = {}
+    for profile in profiles:
+        if profile.share > max(STRONG, best[profile.joint].share if profile.joint in best else 0.0):
+            best[profile.joint] = profile
+    for against in AGAINST:
+        joints = [j for j in bad if (p := best.get(comparison.joints[j])) and p.against == against]
+        if joints:
+            most = max(best[comparison.joints[j]].share for j in joints)
+            yield f"{_joints(comparison, joints)}: the error {FOLLOWS[against]} (up to {most:.0%} of it)."
+
+
+def _joints(comparison: Comparison, columns: Sequence[int]) -> str:
+    names = [comparison.joints[j] for j in columns]
+    return f"All {len(names)} joints" if len(names) == len(comparison.joints) > 2 else _list(names)
+
+
+def _list(names: Sequence[str]) -> str:
+    """Names as the beginning of a sentence; of many only the ends."""
+    if len(names) > READABLE:
+        return f"{len(names)} joints ({names[0]} … {names[-1]})"
+    return f"Joint {names[0]}" if len(names) == 1 else f"Joints {', '.join(names)}"

@@ -1,0 +1,245 @@
+"""The motion that decides: of many that the robot may make, the one on which two effects differ most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis.add_effect import add_effect
+from embodiedreamer_gym.diagnosis.verdict import NESTED
+from embodiedreamer_gym.effects import find_effect
+from embodiedreamer_gym.engines.clearance import clearance
+from embodiedreamer_gym.errors import CalibrationError, ModelError
+from embodiedreamer_gym.motions import MOTIONS, Motion, Span
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.recordings import Recording, Recordings
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation import simulate, simulate_sets
+
+RATE = 50.0  # Hz of the proposed commands
+PACES = (0.08, 0.25, 0.6, 1.0)  # of the allowed speed
+DRAWS = 3  # motions of each kind and pace
+REFITTED = 10  # of them, on which the second model may answer once more
+MARGIN = 0.03  # m kept between parts
+RAMP = 1.5  # rad/s^2-limited way in and out takes at least this long, s
+LOOKS = 12  # poses a second at which clearance is looked at
+NOISE = 5e-4  # of a joint's sensor where no recording tells, in its unit
+TRAINING = ("multisine", "teleoperation")  # motions on which the two effects are made to look alike, without recordings
+Progress = Callable[[str, int, float], None]
+Pair = tuple[RobotModel, RobotModel]
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """A motion to record next, and what it is good for.
+
+    time (T,), s; command (T, n), in the joints' units, begins and ends at rest; effects: the two to be told apart; separation:
+    mean square difference of the two models on it, in sensor noises, after the second has been fitted to it as well; ranking:
+    (kind, separation) of the best candidates;
+    clearance: least distance to anything, m; speed, acceleration (n,): the commands' peaks, per s and s^2; models: the fitted
+    two.
+    """
+
+    effects: tuple[str, str]
+    joints: tuple[str, ...]
+    kind: str
+    time: np.ndarray
+    command: np.ndarray
+    separation: float
+    ranking: tuple[tuple[str, float], ...]
+    clearance: float
+    speed: np.ndarray
+    acceleration: np.ndarray
+    models: Pair = field(repr=False)
+
+    @property
+    def decides(self) -> bool:
+        """Whether the models differ on it by clearly more than the sensors' noise."""
+        return self.separation > 0.2
+
+    def as_dict(self) -> dict:
+        """Numbers for JSON, with units."""
+        peaks = zip(self.joints, self.speed.tolist(), self.acceleration.tolist(), strict=True)
+        return {
+            "effects": list(self.effects), "kind": self.kind, "seconds": float(self.time[-1]), "rate": RATE,
+            "separation": {"value": self.separation, "unit": "mean square difference in sensor noises"},
+            "decides": self.decides, "clearance": {"value": self.clearance, "unit": "m"},
+            "peaks": {joint: {"speed": v, "acceleration": a} for joint, v, a in peaks},
+            "ranking": [{"kind": kind, "separation": value} for kind, value in self.ranking],
+        }  # fmt: skip
+
+    def __str__(self) -> str:
+        a, b = self.effects
+        tail = "" if self.decides else "; that is too little to decide: these sensors cannot tell the two apart"
+        lines = [f"{self.kind}, {self.time[-1]:.1f} s: {a} and {b} differ by {self.separation:.3g} (mean square, in sensor noises){tail}.",
+                 f"least distance to the other arm, itself or the table: {1e3 * self.clearance:.0f} mm", ""]  # fmt: skip
+        best: dict[str, float] = {}
+        for kind, value in self.ranking:
+            best[kind] = max(value, best.get(kind, 0.0))
+        lines += [f"{kind:<20}{value:>12.3g}" for kind, value in sorted(best.items(), key=lambda item: -item[1])]
+        return "\n".join(lines)
+
+    def save(self, path: str | Path) -> None:
+        """Write the commands as csv (time, <joint>.command, ...), beside and renamed."""
+        path = Path(path)
+        part = path.with_name(path.name + ".part")
+        header = ",".join(["time", *(f"{joint}.command" for joint in self.joints)])
+        np.savetxt(part, np.column_stack([self.time, self.command]), "%.6f", ",", header=header, comments="")
+        part.replace(path)
+
+
+def propose_motion(
+    model: RobotModel,
+    effects: tuple[str, str],
+    recordings: Sequence[Recording] = (),
+    seconds: float = 8.0,
+    speed: float = 0.5,
+    acceleration: float = 6.0,
+    reach: float = 0.6,
+    centre: np.ndarray | None = None,
+    table: float | None = None,
+    rng: np.random.Generator | None = None,
+    progress: Progress | None = None,
+) -> Proposal:
+    """Find the motion on which a model with one effect and the same model with another differ most (T-optimality).
+
+    Both are fitted to the recordings; without any, one effect is given its typical size and the other is fitted to what that
+    does on ordinary motions, both ways round, and the lesser difference counts (of a law and its special case, only the
+    richer law as the truth: the special case is never told from it). speed: share of the joints' limits; acceleration: rad/s^2 (of a gripper: strokes);
+    reach: rad to either side of the centre (n,) (default: the middle of the recorded or allowed range); table: its height
+    in the URDF's root frame, m.
+    Raises: CalibrationError for effects that are the same or already in the model, ModelError where no motion is safe.
+    Source: Atkinson and Fedorov, Biometrika 62 (1975), T-optimal designs.
+    """
+    rng, progress = rng or np.random.default_rng(0), progress or (lambda *_: None)
+    first, second = effects
+    if first == second:
+        raise CalibrationError(f"to tell effects apart takes two, not {first} twice.")
+    for name in effects:
+        find_effect(name, model.catalogue)
+    span = allowed_span(model, recordings, centre, reach, speed)
+    pairs = _fitted(model, effects, recordings, span, rng, progress)
+    sigma = np.mean([r.sigma for r in recordings], axis=0) if recordings else np.full(model.n, NOISE)
+    trials = [slowed(make(_paced(span, pace), rng, seconds), span, acceleration) for make in MOTIONS.values()
+              if make.__name__ != "staircase" for pace in PACES for _ in range(DRAWS)]  # fmt: skip
+    rooms = _rooms(model, [command for *_, command in trials], table)
+    safe = [(*trial, room) for trial, room in zip(trials, rooms, strict=True) if room > MARGIN]
+    if not safe:
+        raise ModelError(
+            f"none of {len(trials)} motions keeps {1e3 * MARGIN:.0f} mm from everything; give another centre or a smaller reach."
+        )
+    logs = [blank(model, kind, time, command, sigma) for kind, time, command, _ in safe]
+    apart = np.min([_separation(pair, logs, sigma) for pair in pairs], axis=0)
+    first_ones = np.argsort(-apart)[:REFITTED].tolist()
+    for k in first_ones:
+        apart[k] = min(_after_refit(pair, logs[k]) for pair in pairs)
+        progress("separation", int(k), float(apart[k]))
+    best = max(first_ones, key=lambda k: apart[k])
+    kind, time, command, room = safe[best]
+    rates = np.gradient(command, 1 / RATE, axis=0)
+    return Proposal(
+        (first, second), model.joints, kind, time, command, float(apart[best]),
+        tuple(sorted(((safe[k][0], float(apart[k])) for k in first_ones), key=lambda row: -row[1])),
+        room, np.abs(rates).max(0), np.abs(np.gradient(rates, 1 / RATE, axis=0)).max(0), pairs[0],
+    )  # fmt: skip
+
+
+def allowed_span(model: RobotModel, recordings: Sequence[Recording], centre, reach: float, speed: float) -> Span:
+    """Where the joints may be sent: within the URDF's limits, about the given, recorded or middle position."""
+    tree = model.tree
+    low, high = np.maximum(tree.lower, -np.pi), np.minimum(tree.upper, np.pi)
+    if centre is not None:
+        middle = np.asarray(centre, float)
+    elif recordings:
+        middle = np.median(np.concatenate([r.position for r in recordings]), axis=0)
+    else:
+        middle = (low + high) / 2
+    middle = np.clip(middle, low, high)
+    room = np.minimum(np.minimum(middle - low, high - middle), reach)
+    fastest = np.where(np.isfinite(tree.velocity), tree.velocity, 2.0)
+    return Span(middle, np.maximum(0.95 * room, 1e-3), speed * fastest)
+
+
+def slowed(motion: Motion, span: Span, acceleration: float) -> tuple[str, np.ndarray, np.ndarray]:
+    """Kind, time (T,) and commands (T, n) of a motion, slowed down until its acceleration is allowed, eased in and out."""
+    stretch = 1.0
+    time, command = eased(motion, span, stretch)
+    for _ in range(20):
+        rates = np.gradient(command, 1 / RATE, axis=0)
+        peak = np.abs(np.gradient(rates, 1 / RATE, axis=0)).max()
+        over = max(peak / acceleration, (np.abs(rates).max(0) / span.speed).max() ** 2)
+        if over <= 1.0:
+            break
+        stretch *= min(np.sqrt(over) * 1.02, 2.0)
+        time, command = eased(motion, span, stretch)
+    return motion.kind, time, command
+
+
+def eased(motion: Motion, span: Span, stretch: float) -> tuple[np.ndarray, np.ndarray]:
+    """Time (T,) and commands (T, n) of a motion slowed down by a factor, that begins and ends at the span's centre."""
+    time = np.arange(0.0, motion.duration * stretch + 1e-9, 1 / RATE)
+    ease = np.clip(np.minimum(time, time[-1] - time) / RAMP, 0.0, 1.0)
+    ease = ease**3 * (10 - 15 * ease + 6 * ease**2)
+    return time, span.centre + ease[:, None] * (motion(time / stretch) - span.centre)
+
+
+def blank(model: RobotModel, kind: str, time: np.ndarray, command: np.ndarray, sigma: np.ndarray) -> Recording:
+    """Commands as a recording that has not been made yet; it starts at rest at the first of them."""
+    hold = "linear" if model.command_hold == "unknown" else model.command_hold
+    return Recording(kind, model.joints, time, command, command, units=model.units, command_hold=hold, noise=sigma,
+                     quantum=np.zeros(model.n))  # fmt: skip
+
+
+def _paced(span: Span, pace: float) -> Span:
+    return Span(span.centre, span.reach, span.speed * pace)
+
+
+def _rooms(model: RobotModel, commands: Sequence[np.ndarray], table: float | None) -> list[float]:
+    """Least distance (m) to anything on each motion."""
+    looks = [command[:: round(RATE / LOOKS)] for command in commands]
+    ends = np.cumsum([len(look) for look in looks])[:-1]
+    return [float(part.min()) for part in np.split(clearance(model, np.concatenate(looks), table), ends)]
+
+
+def _separation(pair: Pair, logs: Sequence[Recording], sigma: np.ndarray) -> list[float]:
+    """Mean square difference of two models on each motion, in sensor noises."""
+    runs = [simulate_sets(model, logs) for model in pair]
+    return [float(np.mean(((a.position[0] - b.position[0]) / sigma) ** 2)) for a, b in zip(*runs, strict=True)]
+
+
+def _after_refit(pair: Pair, log: Recording) -> float:
+    """Mean square difference that is left on a motion once the second model's parameters answer to it (linearly)."""
+    true, other = pair
+    problem = Problem(other, [log.with_(position=simulate(true, log).position)], hold=log.command_hold)
+    residuals, jacobian = problem.jacobian(problem.start)
+    answer = np.linalg.lstsq(jacobian, residuals, rcond=1e-6)[0]
+    return float(np.mean((residuals - jacobian @ answer) ** 2))
+
+
+def _fitted(model, effects, recordings, span: Span, rng, progress: Progress) -> list[Pair]:
+    """Pairs of models that look alike so far: with one effect and with the other."""
+    if recordings:
+        logs = Recordings(recordings)
+        one, other = (add_effect(model, name, logs, logs, progress).after.model for name in effects)
+        return [(one, other)]
+    truths = [name for name in effects if not set(NESTED.get(name, ())) & set(effects)]
+    return [_lookalike(model, name, next(e for e in effects if e != name), span, rng, progress) for name in truths]
+
+
+def _lookalike(model: RobotModel, true_name: str, other: str, span: Span, rng, progress: Progress) -> Pair:
+    """The model with an effect of its typical size, and with another one fitted to what the first does."""
+    true = model.with_effect(true_name)
+    values: dict[str, dict[str, float]] = {}
+    for row in true.parameters().of_effect(true_name):
+        parameter = next(p for p in model.catalogue[true_name].parameters if row.group.endswith(f".{p.name}"))
+        scale = (row.high - row.low) / (parameter.high - parameter.low)
+        values.setdefault(row.group, {})[row.joint] = float(np.clip(parameter.typical * scale, row.low, row.high))
+    true = true.with_values(values)
+    sigma, logs = np.full(model.n, NOISE), []
+    for kind in TRAINING:
+        log = blank(model, *slowed(MOTIONS[kind](span, rng, 6.0), span, np.inf), sigma)
+        logs.append(log.with_(position=simulate(true, log).position + sigma * rng.standard_normal(log.position.shape)))
+    return true, add_effect(model, other, Recordings(logs), Recordings(logs), progress).after.model

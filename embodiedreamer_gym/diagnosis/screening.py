@@ -1,0 +1,230 @@
+"""Cheap screening: what each effect would do to the residuals, at a few sizes, beside what the servo's gains can do."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from embodiedreamer_gym.effects import Effect
+from embodiedreamer_gym.io.parallel import many
+from embodiedreamer_gym.phys_aligner.least_squares import Fit
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.recordings import Recording, thin
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation import TIME_STEP, run_sets
+
+SIZES = (0.2, 0.8, 3.0)  # of a parameter that vanishes at zero, relative to its typical size
+LIMITS = (0.25, 0.45, 0.7, 0.95, 1.2, 1.6)  # of a limit, relative to the largest value seen
+SHAPES = (0.3, 1.0, 3.0)
+SECONDS = 40.0  # of motion to screen on
+COARSE = 2 * TIME_STEP  # s, of the plant that shows what an effect changes
+PLAIN = 0.02  # fall of a joint's log mean square from which an effect is started there
+FAINT = 0.005  # the like, below which a joint is left without the effect
+SEEN_SHARE = 0.5  # of the calibrated residual that an effect must change to be observable
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Parameters around which effects are tried: a model, scaled x (m,), residuals (N,), Jacobian (N, m)."""
+
+    model: RobotModel
+    x: np.ndarray
+    residuals: np.ndarray
+    jacobian: np.ndarray
+
+
+def grounds(problem: Problem, fit: Fit, nominal: RobotModel | None) -> tuple[Problem, list[Ground]]:
+    """Where effects are tried: a short problem, and the fitted parameters with and without the nominal gains.
+
+    A fit without the missing effect can bend the gains so far that the effect no longer shows around them.
+    """
+    short = thin(problem.recordings, SECONDS)
+    if len(short) < len(problem.recordings) or sum(r.duration for r in short) < 0.8 * problem.seconds:
+        spent = problem.rollouts
+        problem = Problem(problem.model, short, hold=problem.hold)
+        problem.rollouts = spent
+        found = [Ground(problem.model_at(fit.x), fit.x, *problem.jacobian(fit.x))]
+    else:
+        found = [Ground(problem.model_at(fit.x), fit.x, fit.residuals, fit.jacobian)]
+    if nominal is None:
+        return problem, found
+    gains = [i for i, row in enumerate(problem.rows) if "." not in row.group]
+    values = problem.values(fit.x)
+    for i in gains:
+        values[i] = getattr(nominal, problem.rows[i].group)[problem.rows[i].index]
+    x = np.clip(problem.scale(values), problem.lower, problem.upper)
+    if np.abs(x - fit.x).max() > 0.3:
+        found.append(Ground(problem.model_at(x), x, *problem.jacobian(x)))
+    return problem, found
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """One effect's screening: score (fall of the summed log residual, linear), where to start, how visible it is.
+
+    start: group -> (n or arms,) values, of the effect and of the servo's gains; joints: those that have use of the effect,
+    None for all; visible: the effect's change of the
+    residuals at a typical size that the gains cannot mimic, relative to the calibrated residual of the joint where
+    it is plainest; nominal: group -> the servo's nominal gains, empty where the calibrated ones are near them.
+    """
+
+    kind: type[Effect]
+    score: float
+    start: dict[str, np.ndarray]
+    visible: float
+    rollouts: int
+    joints: tuple[str, ...] | None = None
+    nominal: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem, floor: np.ndarray) -> Screened:
+    """Screen one effect against a calibrated model's residuals on the training recordings.
+
+    floor (n,): root-mean-square residual, in sensor noises, below which a joint has nothing left to explain.
+    """
+    model = around[0].model
+    before = _mean_squares(problem, around[0].residuals, floor)
+    falls, shares, sizes, visible = [], [], [], 0.0
+    for k, ground in enumerate(around):
+        trial = ground.model.with_effect(kind)
+        points = _points(trial, kind, problem)
+        change = _change(trial, kind, points, problem)
+        sizes.append(points)
+        after, share, seen = _refitted(model, problem, ground, change, floor)
+        falls.append(np.log(before) - np.log(after))
+        shares.append(share)
+        visible = seen if k == 0 else visible
+    if kind.of_the_log:  # it changes residuals only where a log has it
+        visible = float((problem.signals.clock_seen(kind.parameters[0].typical) / np.maximum(floor, 1.0)).max())
+    fall, share = np.concatenate(falls), np.concatenate(shares)
+    rows = {group: np.concatenate([points[group] for points in sizes]) for group in sizes[0]}
+    start: dict[str, np.ndarray] = {}
+    if all(p.per == "arm" for p in kind.parameters):
+        totals = np.stack([fall[:, model.tree.arm == a].sum(axis=1) for a in range(model.tree.arms)], axis=1)
+        best = np.argmax(totals, axis=0)
+        score = float(np.maximum(totals.max(axis=0), 0.0).sum())
+        part, plain, joints = np.ones(len(best)), totals.max(axis=0) > PLAIN, None
+        ground_of = (best // len(falls[0]))[model.tree.arm]
+    else:
+        best, columns = np.argmax(fall, axis=0), np.arange(model.n)
+        score = float(np.maximum(fall[best, columns], 0.0).sum())
+        plain = fall[best, columns] > PLAIN
+        use = fall[best, columns] > min(FAINT, fall[best, columns].max())
+        joints = tuple(name for name, useful in zip(model.joints, use, strict=True) if useful) or None
+        part = np.where(plain, share[best, columns], 0.1)
+        ground_of = np.where(plain, best // len(falls[0]), 0)
+    for p in kind.parameters:
+        group = f"{kind.name}.{p.name}"
+        chosen = rows[group][best, np.arange(len(best))]
+        low, high = model.parameter_bounds(p)
+        if p.off == p.high:  # a limit that bites where nothing is limited would have to be unlearnt
+            start[group] = np.where(plain, chosen, model.parameter_off(p))
+        else:
+            start[group] = np.clip(chosen if p.shape else chosen * part, low, high)
+    for group in {row.group for row in problem.rows if "." not in row.group}:
+        start[group] = np.array([getattr(around[g].model, group)[j] for j, g in enumerate(ground_of)])
+    nominal = {g: np.array(getattr(ground.model, g)) for ground in around[1:] for g in start if "." not in g}
+    return Screened(kind, score, start, visible, len(fall), joints, nominal)
+
+
+def _change(trial: RobotModel, kind: type[Effect], points: dict[str, np.ndarray], problem: Problem) -> np.ndarray:
+    """Change (K, N) of the residuals, in sensor noises, that K sizes of an effect make; by a coarser plant."""
+    off = {p.name: trial.parameter_off(p)[None] for p in kind.parameters}
+    sets = {group: np.concatenate([off[group.split(".")[1]], values]) for group, values in points.items()}
+    r = problem.signals.residuals(trial, sets, problem.hold, COARSE)
+    return r[1:] - r[0]
+
+
+def _mean_squares(problem: Problem, r: np.ndarray, floor: np.ndarray) -> np.ndarray:
+    """Mean square (n,) of residuals (N,) in sensor noises, at least the floor's."""
+    count = np.maximum(np.bincount(problem.joint_of, minlength=len(floor)), 1)
+    return np.maximum(np.bincount(problem.joint_of, r**2, minlength=len(floor)) / count, floor**2)
+
+
+def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[str, np.ndarray]:
+    """Parameter sets (K, joints or arms) that cover an effect's sizes, signs and shapes; one size of many shapes."""
+    choices, many = [], any(p.starts for p in kind.parameters)
+    for p in kind.parameters:
+        low, high = model.parameter_bounds(p)
+        typical = p.typical * high / p.high
+        if p.starts:
+            choices.append([np.full_like(low, value) for value in p.starts])
+        elif p.shape:
+            spread = (-1.0, 0.0, 1.0) if p.low < 0 else SHAPES
+            choices.append([np.clip(f * typical, low, high) for f in spread])
+        elif p.off == p.high:
+            top = _top_torque(model, problem) if p.unit == "N m" else _top_speed(problem.recordings)
+            choices.append([np.clip(f * top, low, high) for f in LIMITS])
+        else:
+            signs = (1.0, -1.0) if p.low < 0 else (1.0,)
+            factors = SIZES[1:2] if many else SIZES
+            choices.append([np.clip(s * f * typical, low, high) for f in factors for s in signs])
+    sized = [i for i, p in enumerate(kind.parameters) if not p.shape]
+    rows = _together(kind, choices, sized, model) if len(sized) > 1 else list(itertools.product(*choices))
+    return {
+        f"{kind.name}.{p.name}": np.array([row[i] for row in rows]) for i, p in enumerate(kind.parameters)
+    }  # fmt: skip
+
+
+def _together(kind, choices, sized, model) -> list[tuple[np.ndarray, ...]]:
+    """Several sizes move together, unless they have signs; those that vanish at zero also alone."""
+    rows = []
+    first = kind.parameters[sized[0]]
+    shapes = [choices[i] if i not in sized else [None] for i in range(len(choices))]
+    off = [model.parameter_off(p) for p in kind.parameters]
+    for shape in itertools.product(*shapes):
+        for k in range(len(choices[sized[0]])):
+            both = [choices[i][k] if i in sized else shape[i] for i in range(len(choices))]
+            if first.low >= 0:
+                rows.append(tuple(both))
+            for only in sized if first.off != first.high else ():
+                rows.append(tuple(both[i] if i == only or i not in sized else off[i] for i in range(len(choices))))
+    return rows
+
+
+def _refitted(model: RobotModel, problem: Problem, ground: Ground, change: np.ndarray, floor: np.ndarray):
+    """Mean square (K, n) left when a joint's own gains and one step's share in [0, 1.5] are refitted; the shares."""
+    count = len(change)
+    left, shares, seen = np.ones((count, model.n)), np.ones((count, model.n)), np.zeros((count, model.n))
+    for j in range(model.n):
+        rows = np.flatnonzero(problem.joint_of == j)
+        if len(rows) < 10:
+            continue
+        own = [m for m, row in enumerate(problem.rows) if row.index == j and row.joint == model.joints[j]]
+        gains = ground.jacobian[rows][:, own]
+        gains = gains[:, np.sum(gains**2, axis=0) > 0]
+        basis = np.linalg.qr(gains)[0] if gains.shape[1] else np.zeros((len(rows), 0))
+        r, d = ground.residuals[rows], change[:, rows]
+        r = r - basis @ (basis.T @ r)
+        d = d - (d @ basis) @ basis.T
+        power = np.sum(d**2, axis=1)
+        share = np.clip(-(d @ r) / np.maximum(power, 1e-300), 0.0, 1.5)
+        left[:, j] = np.maximum(np.mean((r + share[:, None] * d) ** 2, axis=1), floor[j] ** 2)
+        shares[:, j] = share
+        seen[:, j] = np.sqrt(power / len(rows)) / max(floor[j], 1.0)
+    return left, shares, float(np.median(seen, axis=0).max())
+
+
+def _top_speed(recordings: Sequence[Recording]) -> np.ndarray:
+    """Largest measured speed (n,), robust: the 99th percentile of slopes over three samples."""
+    slopes = [np.abs((r.position[3:] - r.position[:-3]) / (r.time[3:] - r.time[:-3])[:, None]) for r in recordings]
+    return np.maximum(np.percentile(np.concatenate(slopes), 99, axis=0), 1e-3)
+
+
+def _top_torque(model: RobotModel, problem: Problem) -> np.ndarray:
+    """Largest torque (n,) of the calibrated model's servo, 99th percentile."""
+    runs = run_sets(model, problem.recordings, hold=problem.hold)
+    return np.maximum(np.percentile(np.concatenate([np.abs(r.torque[0]) for r in runs]), 99, axis=0), 1e-6)
+
+
+def screen(
+    catalogue: Mapping[str, type[Effect]], around: Sequence[Ground], problem: Problem, floor: np.ndarray, jobs: int = 1
+) -> list[Screened]:  # fmt: skip
+    """Screen every effect that the model does not have yet, best first; jobs: see `many`."""
+    have = {e.name for e in around[0].model.effects}
+    kinds = [kind for name, kind in catalogue.items() if name not in have]
+    results = many(screen_effect, [(kind, around, problem, floor) for kind in kinds], jobs)
+    return sorted(results, key=lambda s: -s.score)

@@ -1,0 +1,192 @@
+"""The renderers, which draw what a camera sees of a PyBullet world."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import pybullet
+from pybullet_utils.bullet_client import BulletClient
+
+from embodiedreamer_gym.engines.bullet import egl
+from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.geometry.camera import Camera, Pose, rotation_matrix, whole_size
+
+Drawn = tuple[np.ndarray, np.ndarray, np.ndarray]
+Part = tuple[int, int]  # PyBullet's body and link
+LINK = 24  # bits to the left of which PyBullet's segmentation has the link + 1
+BODY = (1 << LINK) - 1
+
+CHOICES = ("auto", "tiny", "egl")
+SMALL = 128 * 128  # pixels up to which TinyRenderer is as fast as OpenGL on a processor
+TINY_SHIFT = 0.5  # pixels to the right and up that TinyRenderer draws things: it looks at pixels' corners
+LIGHT_POSITION = (-3.0, 2.5, 5.0)  # m: over the robot's left shoulder; the head camera sees no glare on the table
+BACKGROUND = (214, 216, 220)  # RGB where nothing is; the renderers' own are white and lilac
+LIGHTS: dict[str, dict[str, Any]] = {  # of OpenGL: what its shader does, which nothing can change
+    "tiny": {"position": LIGHT_POSITION, "colour": (1.0, 1.0, 1.0), "ambient": 0.6, "diffuse": 0.4,
+             "specular": 0.05, "shadow": False, "background": BACKGROUND},
+    "egl": {"position": LIGHT_POSITION, "colour": (1.0, 1.0, 1.0), "ambient": 0.75, "diffuse": 0.25,
+            "specular": 0.5, "shadow": False, "background": BACKGROUND},
+}  # fmt: skip
+IDENTITY = tuple(np.eye(4).ravel())
+PAPER = np.array([*BACKGROUND, 255], np.uint8).view(np.uint32)[0]
+ONE_TEXEL = (*([0.0] * 12), 0.5, 0.5, 1.0, 0.0)  # a projection that maps all the world to one point of a texture
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What a camera sees.
+
+    rgb: (H, W, 3) uint8; depth: (H, W) float32, m along the optical axis, the camera's far where nothing is;
+    segmentation: (H, W) uint8, class numbers, 0 where nothing is; parts: (H, W) uint8, which of the rigid parts asked for,
+    from 1, 0 elsewhere; projections: (L, 3, 4) float32 of those L parts: (u, v, 1) depth = projection (x, y, z, 1), from m in
+    the part's frame to pixels.
+    """
+
+    rgb: np.ndarray
+    depth: np.ndarray
+    segmentation: np.ndarray
+    parts: np.ndarray
+    projections: np.ndarray
+
+    def __repr__(self) -> str:
+        return f"Frame({self.rgb.shape[1]} x {self.rgb.shape[0]})"
+
+    def as_dict(self) -> dict[str, np.ndarray]:
+        """All of it, by the names that files, `info["clip"]` and a `Condition` have for it."""
+        return {"rgb": self.rgb, "classes": self.segmentation, "depth": self.depth, "parts": self.parts,
+                "projections": self.projections}  # fmt: skip
+
+
+def stacked(frames: Sequence[Frame]) -> dict[str, np.ndarray]:
+    """Frames (at least one) one after the other: arrays (T, ...) by the names of `Frame.as_dict`."""
+    seen = [frame.as_dict() for frame in frames]
+    return {key: np.stack([one[key] for one in seen]) for key in seen[0]}
+
+
+class Renderer:
+    """Draws a PyBullet world: by TinyRenderer on the processor, or by OpenGL (EGL), which needs a driver but no display.
+
+    The two light the world differently; `name` and `light` tell a data set which of them drew it. Bodies show their
+    colours, not textures, and no shadows. Make the renderer before bodies are loaded. Where several worlds of one
+    process draw by OpenGL, call `activate` before bodies are loaded or removed later, and `close` before disconnecting.
+
+    choice: tiny, egl, or auto: egl for pictures above 128 x 128 where it can be loaded; size: width, height.
+    Raises: SimulationError for another choice, or egl where it cannot be loaded or bodies are there already.
+    """
+
+    def __init__(self, client: BulletClient, choice: str = "auto", size: tuple[int, int] = (128, 96)) -> None:
+        if choice not in CHOICES:
+            raise SimulationError(f"renderer {choice!r} is none of {', '.join(map(repr, CHOICES))}.")
+        width, height = whole_size(size)
+        wanted = choice == "egl"
+        if choice == "auto" and width * height > SMALL and egl.fits((width, height)):
+            wanted = egl.is_available()
+        self._client = client
+        self._context = egl.EglContext(client) if wanted else None
+        self.name = "egl" if wanted else "tiny"
+        light = LIGHTS[self.name]
+        self._fixed = {
+            "renderer": pybullet.ER_BULLET_HARDWARE_OPENGL if wanted else pybullet.ER_TINY_RENDERER, "shadow": 0,
+            "lightDirection": light["position"], "lightColor": light["colour"], "lightAmbientCoeff": light["ambient"],
+            "lightDiffuseCoeff": light["diffuse"], "lightSpecularCoeff": light["specular"],
+        }  # fmt: skip
+        self._flags, self._shift = 0, TINY_SHIFT
+        if wanted:  # the one mode of the plugin that draws no shadow map, which takes longer than the picture
+            self._flags, self._shift = pybullet.ER_USE_PROJECTIVE_TEXTURE, 0.0
+            self._fixed |= {"projectiveTextureView": IDENTITY, "projectiveTextureProj": ONE_TEXEL}
+
+    def __repr__(self) -> str:
+        return f"Renderer({self.name!r})"
+
+    def __del__(self) -> None:
+        """Leave other worlds' OpenGL alone when the client of this one disconnects."""
+        if getattr(self, "_context", None) is not None and not sys.is_finalizing():
+            with contextlib.suppress(SimulationError):  # another thread collects the garbage
+                self.close()
+
+    @property
+    def light(self) -> dict[str, Any]:
+        """Constants of the light, fit for JSON: position, m; shares of ambient, diffuse and specular light."""
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in LIGHTS[self.name].items()}
+
+    def activate(self) -> None:
+        """Make ready for bodies to be loaded or removed."""
+        if self._context is not None:
+            self._context.make_current()
+
+    def close(self) -> None:
+        """Let go of OpenGL; twice does no harm."""
+        if self._context is not None:
+            self._context.close()
+
+    def rgb(self, camera: Camera, size: tuple[int, int], pose_of_link: Pose | None = None) -> np.ndarray:
+        """Colours (H, W, 3), uint8, of a picture of a size (width, height); pose_of_link: where the camera's link is.
+
+        Raises: SimulationError when the camera's link has no pose, or the picture is too large.
+        """
+        return self._draw(camera, size, pose_of_link, pybullet.ER_NO_SEGMENTATION_MASK)[0]
+
+    def capture(self, camera: Camera, size: tuple[int, int], pose_of_link: Pose | None = None,
+                classes: Mapping[int, int] | None = None, parts: Sequence[Part] = ()) -> Frame:  # fmt: skip
+        """Colours, depth and classes of a picture of a size (width, height).
+
+        pose_of_link: position (3,), m, and quaternion (4,) xyzw of the frame of the camera's link; classes: PyBullet's
+        body -> class number, 0 for those left out; parts: PyBullet's body and link (-1: the base) of those to be told apart.
+        Raises: SimulationError when the camera's link has no pose, the picture is too large or a class is not 0 .. 255.
+        """
+        numbers = _lookup(classes or {})
+        flags = pybullet.ER_SEGMENTATION_MASK_OBJECT_AND_LINKINDEX if parts else 0
+        rgb, buffer, drawn = self._draw(camera, size, pose_of_link, flags)
+        bodies = np.where(drawn < 0, -1, drawn & BODY) if parts else drawn
+        found = np.zeros(drawn.shape, np.uint8)
+        for number, (body, link) in enumerate(parts, 1):
+            found[drawn == body + (link + 1 << LINK)] = number
+        return Frame(rgb, camera.depth(buffer), numbers[np.clip(bodies, -1, len(numbers) - 2) + 1], found,
+                     self._projections(camera, size, pose_of_link, parts))  # fmt: skip
+
+    def _projections(self, camera: Camera, size: tuple[int, int], pose_of_link: Pose | None,
+                     parts: Sequence[Part]) -> np.ndarray:  # fmt: skip
+        """Projections (L, 3, 4) of rigid parts."""
+        found = np.zeros((len(parts), 3, 4))
+        here, axes = camera.pose(pose_of_link)
+        matrix = camera.matrix(size) @ axes.T
+        for projection, (body, link) in zip(found, parts, strict=True):
+            if link < 0:
+                position, quaternion = self._client.getBasePositionAndOrientation(body)
+            else:
+                position, quaternion = self._client.getLinkState(body, link, computeForwardKinematics=True)[4:6]
+            projection[:, :3] = matrix @ rotation_matrix(quaternion)
+            projection[:, 3] = matrix @ (np.array(position) - here)
+        return found.astype(np.float32)
+
+    def _draw(self, camera: Camera, size: tuple[int, int], pose_of_link: Pose | None, flags: int) -> Drawn:
+        """Colours (H, W, 3), depth buffer (H, W) and PyBullet's bodies (H, W; -1: none) of a picture."""
+        view, projection = camera.view(pose_of_link), camera.projection(size, self._shift)
+        if self._context is not None:
+            if not egl.fits(size):
+                raise SimulationError(
+                    f"renderer 'egl' draws pictures of up to {egl.LARGEST[0]} x {egl.LARGEST[1]} pixels, "
+                    f"not {size[0]} x {size[1]}; take 'tiny'."
+                )
+            self._context.make_current()
+        _, _, rgba, buffer, bodies = self._client.getCameraImage(
+            *size, view, projection, flags=self._flags | flags, **self._fixed
+        )
+        rgba.view(np.uint32)[buffer >= 1.0] = PAPER
+        return cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), buffer, bodies
+
+
+def _lookup(classes: Mapping[int, int]) -> np.ndarray:
+    """Class number (bodies + 2,), uint8, by PyBullet's body + 1; those not named are 0."""
+    table = np.zeros(max(classes, default=-1) + 3, np.uint8)  # one more, for bodies beyond the last one named
+    for body, number in classes.items():
+        if not 0 <= number <= 255:
+            raise SimulationError(f"class {number} of body {body} is not one of 0 .. 255.")
+        table[body + 1] = number
+    return table

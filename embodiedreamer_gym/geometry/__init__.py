@@ -1,0 +1,1 @@
+"""Cameras, rotations, meshes: geometry that knows nothing of robots."""

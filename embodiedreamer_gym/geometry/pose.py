@@ -1,0 +1,52 @@
+"""A pose: position and rotation of a frame in the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Position (3,) m and rotation (quaternion xyzw) in the world."""
+
+    position: np.ndarray
+    quaternion: np.ndarray
+
+    @staticmethod
+    def of(position: np.ndarray, rotation: np.ndarray) -> Pose:
+        """The pose with a rotation matrix (3, 3)."""
+        return Pose(np.array(position, float), _quaternion(rotation))
+
+    @cached_property
+    def rotation(self) -> np.ndarray:
+        """Rotation matrix (3, 3)."""
+        x, y, z, w = (self.quaternion * np.sqrt(2.0 / (self.quaternion @ self.quaternion))).tolist()
+        return np.array([
+            [1.0 - y * y - z * z, x * y - z * w, x * z + y * w],
+            [x * y + z * w, 1.0 - x * x - z * z, y * z - x * w],
+            [x * z - y * w, y * z + x * w, 1.0 - x * x - y * y],
+        ])  # fmt: skip
+
+    def point(self, local: tuple[float, float, float] | np.ndarray) -> np.ndarray:
+        """Where (3,) a point of this frame is in the world, m."""
+        return self.position + self.rotation @ local
+
+
+def _quaternion(rotation: np.ndarray) -> np.ndarray:
+    """Quaternion xyzw of a rotation (3, 3); SciPy's takes twenty times as long, and every step needs it.
+
+    Source: Shepperd, Quaternion from rotation matrix, Journal of Guidance and Control 1(3), 1978.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    squares = (1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i, 1.0 + a + e + i)  # four times those of x, y, z, w
+    largest = squares.index(max(squares))
+    found = np.array([
+        (squares[0], b + d, c + g, h - f),
+        (b + d, squares[1], f + h, c - g),
+        (c + g, f + h, squares[2], d - b),
+        (h - f, c - g, d - b, squares[3]),
+    ][largest])  # fmt: skip
+    return found / np.sqrt(found @ found)

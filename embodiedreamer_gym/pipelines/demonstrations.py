@@ -1,0 +1,236 @@
+"""Demonstrations: the scripted expert plays episodes of a task, and those that succeed are written down."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import h5py
+import numpy as np
+from joblib import Parallel, delayed
+
+from embodiedreamer_gym.envs.aloha import AlohaEnv
+from embodiedreamer_gym.envs.experts import ScriptedExpert
+from embodiedreamer_gym.envs.robots import load_robot
+from embodiedreamer_gym.envs.tasks import TASKS
+from embodiedreamer_gym.errors import RecordingError, SimulationError
+from embodiedreamer_gym.io.fingerprint import check_settings
+from embodiedreamer_gym.recordings.episodes import LeRobotWriter, copy_episodes, open_episodes, write_aloha_episode
+from embodiedreamer_gym.recordings.episodes.lerobot_writer import ABOUT
+from embodiedreamer_gym.recordings.episodes.video import check_video
+
+RECIPE = 4  # to be raised with whatever changes the episodes of the same settings
+STEPS = 300  # control steps, after which an attempt has failed
+STILL = 15  # control steps without motion, after which an episode that has succeeded ends
+MOVES = 0.002  # rad, m or share of the gripper's opening per control step
+PATIENCE = 20  # attempts beyond four for each episode that is wanted, after which the expert is given up
+
+Tell = Callable[[int, int], None]  # episodes there are, attempts that have failed
+
+
+@dataclass(frozen=True)
+class Demonstrations:
+    """Episodes of a task by the scripted expert, pictures of a size (width, height).
+
+    robot: a built-in one or a model file; seed: of everything drawn. Episode k of a seed is the same whatever their
+    number and in how many processes they are made.
+    Raises: SimulationError for a task that there is not.
+    """
+
+    task: str
+    seed: int = 0
+    size: tuple[int, int] = (128, 96)
+    cameras: tuple[str, ...] = ("head",)
+    robot: str = "aloha"
+
+    def __post_init__(self) -> None:
+        if self.task not in TASKS:
+            raise SimulationError(f"there is no task '{self.task}'; there are {', '.join(TASKS)}.")
+        if self.seed < 0:
+            raise SimulationError(f"the seed is {self.seed}, but must be at least 0.")
+
+    def settings(self) -> dict[str, Any]:
+        """All that an episode depends on, fit for JSON."""
+        return {**asdict(self), "size": list(self.size), "cameras": list(self.cameras), "recipe": RECIPE}
+
+    def attempt_seed(self, attempt: int) -> int:
+        """Seed of the environment's reset in an attempt."""
+        return int(np.random.SeedSequence([self.seed, zlib.crc32(self.task.encode()), attempt]).generate_state(1)[0])
+
+    def make_env(self) -> AlohaEnv:
+        """The environment that is played in."""
+        return AlohaEnv(self.task, self.robot, cameras=self.cameras, image_size=self.size)
+
+
+def record_demonstrations(wanted: Demonstrations, episodes: int, folder: str | Path, jobs: int = 1,
+                          tell: Tell | None = None) -> int:  # fmt: skip
+    """Write episode_0.hdf5, … of an expert's successes into a folder; how many attempts failed.
+
+    Episodes that are there already are kept, and it goes on behind them. jobs: processes.
+    Raises: SimulationError or ModelError for settings that cannot be, RecordingError for a folder with other episodes,
+    SimulationError when the expert fails too often.
+    """
+    folder = Path(folder)
+    wanted.make_env().close()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(f"{folder} cannot be made a folder: {error.strerror}; give another place.") from error
+    for left in folder.glob(".attempt_*.hdf5*"):  # of a run that was interrupted
+        left.unlink()
+    done, attempt = _there(wanted, folder)
+    while done < episodes:
+        if attempt >= 4 * episodes + PATIENCE:
+            raise SimulationError(
+                f"the expert has succeeded in {done} of {attempt} attempts at {wanted.task} with robot {wanted.robot}; "
+                "it is given up: the robot may be too far from the one it plans with."
+            )
+        for path in _attempts(wanted, range(attempt, attempt + episodes - done), folder, jobs):
+            attempt += 1
+            if path is not None:
+                path.replace(folder / f"episode_{done}.hdf5")
+                done += 1
+            if tell is not None:
+                tell(done, attempt - done)
+    return attempt - done
+
+
+def record_lerobot(wanted: Demonstrations, episodes: int, folder: str | Path, jobs: int = 1,
+                   tell: Tell | None = None) -> int:  # fmt: skip
+    """Write an expert's successes as a LeRobot v3 folder, which is there when it is whole; how many attempts failed.
+
+    Until then the episodes are kept in a hidden folder beside it, from which it goes on where it was interrupted.
+    Raises: as `record_demonstrations`; RecordingError for a folder that holds another set; MissingExtraError without
+    pyarrow or av.
+    """
+    folder = Path(folder)
+    said = {**wanted.settings(), "episodes": episodes}
+    if folder.exists():
+        return _whole(folder / ABOUT, said)
+    parts = folder.with_name(f".{folder.name}.episodes")
+    check_video(wanted.size)
+    failed = record_demonstrations(wanted, episodes, parts, jobs, tell)
+    source, joints = open_episodes(parts), load_robot(wanted.robot).joints
+    with LeRobotWriter(folder, source.rate, joints, robot_type="aloha", about={**said, "failed": failed}) as writer:
+        copy_episodes(source, writer, count=episodes)
+    shutil.rmtree(parts)
+    return failed
+
+
+def _whole(path: Path, said: dict[str, Any]) -> int:
+    """How many attempts failed for a set that is there.
+
+    Raises: RecordingError where it is not the one that is wanted.
+    """
+    try:
+        there = dict(json.loads(path.read_text(encoding="utf-8")))
+        failed = int(there.pop("failed"))
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise RecordingError(
+            f"{path.parents[1]} is in the way: it is no set of demonstrations; give another folder."
+        ) from error
+    check_settings(path.parents[1], there, said)
+    return failed
+
+
+def _there(wanted: Demonstrations, folder: Path) -> tuple[int, int]:
+    """How many episodes are there, and how many attempts they took.
+
+    Raises: RecordingError where there are others than wanted, or one is missing between them.
+    """
+    paths = [path for path in folder.iterdir() if path.suffix in (".hdf5", ".h5")]
+    attempts = 0
+    for number in range(len(paths)):
+        path = folder / f"episode_{number}.hdf5"
+        if path not in paths:
+            raise RecordingError(f"{folder} has other episodes, without {path.name}; give another folder.")
+        try:
+            with h5py.File(path, "r") as file:
+                there = dict(json.loads(str(file.attrs["demonstration"])))
+        except (OSError, KeyError, ValueError, TypeError) as error:
+            raise RecordingError(f"{path} is in the way: it is no demonstration; give another folder.") from error
+        attempts = int(there.pop("attempt", 0)) + 1
+        check_settings(path, there, wanted.settings())
+    return len(paths), attempts
+
+
+def _attempts(wanted: Demonstrations, numbers: Sequence[int], folder: Path, jobs: int) -> Iterator[Path | None]:
+    """Files of attempts in their order, None where one failed."""
+    if jobs == 1 or len(numbers) == 1:
+        for number in numbers:
+            yield _attempt(wanted, number, folder)
+    else:
+        work: Any = Parallel(n_jobs=min(jobs, len(numbers)), prefer="processes", return_as="generator")
+        yield from work(delayed(_attempt)(wanted, number, folder) for number in numbers)
+
+
+def _attempt(wanted: Demonstrations, number: int, folder: Path) -> Path | None:
+    """Play one attempt in an environment of its own; its file, None where it failed."""
+    env = wanted.make_env()
+    try:
+        with tempfile.TemporaryFile(dir=folder) as film:
+            played = _play(env, wanted.attempt_seed(number), film)
+            if played is None:
+                return None
+            path = folder / f".attempt_{number}.hdf5"
+            shape = (len(played["action"]), len(env.cameras), wanted.size[1], wanted.size[0], 4)
+            attributes = {
+                "demonstration": {**wanted.settings(), "attempt": number}, "task": wanted.task, "side": env.side,
+                "seed": wanted.attempt_seed(number), "renderer": env.renderer.name, "control_hz": env.control_hz,
+                "command_hold": env.robot.command_hold, "joint_names": list(env.robot.joints),
+                "units": list(env.robot.units),
+            }  # fmt: skip
+            write_aloha_episode(
+                path, played["qpos"], played["action"], _seen(film, tuple(env.cameras), shape, slice(3)),
+                env.task_description, rate=env.control_hz, images="gzip", velocities=played["qvel"],
+                objects={prop.name: played[prop.name] for prop in env.task.props},
+                masks=_seen(film, tuple(env.cameras), shape, 3), classes=env.segmentation_classes, attributes=attributes,
+            )  # fmt: skip
+            return path
+    except OSError as error:
+        raise RecordingError(f"{folder} cannot be written: {error.strerror or error}.") from error
+    finally:
+        env.close()
+
+
+def _play(env: AlohaEnv, seed: int, film: IO[bytes]) -> dict[str, np.ndarray] | None:
+    """Signals (T, ...) of an episode whose frames and masks go to a file as they come; None where it did not succeed."""
+    observation, info = env.reset(seed=seed)
+    env.blind = True  # frames and masks are drawn at once
+    expert = ScriptedExpert(env)
+    rows: list[dict[str, np.ndarray]] = []
+    still = 0
+    while len(rows) < STEPS and not (info["is_success"] and still >= STILL):
+        for camera in env.cameras:
+            frame = env.capture(camera)
+            film.write(np.dstack([frame.rgb, frame.segmentation]).tobytes())
+        position, action = observation["agent_pos"], expert.act()
+        poses = {prop.name: env.scene.pose(prop.name) for prop in env.task.props}
+        rows.append({
+            "qpos": position, "qvel": env.scene.plant.observe()[1].astype(np.float32), "action": action,
+            **{name: np.concatenate([pose.position, pose.quaternion]) for name, pose in poses.items()},
+        })  # fmt: skip
+        observation, _, _, _, info = env.step(action)
+        still = still + 1 if np.abs(observation["agent_pos"] - position).max() < MOVES else 0
+    return {key: np.array([row[key] for row in rows]) for key in rows[0]} if info["is_success"] else None
+
+
+def _seen(
+    film: IO[bytes], cameras: tuple[str, ...], shape: tuple[int, ...], which: Any
+) -> dict[str, Iterator[np.ndarray]]:
+    """Some channels of what each camera saw, one step after another, of a file of (T, cameras, H, W, 4)."""
+    film.flush()
+
+    def of(place: int) -> Iterator[np.ndarray]:
+        size = int(np.prod(shape[2:]))
+        for step in range(shape[0]):
+            film.seek((step * shape[1] + place) * size)
+            yield np.frombuffer(film.read(size), np.uint8).reshape(shape[2:])[..., which]
+
+    return {camera: of(place) for place, camera in enumerate(cameras)}

@@ -1,0 +1,267 @@
+"""A study of preferences: a policy that improves on its own rollouts, cycle by cycle, in a folder."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import zlib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.io.fingerprint import check_settings
+from embodiedreamer_gym.policies.evaluation import check_fit
+from embodiedreamer_gym.robot.files import write_json
+
+FIRST_START, FIRST_EVALUATION = (
+    300_000_000,
+    200_000,
+)  # seeds; demonstrations count from 0, `policy evaluate` from 100 000
+SETTINGS, ROW, WEIGHTS, PAIRS, ROLLOUTS = "settings.json", "row.json", "weights.pt", "pairs.hdf5", "rollouts"
+FREE = ("envs", "jobs")  # settings with others of which a study may go on
+LEARNING = (
+    "metric",
+    "pairing",
+    "top",
+    "margin",
+    "method",
+    "variant",
+    "beta",
+    "sigma",
+    "epochs",
+    "batch",
+    "rate",
+    "fall",
+)  # those that may change as long as nothing has been learnt: rollouts do not depend on them
+PREFERENCES = "preferences"  # the method that compares; the others clone
+RATE, CLONING_RATE = 3e-5, 1e-4  # of Adam
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """What a study does.
+
+    policy: as `load_policy` takes it; task: id or name; robot: a built-in one or a model file; dream: an aligner, None to see
+    the simulator's pictures, from references of a bank, after every n-th action; execute: actions of each chunk, None for all; envs: episodes at once
+    in each of jobs processes; starts of a cycle, tries from each, noise (normalised) per chunk or step; metric, pairing, top,
+    margin (m): as of `PreferenceSet.choose`; method: preferences, best_of, top or rwr; variant, beta: of the loss; sigma,
+    epochs, batch, rate, fall: as of `TuningConfig` (rate None: RATE, or CLONING_RATE); evaluations: episodes after each cycle; seed: of all that is drawn.
+    Raises: PolicyError for what could only fail after the rollouts.
+    """
+
+    policy: str
+    task: str
+    evaluations: int
+    robot: str
+    dream: str | None
+    bank: str
+    every: int
+    execute: int | None
+    envs: int
+    jobs: int
+    seed: int
+    starts: int
+    tries: int
+    noise: float
+    per: str
+    metric: str
+    pairing: str
+    top: int | None
+    margin: float
+    method: str
+    variant: str
+    beta: float
+    sigma: float
+    epochs: int
+    batch: int | None
+    rate: float | None
+    fall: float
+
+    def __post_init__(self) -> None:
+        from embodiedreamer_gym.policies.preferences import METRICS
+
+        for name, value in (("noise", self.noise), ("margin", self.margin)):
+            if not 0 <= value < math.inf:
+                raise PolicyError(f"{name} is {value}, but must be a number of at least 0.")
+        if self.seed < 0:
+            raise PolicyError(f"seed is {self.seed}, but must be at least 0.")
+        if self.metric not in METRICS:
+            raise PolicyError(f"metric '{self.metric}' is none of {', '.join(METRICS)}.")
+        if self.tries == 1 and self.pairing == "same_start" and self.method == PREFERENCES:
+            raise PolicyError("every start is tried once, which makes no pair; give at least 2 tries, or global_rank.")
+
+
+class Study:
+    """A policy, an environment, and a folder with what each cycle left: weights, pairs, and a row, written last."""
+
+    def __init__(self, a: StudySettings, out: Path, said: Any) -> None:
+        from embodiedreamer_gym.policies import load_policy
+
+        self.a, self.out, self.said = a, out, said
+        self.policy: Any = load_policy(a.policy)  # one with a network
+        if not hasattr(getattr(self.policy, "network", None), "mean"):
+            raise PolicyError(f"policy {a.policy} has no network to fine-tune; give one that `policy train` wrote.")
+        self.config = _config(a)
+        kept = {key: value for key, value in asdict(a).items() if key not in FREE}
+        self.settings = dict(sorted({**kept, "weights": _fingerprint(self.policy.network)}.items()))
+        self.env = environment(a, self.policy)
+        check_fit(self.policy, self.env)
+        if (out / SETTINGS).is_file():
+            begun, there = (self.folder(1) / WEIGHTS).is_file(), _read(out / SETTINGS)
+            wanted = {key: value for key, value in self.settings.items() if begun or key not in LEARNING}
+            check_settings(out, there, wanted)
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(self.settings, out / SETTINGS)
+
+    def close(self) -> None:
+        """End the progress and the environment."""
+        self.said.close()
+        self.env.close()
+
+    def folder(self, cycle: int) -> Path:
+        """Where a cycle leaves what it made; 0 is the policy as it was given."""
+        return self.out / f"cycle-{cycle:02d}"
+
+    def row(self, cycle: int) -> dict[str, Any]:
+        """What a cycle reached: read, with its weights, or run."""
+        import torch
+
+        folder = self.folder(cycle)
+        folder.mkdir(exist_ok=True)
+        if (folder / ROW).is_file():
+            try:
+                weights = torch.load(folder / WEIGHTS, weights_only=True, map_location="cpu")
+                self.policy.network.load_state_dict(weights)
+            except Exception as error:  # whatever a damaged or foreign file raises
+                raise PolicyError(f"{folder / WEIGHTS} is damaged, or of another policy; remove {folder}.") from error
+            return _read(folder / ROW)
+        told = self._learn(cycle, folder) if cycle else {}
+        part = folder / f".{WEIGHTS}.part"
+        torch.save(self.policy.network.state_dict(), part)
+        part.replace(folder / WEIGHTS)
+        row = {"cycle": cycle, **self._judge(), **told}
+        write_json(row, folder / ROW)
+        shutil.rmtree(folder / ROLLOUTS, ignore_errors=True)
+        return row
+
+    def _rolled(self, seeds: range, tries: int, noise: float, folder: Path | None = None) -> list[Any]:
+        """What `rolled` gives, in the order of the seeds, of as many processes as there may be."""
+        from joblib import Parallel, delayed
+
+        if self.a.jobs == 1:
+            return rolled(self.a, self.policy, self.env, seeds, tries, noise, folder, self.said)
+        parts = [seeds[k :: self.a.jobs] for k in range(self.a.jobs)]
+        found = Parallel(self.a.jobs, prefer="processes", return_as="generator_unordered")(
+            delayed(_numbered)(k, self.a, self.policy, part, tries, noise, folder) for k, part in enumerate(parts)
+        )
+        done: dict[int, list[Any]] = {}
+        for k, results in found:  # pyright: ignore[reportGeneralTypeIssues]
+            done[k] = results
+            self.said("rollouts", sum(map(len, done.values())), len(seeds), f"{len(done)} of {len(parts)} processes")
+        return [done[k % self.a.jobs][k // self.a.jobs] for k in range(len(seeds))]
+
+    def _judge(self) -> dict[str, Any]:
+        """Success on scenes that no cycle learns from, without noise, and of each scene."""
+        from embodiedreamer_gym.policies.preferences import METRICS
+
+        seeds = range(FIRST_EVALUATION, FIRST_EVALUATION + self.a.evaluations)
+        ends = self._rolled(seeds, 1, 0.0)
+        done = [int(end["is_success"]) for end in ends]
+        found: dict[str, Any] = {"episodes": len(ends), "success": sum(done) / len(ends), "successes": done}
+        return found | {k: sum(e[k] for e in ends) / len(ends) for k in METRICS if k in ends[0]}
+
+    def _learn(self, cycle: int, folder: Path) -> dict[str, Any]:
+        """Roll out, choose and fine-tune."""
+        first = FIRST_START + 1_000_000 * self.a.seed + 10_000 * cycle
+        seeds = range(first, first + self.a.starts)
+        files = self._rolled(seeds, self.a.tries, self.a.noise, folder / ROLLOUTS)
+        return self._prefer(files, folder) if self.a.method == PREFERENCES else self._clone(files)
+
+    def _prefer(self, files: Sequence[Path], folder: Path) -> dict[str, Any]:
+        from embodiedreamer_gym.policies.preferences import PreferenceSet, fine_tune, load_trajectories
+
+        found, a = [], self.a
+        for path in files:
+            tries = load_trajectories(path)[0]
+            if a.pairing == "same_start":  # only the best and the worst can be of a pair
+                tries = sorted(tries, key=lambda one: one.score(a.metric))
+                tries = tries[:1] + tries[1:][-1:]
+            found += tries
+        pairs = PreferenceSet.choose(found, a.metric, a.pairing, a.top, a.margin)
+        pairs.save(folder / PAIRS)
+        tuned = fine_tune(self.policy.network, pairs, self.config, self.said)
+        kept = -1 if tuned.stopped is None else -2  # the epoch whose weights are there
+        return {"pairs": len(pairs), "contrast": pairs.contrast, "gradient": tuned.gradient, "winners": tuned.winner[kept],
+                "losers": tuned.loser[kept], "stopped": tuned.stopped}  # fmt: skip
+
+    def _clone(self, files: Sequence[Path]) -> dict[str, Any]:
+        from embodiedreamer_gym.policies.preferences import clone, filtered, load_trajectories, reward_weights
+
+        a, weights = self.a, None
+        found = [one for path in files for one in load_trajectories(path)[0]]
+        if a.method == "rwr":
+            weights = reward_weights(found, a.metric).tolist()
+        else:
+            found = filtered(found, a.metric, a.method, a.top or 25)
+        clone(self.policy.network, found, self.config, weights, self.said)
+        return {"pairs": len(found)}
+
+
+def rolled(a: StudySettings, policy: Any, env: Any, seeds: range, tries: int, noise: float, folder: Path | None,
+           said: Any = None) -> list[Any]:  # fmt: skip
+    """Files of the tries from each seed's start, written into a folder; without one, the outcome of one try."""
+    from embodiedreamer_gym.wrappers import preference_rollout as rollout
+
+    kind = rollout.PreferenceRolloutWrapper if a.envs == 1 else rollout.PreferenceRolloutVectorWrapper
+    player = kind(env, tries=tries, noise=noise, per=a.per)
+    if folder is not None:
+        return player.record(policy, seeds, folder, progress=said)
+    return [one.outcome for one in player.rollouts(policy, seeds, progress=said)]
+
+
+def _numbered(number: int, a: StudySettings, policy: Any, *given: Any) -> tuple[int, list[Any]]:
+    """The same in a process of its own."""
+    import torch
+
+    torch.set_num_threads(1)
+    env = environment(a, policy)
+    try:
+        return number, rolled(a, policy, env, *given)
+    finally:
+        env.close()
+
+
+def environment(a: StudySettings, policy: Any) -> Any:
+    """The task's environment, or a vector of them, that takes chunks; dreamed where asked for."""
+    from embodiedreamer_gym.pipelines.policy_env import policy_world
+
+    return policy_world(policy, a.task, a.robot, a.execute, a.dream, a.bank, a.every, a.envs)
+
+
+def _fingerprint(network: Any) -> str:
+    """What tells the weights of a policy from others."""
+    sums = [zlib.crc32(value.detach().cpu().numpy().tobytes()) for _, value in sorted(network.state_dict().items())]
+    return f"{zlib.crc32(repr(sums).encode()):08x}"
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """A JSON object that a study left."""
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError) as error:
+        raise PolicyError(f"{path} is damaged; remove {path.parent}.") from error
+
+
+def _config(a: StudySettings) -> Any:
+    """How the policy learns, of the options."""
+    from embodiedreamer_gym.policies.preferences import CloningConfig, LossConfig, TuningConfig
+
+    compares = a.method == PREFERENCES
+    rate = a.rate if a.rate is not None else RATE if compares else CLONING_RATE
+    if not compares:
+        return CloningConfig(a.epochs, a.batch or 256, rate, a.seed)
+    loss = LossConfig(a.variant, a.beta)
+    return TuningConfig(loss, a.sigma, a.epochs, a.batch or 25, rate, a.fall or None, seed=a.seed)

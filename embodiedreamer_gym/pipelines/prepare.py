@@ -1,0 +1,75 @@
+"""Real recordings with video become episodes to learn from: the simulator's view of the same joints beside each frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+
+from embodiedreamer_gym.engines.bullet.rendering import stacked
+from embodiedreamer_gym.engines.bullet.robot_view import RobotView
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.geometry.camera import Camera
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.vis_aligner.clip import ROBOT, Condition, Episode
+from embodiedreamer_gym.vis_aligner.masks import MaskSource, no_masks
+
+Progress = Callable[[str, int, float], None]
+
+
+def prepare(
+    recording: Recording, model: RobotModel, camera: Camera, size: tuple[int, int] | None = None,
+    masks: MaskSource = no_masks, progress: Progress | None = None,
+) -> Episode:  # fmt: skip
+    """An episode of a recording: its frames, and the robot alone as the simulator shows it at the measured joints.
+
+    camera: the calibrated one, whose name is that of the recording's video; size: width and height of the pictures, the
+    video's own where None; masks: where the objects are in the real frames, which hide the robot where they are nearer.
+    Raises: VisionError where the recording has no such video; SimulationError where it is of another robot.
+    """
+    if camera.name not in recording.frames:
+        raise VisionError(
+            f"{recording.name} has no video of camera '{camera.name}'; it has {', '.join(recording.frames) or 'none'}."
+        )
+    video, real, seen = recording.frames[camera.name], [], []
+    size = size or (video[0].shape[1], video[0].shape[0])
+    with RobotView(model, camera, size) as view:
+        for number, position in enumerate(recording.only(model.joints).position):
+            frame = video[number]
+            things = masks(frame, number)
+            robot = view.at(position)
+            real.append(cv2.resize(frame, size, interpolation=cv2.INTER_AREA))
+            things = cv2.resize(things, size, interpolation=cv2.INTER_NEAREST)
+            classes = np.where(things > ROBOT, things, robot.segmentation)
+            parts = np.where(things > ROBOT, 0, robot.parts)
+            seen.append(replace(robot, segmentation=classes, parts=parts))
+            if progress is not None:
+                progress("simulated view", number + 1, 0.0)
+    return Episode(recording.name, np.stack(real), Condition(**stacked(seen)))
+
+
+def write_episode(episode: Episode, path: str | Path, camera: str = "head") -> None:
+    """Write an episode as `load_episode` reads it, beside and renamed.
+
+    Raises: VisionError where it cannot be written.
+    """
+    path = Path(path)
+    part = path.with_name(f".{path.name}.part")
+    try:
+        with h5py.File(part, "w") as file:
+            packed = {"compression": "gzip", "compression_opts": 1}
+            file.create_dataset(f"observations/images/{camera}", data=episode.frames, **packed)
+            for key, data in vars(episode.condition).items():
+                if data is not None:
+                    data = data.astype(np.float16) if key == "depth" else data
+                    file.create_dataset(f"observations/sim/{camera}/{key}", data=data, **packed)
+        part.replace(path)
+    except OSError as error:
+        raise VisionError(f"{path} cannot be written: {error.strerror or error}.") from error
+    finally:
+        part.unlink(missing_ok=True)

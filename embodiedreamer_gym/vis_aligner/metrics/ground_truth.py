@@ -1,0 +1,114 @@
+"""What generated clips are held against: the true clip with its classes, and all that follows from them alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.vis_aligner.metrics.checks import checked_classes, checked_frames, checked_picture, said
+from embodiedreamer_gym.vis_aligner.metrics.regions import moving_region, numbers_of, static_background
+from embodiedreamer_gym.vis_aligner.metrics.segmenter import Segmenter, mask_iou
+from embodiedreamer_gym.vis_aligner.metrics.video_features import I3d, random_features
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Truth:
+    """A true clip, without its reference frame.
+
+    frames: (T, H, W, 3), uint8 RGB; classes: (T, H, W), uint8; reference: (H, W, 3), the true frame before the first,
+    and its classes (H, W); class_names: what the numbers mean: background, table, robot, then the props.
+    segmenter: how classes are found again in pictures; by default learnt from this clip and its reference.
+    Raises: VisionError when sizes differ, or class names do not fit.
+    """
+
+    frames: np.ndarray
+    classes: np.ndarray
+    reference: np.ndarray
+    reference_classes: np.ndarray
+    class_names: tuple[str, ...]
+    segmenter: Segmenter | None = None
+
+    def __post_init__(self) -> None:
+        frames = checked_frames(self.frames, "true frames")
+        first = np.asarray(self.reference_classes)
+        for name, value in {
+            "frames": frames,
+            "classes": checked_classes(self.classes, frames),
+            "reference": checked_picture(self.reference, frames),
+            "reference_classes": checked_classes(first[None], frames[:1], "classes of the reference")[0],
+            "class_names": tuple(self.class_names),
+        }.items():
+            object.__setattr__(self, name, value)
+        numbers_of(self.class_names)
+        greatest = max(int(self.classes.max()), int(self.reference_classes.max()))
+        if greatest >= len(self.class_names):
+            raise VisionError(
+                f"class {greatest} is in the pictures, but there are names for 0 .. {len(self.class_names) - 1}."
+            )
+
+    def __repr__(self) -> str:
+        return f"Truth({said(self.frames)}, {', '.join(self.class_names[2:])})"
+
+    @cached_property
+    def numbers(self) -> dict[str, tuple[int, ...]]:
+        """Class numbers by region: robot, each prop, objects, arm and objects."""
+        return numbers_of(self.class_names)
+
+    @cached_property
+    def moving(self) -> np.ndarray:
+        """Pixels (T, H, W), bool, that are no longer what the reference shows."""
+        return moving_region(self.frames, self.classes, self.reference, self.reference_classes)
+
+    @cached_property
+    def still(self) -> np.ndarray:
+        """Pixels (T, H, W), bool, of background that stands still."""
+        return static_background(self.classes, self.reference_classes, self.moving)
+
+    @cached_property
+    def learnt(self) -> Segmenter:
+        """The segmenter: the given one, or one learnt from the reference and this clip."""
+        if self.segmenter is not None:
+            return self.segmenter
+        frames = np.concatenate([self.reference[None], self.frames])
+        return Segmenter.learn(frames, np.concatenate([self.reference_classes[None], self.classes]))
+
+    @cached_property
+    def ceiling(self) -> dict[str, float | None]:
+        """IoU that the true frames themselves reach, by region; None where no true pixel is of it."""
+        found = self.find(self.frames)
+        return {name: self.iou(found, numbers) for name, numbers in self.numbers.items()}
+
+    @cached_property
+    def random_features(self) -> np.ndarray:
+        """Features (n, 64) for rfvd."""
+        return random_features(self.frames)
+
+    def find(self, frames: np.ndarray) -> np.ndarray:
+        """Classes (T, H, W) found again in frames (T, H, W, 3) by their colours."""
+        return self.learnt.segment(frames, self.classes, self.reference_classes)
+
+    def iou(self, found: np.ndarray, numbers: tuple[int, ...]) -> float | None:
+        """Intersection over union of found and true classes, over the clip, mean over classes that have true pixels.
+
+        None where no class has. The mean weighs a pen as much as the box beside it.
+        """
+        shares = [mask_iou(found, self.classes, number) for number in self.seen(numbers)]
+        return float(np.mean(shares)) if shares else None
+
+    def seen(self, numbers: tuple[int, ...]) -> tuple[int, ...]:
+        """Those of the class numbers that have a true pixel."""
+        return tuple(number for number in numbers if (self.classes == number).any())
+
+    def mask(self, numbers: tuple[int, ...]) -> np.ndarray:
+        """Pixels (T, H, W), bool, of these classes."""
+        return np.isin(self.classes, numbers)
+
+    def i3d_features(self, network: I3d) -> np.ndarray:
+        """Features (n, D) for FVD, kept for the next call."""
+        kept = self.__dict__.setdefault("_i3d", {})
+        if network.path not in kept:
+            kept[network.path] = network.features(self.frames)
+        return kept[network.path]

@@ -1,0 +1,72 @@
+"""Which pixels a measure is about: what moves, each class of thing, the background that stands still.
+
+They follow from the true frames alone, so that every model and baseline is scored on the same pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.vis_aligner.metrics.checks import checked_classes, checked_frames, checked_picture
+
+ROBOT = 2  # its class number; below it stand background (0) and table (1), above it the task's props
+MOVED = 12.0  # 1/255: more than that, averaged over 3x3 pixels, has changed; 13 sd of a sensor's noise of 2/255
+MARGIN = 0.015  # of the picture's width, by which what moved is widened
+
+
+def moving_region(
+    truth: np.ndarray, classes: np.ndarray, reference: np.ndarray, reference_classes: np.ndarray
+) -> np.ndarray:
+    """Pixels (T, H, W), bool, of true frames that are no longer what the reference frame shows.
+
+    Those whose class differs from the reference's, and those where a channel, averaged over 3x3 pixels, differs by
+    more than MOVED; both widened by a disc of MARGIN x width (at least a pixel). So shadows count, noise does not.
+    truth: (T, H, W, 3) and classes (T, H, W), uint8; reference: (H, W, 3) and its classes (H, W), the first frame.
+    Raises: VisionError when sizes differ.
+    """
+    truth = checked_frames(truth, "true frames")
+    classes = checked_classes(classes, truth)
+    before = cv2.blur(checked_picture(reference, truth), (3, 3))
+    first = checked_classes(np.asarray(reference_classes)[None], truth[:1], "classes of the reference")[0]
+    radius = max(1, round(MARGIN * truth.shape[2]))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    moved = np.empty(truth.shape[:3], bool)
+    for i, frame in enumerate(truth):
+        changed = (cv2.absdiff(cv2.blur(frame, (3, 3)), before).max(axis=2) > MOVED) | (classes[i] != first)
+        moved[i] = cv2.dilate(changed.astype(np.uint8), disc) > 0
+    return moved
+
+
+def static_background(classes: np.ndarray, reference_classes: np.ndarray, moving: np.ndarray) -> np.ndarray:
+    """Pixels (T, H, W), bool, of background or table, now and in the reference, that did not move.
+
+    Raises: VisionError when sizes differ.
+    """
+    if classes.shape != moving.shape or np.shape(reference_classes) != classes.shape[1:]:
+        raise VisionError(
+            f"classes are {classes.shape}, those of the reference {np.shape(reference_classes)}, what moves is "
+            f"{moving.shape}; (T, H, W), (H, W) and (T, H, W) of one size are expected."
+        )
+    return (classes < ROBOT) & (reference_classes < ROBOT) & ~moving
+
+
+def numbers_of(class_names: Sequence[str]) -> dict[str, tuple[int, ...]]:
+    """Class numbers by region: the robot, each prop, all props as "objects", and "arm and objects".
+
+    class_names: what the numbers mean: background, table, robot, then the props.
+    Raises: VisionError for fewer than three names, a name twice or one that is a region's.
+    """
+    names = tuple(class_names)
+    regions = ("objects", "arm and objects", "moving")
+    if len(names) <= ROBOT or len(set(names)) < len(names) or set(names) & set(regions):
+        raise VisionError(
+            f"class names {list(names)}: background, table, robot and the props are expected, each once, "
+            f"and none called {', '.join(regions)}."
+        )
+    props = tuple(range(ROBOT + 1, len(names)))
+    found = {name: (number,) for number, name in enumerate(names) if number >= ROBOT}
+    return found | ({"objects": props} if props else {}) | {"arm and objects": (ROBOT, *props)}

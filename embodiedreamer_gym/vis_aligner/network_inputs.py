@@ -1,0 +1,197 @@
+"""Conditions and references as tensors: what a network gets to see.
+
+The paper adds the objects' masks pixel-wise to the picture of the robot; here each class has a channel of its own beside a
+picture whose object pixels are blank, which is the same without the sums' ambiguity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, TABLE, Condition, References
+from embodiedreamer_gym.vis_aligner.reprojection import Change, recall
+
+NEAR, REACH = 1.0, 0.5  # m; a depth of NEAR +- REACH is -1 .. 1
+EDGE = np.ones((3, 3), np.uint8)
+SLOPE = 20.0 / 128  # per metre from a pixel to the next but one and pixel of width: the channels of the surface's tilt
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Which inputs a model uses; what is switched off is not looked at, so that an ablation is one flag.
+
+    masks: channels of robot, object and goal (else objects are erased from the picture); depth: depth and its two
+    slopes; anchor: the true first frame; plate: what has been seen behind moving things; at_reference: the simulated
+    view at the reference's time; carry: links and objects that have moved are taken along from the pictures that show them;
+    gallery: links also from photos of the robot in other poses.
+    """
+
+    masks: bool = True
+    depth: bool = True
+    anchor: bool = True
+    plate: bool = True
+    at_reference: bool = True
+    carry: bool = True
+    gallery: bool = True
+
+    @property
+    def per_frame(self) -> int:
+        """Channels of a frame's condition."""
+        return 3 + 3 * self.masks + 3 * self.depth
+
+    @property
+    def known(self) -> int:
+        """Pictures of true frames that each frame can be made of."""
+        return self.plate + self.anchor + self.gallery
+
+    @property
+    def per_clip(self) -> int:
+        """Channels of the references."""
+        frames = 1 + self.anchor
+        return 3 * frames + self.at_reference * frames * self.per_frame + 4 * self.plate
+
+
+def allowed(condition: Condition, inputs: Inputs) -> Condition:
+    """A condition with that only which a model is to see: without masks no objects, without carrying no parts."""
+    seen = condition if inputs.masks else without_objects(condition)
+    return seen if inputs.carry else seen.without_parts()
+
+
+def frame_channels(condition: Condition, inputs: Inputs, width: int | None = None) -> Tensor:
+    """Channels (T, C, H, W), float, of a condition; width: of the whole picture, where this is a window of it."""
+    thing = condition.classes >= OBJECT
+    rgb = np.where(thing[..., None], 0.0, condition.rgb.astype(np.float32) / 127.5 - 1.0)
+    parts = [rgb.transpose(0, 3, 1, 2)]
+    if inputs.masks:
+        classes = condition.classes
+        parts.append(np.stack([classes == ROBOT, classes == OBJECT, classes > OBJECT], axis=1).astype(np.float32))
+    if inputs.depth:
+        parts.append(_depth_channels(condition, thing, width or condition.size[0]))
+    return torch.from_numpy(np.ascontiguousarray(np.concatenate(parts, axis=1), np.float32))
+
+
+def without_objects(condition: Condition) -> Condition:
+    """The condition as if no object were there: what stands around each is drawn over it."""
+    thing = condition.classes >= OBJECT
+    rgb, depth = condition.rgb.copy(), None if condition.depth is None else condition.depth.copy()
+    for number in np.flatnonzero(thing.any(axis=(1, 2))):
+        rgb[number] = cv2.inpaint(rgb[number], thing[number].astype(np.uint8), 3, cv2.INPAINT_TELEA)
+        if depth is not None:
+            depth[number] = cv2.inpaint(depth[number], thing[number].astype(np.uint8), 3, cv2.INPAINT_TELEA)
+    bare = condition.without_parts(OBJECT)
+    return replace(bare, rgb=rgb, classes=np.where(thing, TABLE, condition.classes).astype(np.uint8), depth=depth)
+
+
+def _depth_channels(condition: Condition, thing: np.ndarray, width: int) -> np.ndarray:
+    """Depth and its slopes (T, 3, H, W), zero where an object is, or where no depth is known."""
+    t, h, w = condition.classes.shape
+    if condition.depth is None:
+        return np.zeros((t, 3, h, w), np.float32)
+    metres = condition.depth.astype(np.float32)
+    across, down = np.zeros_like(metres), np.zeros_like(metres)
+    across[:, :, 1:-1] = metres[:, :, 2:] - metres[:, :, :-2]
+    down[:, 1:-1] = metres[:, 2:] - metres[:, :-2]
+    scale = SLOPE * width  # the same tilt is the same number whatever the picture's size
+    found = np.stack([(metres - NEAR) / REACH, scale * across, scale * down], axis=1)
+    return np.where(thing[:, None], 0.0, np.clip(found, -1.0, 1.0))
+
+
+def reference_channels(references: References, inputs: Inputs, width: int | None = None) -> Tensor:
+    """Channels (C, H, W), float, of the references; width: of the whole picture, where this is a window of it."""
+    parts = [to_tensor(references.last)]
+    views = [references.last_condition]
+    if inputs.anchor:
+        parts.append(to_tensor(references.anchor))
+        views.append(references.anchor_condition)
+    if inputs.plate:
+        seen = torch.from_numpy(references.seen.astype(np.float32))[None]
+        parts += [to_tensor(references.plate) * seen, seen]
+    if inputs.at_reference:
+        parts += [frame_channels(view, inputs, width)[0] for view in views]
+    return torch.cat(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """What frames can be made of without painting.
+
+    still (T, 3, H, W): what they would be if nothing new had to be drawn; known (T, S, 3, H, W): what true pictures of other
+    moments tell, S is Inputs.known; stale (T, 1, H, W): 1 where a part of robot or object shows that no picture shows.
+    """
+
+    still: Tensor
+    known: Tensor
+    stale: Tensor
+
+
+def sources(references: References, condition: Condition, inputs: Inputs) -> Sources:
+    """The sources of each frame.
+
+    still is the last frame; but where a thing has left and the plate shows what is behind it, the plate; and what is rigid
+    where it has moved to, from the last frame, else from the anchor, else from the gallery. known are plate, anchor and
+    gallery, as far as each goes, so that a copy of a copy never has to be made; elsewhere still.
+    """
+    before, count = references.last_condition, len(condition)
+    thing = condition.classes >= ROBOT
+    still = np.repeat(references.last[None], count, axis=0)
+    if inputs.plate:
+        left = references.seen & _left(before.classes[0] >= ROBOT, thing)
+        _put(still, references.plate, left)
+    since = Change(before, condition)
+    colours, there = since.carry(references.last)
+    _put(still, colours, there)
+    stale = since.differs & thing & ~there
+    told = []
+    if inputs.anchor:
+        since = Change(references.anchor_condition, condition)
+        colours, there = since.carry(references.anchor)
+        same = ~since.differs
+        _put(colours, references.anchor, same)
+        told.append((colours, there | same))
+    if inputs.gallery:
+        told.append(recall(references.gallery, condition))
+    for colours, there in told:
+        _put(still, colours, stale & there)
+        stale &= ~there
+    if inputs.plate:
+        told.insert(0, (references.plate, references.seen & ~thing))
+    known = [still.copy() for _ in told]
+    for one, (colours, there) in zip(known, told, strict=True):
+        _put(one, colours, there)
+    stacked = np.stack(known, 1) if known else still[:, None][:, :0]
+    return Sources(to_tensor(still), to_tensor(stacked), torch.from_numpy(stale)[:, None].float())
+
+
+def _put(frames: np.ndarray, colours: np.ndarray, there: np.ndarray) -> None:
+    """Colours (T, H, W, 3) or (H, W, 3) into frames (T, H, W, 3) in some places (T, H, W)."""
+    tall = (-1, *frames.shape[2:])  # OpenCV takes pictures, and is ten times as fast as indexing
+    source = np.ascontiguousarray(np.broadcast_to(colours, frames.shape)).reshape(tall)
+    cv2.copyTo(source, there.astype(np.uint8).reshape(tall[:2]), frames.reshape(tall))
+
+
+def _left(before: np.ndarray, now: np.ndarray) -> np.ndarray:
+    """Pixels (T, H, W) that a thing (H, W) has left; its edge too, which may be a pixel wider in a real picture."""
+    wide = cv2.dilate(before.astype(np.uint8), EDGE) > 0
+    return np.stack([(before & ~one) | (wide & (cv2.dilate(one.astype(np.uint8), EDGE) == 0)) for one in now])
+
+
+def to_tensor(frames: np.ndarray) -> Tensor:
+    """Frames (..., H, W, 3) uint8 as (..., 3, H, W) in -1 .. 1."""
+    return (
+        torch.from_numpy(frames)
+        .movedim(-1, -3)
+        .to(torch.float32, memory_format=torch.contiguous_format)
+        .div_(127.5)
+        .sub_(1.0)
+    )
+
+
+def to_frames(clip: Tensor) -> np.ndarray:
+    """(..., 3, H, W) in -1 .. 1 as frames (..., H, W, 3) uint8."""
+    levels = ((clip.clamp(-1.0, 1.0) + 1.0) * 127.5).round().to(torch.uint8)
+    return np.ascontiguousarray(levels.movedim(-3, -1).cpu().numpy())
