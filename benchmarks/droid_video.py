@@ -29,7 +29,7 @@ from embodiedreamer_gym.engines.bullet.client import World  # noqa: E402
 from embodiedreamer_gym.engines.bullet.rendering import Renderer, stacked  # noqa: E402
 from embodiedreamer_gym.geometry.camera import Camera  # noqa: E402
 from embodiedreamer_gym.io.video import save_picture  # noqa: E402
-from embodiedreamer_gym.vis_aligner import Condition, Episode, load_aligner, measures  # noqa: E402
+from embodiedreamer_gym.vis_aligner import Condition, Episode, load_aligner, metrics  # noqa: E402
 from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames  # noqa: E402
 from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner  # noqa: E402
 from embodiedreamer_gym.vis_aligner.clip import ROBOT  # noqa: E402
@@ -101,7 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if a.strips is not None:
             a.strips.mkdir(parents=True, exist_ok=True)
             for j in judged:
-                save_picture(measures.strip(j.clips, columns=6), a.strips / f"droid_{j.episode.name}.jpg")
+                save_picture(metrics.strip(j.clips, columns=6), a.strips / f"droid_{j.episode.name}.jpg")
 
 
 if __name__ == "__main__":

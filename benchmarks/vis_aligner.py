@@ -21,7 +21,7 @@ import torch
 from benchmarks.common import pin_threads
 from embodiedreamer_gym.cli.command import main as embodiedreamer
 from embodiedreamer_gym.io.video import save_picture
-from embodiedreamer_gym.vis_aligner import Aligner, Episode, load_aligner, load_bank, load_episodes, measures
+from embodiedreamer_gym.vis_aligner import Aligner, Episode, load_aligner, load_bank, load_episodes, metrics
 from embodiedreamer_gym.vis_aligner.clip import Bench, Condition
 from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, Judged, judge, tables
 
@@ -108,7 +108,7 @@ def write_strips(judged: Sequence[Judged], folder: Path, name: str) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for number, j in enumerate(judged):
         rows = {row: j.clips[row] for row in ("simulated", CLOSED, "real")}
-        picture = measures.strip(rows, columns=6, zoom=1)
+        picture = metrics.strip(rows, columns=6, zoom=1)
         save_picture(picture, folder / f"{name}_{number}.jpg")
 
 

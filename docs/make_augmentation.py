@@ -10,7 +10,7 @@ from embodiedreamer_gym.io.video import save_picture
 from embodiedreamer_gym.pipelines.demonstrations import Demonstrations, record_demonstrations
 from embodiedreamer_gym.pipelines.regenerate import regenerate
 from embodiedreamer_gym.recordings.episodes import open_episodes
-from embodiedreamer_gym.vis_aligner import measures
+from embodiedreamer_gym.vis_aligner import metrics
 from embodiedreamer_gym.vis_aligner.editing import Background, Chain, PaperSheet, Recolour
 
 OUT = Path(__file__).parent / "images" / "vis" / "augmentation.jpg"
@@ -29,4 +29,4 @@ if __name__ == "__main__":
         for name, editor in EDITS.items():
             regenerate(demos, Path(folder) / name, editor=editor, seed=1)
             rows[name] = open_episodes(Path(folder) / name).frames(0, "head")
-        save_picture(measures.strip(rows, columns=6), OUT)
+        save_picture(metrics.strip(rows, columns=6), OUT)

@@ -11,7 +11,7 @@ import embodiedreamer_gym
 from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.io.video import save_picture
-from embodiedreamer_gym.vis_aligner import measures
+from embodiedreamer_gym.vis_aligner import metrics
 from embodiedreamer_gym.wrappers import VisAlignerObservationWrapper
 
 OUT = Path(__file__).parent / "images" / "vis"
@@ -33,7 +33,7 @@ def draw(task: str) -> np.ndarray:
     dreamed = np.concatenate([env.step(chunk)[4]["frames"] for chunk in chunks])
     plain.close()
     env.close()
-    return measures.strip({"simulated": np.stack(simulated), "dreamed": dreamed}, columns=6)
+    return metrics.strip({"simulated": np.stack(simulated), "dreamed": dreamed}, columns=6)
 
 
 if __name__ == "__main__":

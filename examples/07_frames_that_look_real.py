@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 
 import embodiedreamer_gym
-from embodiedreamer_gym.vis_aligner import measures
+from embodiedreamer_gym.vis_aligner import metrics
 from embodiedreamer_gym.wrappers import VisAlignerObservationWrapper
 
 gym.register_envs(embodiedreamer_gym)
@@ -22,6 +22,6 @@ for share in np.linspace(0.2, 1.0, 5):
     simulated.append(env.unwrapped.capture().rgb)
     dreamed.append(observation["pixels"])
 env.close()
-picture = measures.strip({"simulated": np.stack(simulated), "dreamed": np.stack(dreamed)}, columns=6)
+picture = metrics.strip({"simulated": np.stack(simulated), "dreamed": np.stack(dreamed)}, columns=6)
 cv2.imwrite("frames.png", picture[..., ::-1])
 print("frames.png")

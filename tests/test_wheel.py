@@ -120,7 +120,7 @@ def test_it_simulates(installed: Path) -> None:
     code = f"""
 import numpy
 from {NAME}.robot import RobotModel
-from {NAME}.simulation.bullet import BulletPlant
+from {NAME}.engines.bullet.plant import BulletPlant
 model = RobotModel.load("aloha")
 with BulletPlant(model) as plant:
     plant.reset(numpy.zeros(14), numpy.zeros(14), numpy.zeros(14))

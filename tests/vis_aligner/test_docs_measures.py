@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from embodiedreamer_gym.vis_aligner import measures
+from embodiedreamer_gym.vis_aligner import metrics
 from embodiedreamer_gym.vis_aligner.metrics.evaluate import UNITS
 
 TEXT = (Path(__file__).parents[2] / "docs" / "vis_measures.md").read_text(encoding="utf-8")
@@ -29,4 +29,4 @@ def test_every_measure_is_listed_with_its_unit(name: str) -> None:
 
 
 def test_baselines_are_listed() -> None:
-    assert [name for name in measures.BASELINES if f"| {name} |" not in TEXT] == []
+    assert [name for name in metrics.BASELINES if f"| {name} |" not in TEXT] == []
