@@ -10,9 +10,9 @@ from importlib import resources
 from pathlib import Path
 
 from embodiedreamer_gym.diagnosis import Comparison, Diagnosis, compare, diagnose, where
-from embodiedreamer_gym.diagnosis.progress import Progress
 from embodiedreamer_gym.diagnosis.report import write_report
 from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.io.progress import Progress
 from embodiedreamer_gym.io.tables import layout, number
 from embodiedreamer_gym.phys_aligner import calibrate
 from embodiedreamer_gym.recordings import load_recordings

@@ -22,10 +22,10 @@ from embodiedreamer_gym.cli.vis import add_vis
 from embodiedreamer_gym.cli.vis_camera import add_camera
 from embodiedreamer_gym.demo import run as run_demo
 from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose, where
-from embodiedreamer_gym.diagnosis.progress import Progress
 from embodiedreamer_gym.diagnosis.report import write_report
 from embodiedreamer_gym.effects import CATALOGUE, load_effects
 from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
+from embodiedreamer_gym.io.progress import Progress
 from embodiedreamer_gym.io.terminal import count
 from embodiedreamer_gym.motions import MOTIONS
 from embodiedreamer_gym.phys_aligner import METHODS, calibrate

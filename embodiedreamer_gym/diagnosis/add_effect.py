@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, start_of
 from embodiedreamer_gym.diagnosis.compare import Comparison, compare
 from embodiedreamer_gym.diagnosis.screening import grounds, screen_effect
 from embodiedreamer_gym.effects import find_effect
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
@@ -35,12 +36,13 @@ class Addition:
 
 def add_effect(
     model: RobotModel, name: str, train: Sequence[Recording], test: Sequence[Recording],
-    progress: Callable[[str, int, float], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Addition:  # fmt: skip
     """Calibrate the model, add the effect of that name, fit everything again and compare on held-out recordings.
 
     Raises: EffectError for an unknown effect, ModelError when the model has it already.
     """
+    progress = progress_or_silence(progress)
     kind = find_effect(name, model.catalogue)
     richer = model.with_effect(kind)
     logs = with_effort_unit(model, [*train, *test])

@@ -12,12 +12,13 @@ from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, summarise
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
 from embodiedreamer_gym.diagnosis.refit_cache import Journal
-from embodiedreamer_gym.diagnosis.search import Found, Progress, Search, look, screen_all
+from embodiedreamer_gym.diagnosis.search import Found, Search, look, screen_all
 from embodiedreamer_gym.diagnosis.verdict import ALARM, convinces
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.errors import CalibrationError
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
-from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
+from embodiedreamer_gym.phys_aligner.signals import Signals, with_effort_unit
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
@@ -33,7 +34,7 @@ def diagnose(
     jobs: int = 2,
     max_seconds: float = MAX_SECONDS,
     rng: np.random.Generator | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     journal: str | Path | None = None,
 ) -> Diagnosis:
     """Find out which physical effects a model lacks, by free-run error on held-out recordings.
@@ -52,17 +53,17 @@ def diagnose(
     all_test, train, test = test, thin(train, max_seconds), thin(test, max_seconds)
     both = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in train)
     catalogue = catalogue or model.catalogue
-    search = Search(model, train, test, catalogue, jobs, progress or (lambda *_: None), both,
-                    rng or np.random.default_rng(0), Journal(journal, model, [*train, *test], catalogue))  # fmt: skip
+    search = Search(model, train, test, catalogue, jobs, progress_or_silence(progress), both,
+                    rng or np.random.default_rng(0), Journal(journal, model, [*train, *test], catalogue),
+                    Signals(model, train).unit or "rad")  # fmt: skip
     problem, fit = fit_least_squares(model, train, progress=search.progress)
     calibrated = finish(problem, fit, 0.0)
     search.rollouts += problem.rollouts
     base = evaluate(calibrated.model, test)
-    search.progress("null distribution", 0, base.error)
+    search.progress("drawing faultless robots", 0, None, held_out_error=search.milli(base.error))
     null = draw_null(calibrated.model, fit, problem, test, search.rng)
     search.rollouts += null.rollouts
     p_value = null.p_value(base.chi2)
-    search.progress("screening", 0, base.error)
     screened = screen_all(search, problem, fit, null, first=True)
     found = Found((calibrated.model, problem, fit), base, null)
     if p_value < ALARM:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from embodiedreamer_gym.diagnosis.verdict import NESTED
 from embodiedreamer_gym.effects import find_effect
 from embodiedreamer_gym.engines.clearance import clearance
 from embodiedreamer_gym.errors import CalibrationError, ModelError
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.motions import MOTIONS, Motion, Span
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording, Recordings
@@ -28,7 +29,6 @@ RAMP = 1.5  # rad/s^2-limited way in and out takes at least this long, s
 LOOKS = 12  # poses a second at which clearance is looked at
 NOISE = 5e-4  # of a joint's sensor where no recording tells, in its unit
 TRAINING = ("multisine", "teleoperation")  # motions on which the two effects are made to look alike, without recordings
-Progress = Callable[[str, int, float], None]
 Pair = tuple[RobotModel, RobotModel]
 
 
@@ -102,7 +102,7 @@ def propose_motion(
     centre: np.ndarray | None = None,
     table: float | None = None,
     rng: np.random.Generator | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Proposal:
     """Find the motion on which a model with one effect and the same model with another differ most (T-optimality).
 
@@ -114,7 +114,7 @@ def propose_motion(
     Raises: CalibrationError for effects that are the same or already in the model, ModelError where no motion is safe.
     Source: Atkinson and Fedorov, Biometrika 62 (1975), T-optimal designs.
     """
-    rng, progress = rng or np.random.default_rng(0), progress or (lambda *_: None)
+    rng, progress = rng or np.random.default_rng(0), progress_or_silence(progress)
     first, second = effects
     if first == second:
         raise CalibrationError(f"to tell effects apart takes two, not {first} twice.")
@@ -134,9 +134,11 @@ def propose_motion(
     logs = [blank(model, kind, time, command, sigma) for kind, time, command, _ in safe]
     apart = np.min([_separation(pair, logs, sigma) for pair in pairs], axis=0)
     first_ones = np.argsort(-apart)[:REFITTED].tolist()
-    for k in first_ones:
+    for done, k in enumerate(first_ones, 1):
         apart[k] = min(_after_refit(pair, logs[k]) for pair in pairs)
-        progress("separation", int(k), float(apart[k]))
+        progress(
+            "comparing motions", done, len(first_ones), separation=f"{apart[k]:.3g} (mean square in sensor noises)"
+        )
     best = max(first_ones, key=lambda k: apart[k])
     kind, time, command, room = safe[best]
     rates = np.gradient(command, 1 / RATE, axis=0)
@@ -219,7 +221,7 @@ def _after_refit(pair: Pair, log: Recording) -> float:
     return float(np.mean((residuals - jacobian @ answer) ** 2))
 
 
-def _fitted(model, effects, recordings, span: Span, rng, progress: Progress) -> list[Pair]:
+def _fitted(model, effects, recordings, span: Span, rng, progress: ProgressCallback) -> list[Pair]:
     """Pairs of models that look alike so far: with one effect and with the other."""
     if recordings:
         logs = Recordings(recordings)
@@ -229,7 +231,7 @@ def _fitted(model, effects, recordings, span: Span, rng, progress: Progress) -> 
     return [_lookalike(model, name, next(e for e in effects if e != name), span, rng, progress) for name in truths]
 
 
-def _lookalike(model: RobotModel, true_name: str, other: str, span: Span, rng, progress: Progress) -> Pair:
+def _lookalike(model: RobotModel, true_name: str, other: str, span: Span, rng, progress: ProgressCallback) -> Pair:
     """The model with an effect of its typical size, and with another one fitted to what the first does."""
     true = model.with_effect(true_name)
     values: dict[str, dict[str, float]] = {}

@@ -10,6 +10,7 @@ import numpy as np
 
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.io.parallel import many
+from embodiedreamer_gym.io.progress import ProgressCallback, silent
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording, thin
@@ -221,10 +222,16 @@ def _top_torque(model: RobotModel, problem: Problem) -> np.ndarray:
 
 
 def screen(
-    catalogue: Mapping[str, type[Effect]], around: Sequence[Ground], problem: Problem, floor: np.ndarray, jobs: int = 1
+    catalogue: Mapping[str, type[Effect]], around: Sequence[Ground], problem: Problem, floor: np.ndarray, jobs: int = 1,
+    progress: ProgressCallback = silent,
 ) -> list[Screened]:  # fmt: skip
     """Screen every effect that the model does not have yet, best first; jobs: see `many`."""
     have = {e.name for e in around[0].model.effects}
     kinds = [kind for name, kind in catalogue.items() if name not in have]
-    results = many(screen_effect, [(kind, around, problem, floor) for kind in kinds], jobs)
+    progress("screening effects", 0, len(kinds))
+
+    def finished(done: int, screened: Screened) -> None:
+        progress("screening effects", done, len(kinds), effect=screened.kind.name)
+
+    results = many(screen_effect, [(kind, around, problem, floor) for kind in kinds], jobs, finished)
     return sorted(results, key=lambda s: -s.score)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,6 +17,8 @@ from embodiedreamer_gym.diagnosis.screening import SEEN_SHARE, Screened, grounds
 from embodiedreamer_gym.diagnosis.verdict import ALARM, contenders, convinces, left_over, mends, pays
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.io.parallel import many
+from embodiedreamer_gym.io.progress import ProgressCallback
+from embodiedreamer_gym.io.tables import milli
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
@@ -24,7 +26,6 @@ from embodiedreamer_gym.robot import RobotModel
 
 REFITS = 5  # best of the screening that are refitted
 LEADERS = 2  # of them that are refitted to the end
-Progress = Callable[[str, int, float], None]
 
 
 @dataclass
@@ -36,14 +37,19 @@ class Search:
     test: Sequence[Recording]
     catalogue: Mapping[str, type[Effect]]
     jobs: int
-    progress: Progress
+    progress: ProgressCallback
     both_rules: bool
     rng: np.random.Generator
     journal: Journal
+    unit: str
     by_pieces: bool = False
     rollouts: int = 0
     ranking: list[Ranked] = field(default_factory=list)
     unobservable: tuple[str, ...] = ()
+
+    def milli(self, error: float) -> str:
+        """A held-out error as "1.23 mrad"."""
+        return milli(error, self.unit)
 
 
 @dataclass
@@ -100,7 +106,6 @@ def add_effects(
     while len(found.steps) < max_effects and found.wanting:
         held, null, further = found.held, found.null, bool(found.steps)
         if further:
-            search.progress("screening", 0, held.error)
             screened = screen_all(search, *found.current[1:], null, first=False)
         candidates = _candidates(search, screened, *found.current, held)
         worthy = [
@@ -117,14 +122,19 @@ def add_effects(
         search.rollouts += chosen.rollouts - close[0].rollouts
         found.steps.append(chosen)
         found.null = _null(search, found)
-        search.progress(f"+ {chosen.kind.name}", len(found.steps), chosen.held_out.error)
+        search.progress(
+            f"added {chosen.kind.name}",
+            len(found.steps),
+            max_effects,
+            held_out_error=search.milli(chosen.held_out.error),
+        )
 
 
 def revise(search: Search, found: Found) -> None:
     """Drop an effect that others have made needless, decide between rivals for the first, take each off idle joints."""
     if not found.steps:
         return
-    search.progress("second thoughts", len(found.steps), found.held.error)
+    search.progress("backward elimination", 0, len(found.steps), held_out_error=search.milli(found.held.error))
     spent, first = sum(s.rollouts for s in found.steps), found.steps[0]
     if len(found.steps) > 1:
         found.steps = without_needless(found.steps, search.train, search.test)
@@ -144,7 +154,7 @@ def screen_all(search: Search, problem: Problem, fit: Fit, null: Null, first: bo
     floor = np.sqrt(np.median(null.chi2, axis=0))
     before = problem.rollouts
     short, around = grounds(problem, fit, search.nominal)
-    screened = screen(search.catalogue, around, short, floor, search.jobs)
+    screened = screen(search.catalogue, around, short, floor, search.jobs, search.progress)
     search.rollouts += short.rollouts - before + sum(s.rollouts for s in screened)
     if first:
         search.unobservable = tuple(sorted(s.kind.name for s in screened if s.visible < SEEN_SHARE))
@@ -162,7 +172,13 @@ def _candidates(
         done = len(candidates)
 
         def finished(k: int, c: Candidate, done=done) -> None:
-            search.progress(f"refit {c.kind.name} ({done + k} of {len(chosen)})", done + k, c.held_out.error)
+            search.progress(
+                "refitting effects",
+                done + k,
+                len(chosen),
+                effect=c.kind.name,
+                held_out_error=search.milli(c.held_out.error),
+            )
             search.journal.keep(f"{step} + {c.kind.name}", c.fit.x, c.problem.hold)
 
         known = [search.journal.known(f"{step} + {item.kind.name}") for item in part]

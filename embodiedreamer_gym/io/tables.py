@@ -37,6 +37,11 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:.{min(max(decimals, 0), 6)}f}"
 
 
+def milli(value: float | None, unit: str = "rad") -> str:
+    """A value in thousandths of its unit, as "2.88 mrad"."""
+    return f"{number(None if value is None else 1e3 * value)} {MILLI[unit]}"
+
+
 def finite(value: float) -> float | None:
     """The number for JSON; None where it is not finite."""
     return float(value) if math.isfinite(value) else None

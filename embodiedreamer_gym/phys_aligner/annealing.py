@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from embodiedreamer_gym.errors import CalibrationError
-from embodiedreamer_gym.phys_aligner.least_squares import Progress
+from embodiedreamer_gym.io.progress import ProgressCallback, silent
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.search_range import FACTOR, SearchRange, cost
 
@@ -18,7 +18,7 @@ SHORT = 0.15  # of the range
 
 
 def annealing(
-    problem: Problem, rng: np.random.Generator, progress: Progress | None = None, steps: int = STEPS,
+    problem: Problem, rng: np.random.Generator, progress: ProgressCallback = silent, steps: int = STEPS,
     t_max: float = HOTTEST, step: float = 1.0, factor: float = FACTOR,
 ) -> np.ndarray:  # fmt: skip
     """Best scaled parameters (m,) of an annealing with SimplerEnv's settings.
@@ -32,7 +32,7 @@ def annealing(
 
 
 def annealing_scaled(
-    problem: Problem, rng: np.random.Generator, progress: Progress | None = None, steps: int = STEPS,
+    problem: Problem, rng: np.random.Generator, progress: ProgressCallback = silent, steps: int = STEPS,
     t_max: float = COOL, step: float = SHORT, factor: float = FACTOR,
 ) -> np.ndarray:  # fmt: skip
     """Best scaled parameters (m,) of an annealing with t_max a share of the start's cost, and shorter steps.
@@ -43,7 +43,7 @@ def annealing_scaled(
 
 
 def anneal(
-    problem: Problem, rng: np.random.Generator, progress: Progress | None, steps: int, t_max: float,
+    problem: Problem, rng: np.random.Generator, progress: ProgressCallback, steps: int, t_max: float,
     step: float, factor: float = FACTOR, scaled: bool = False,
 ) -> tuple[np.ndarray, float]:  # fmt: skip
     """Best scaled parameters (m,) and share of accepted moves, each uniform in +-step/2 of the range."""
@@ -63,6 +63,5 @@ def anneal(
             accepted += 1
         if then < lowest:
             best, lowest = there, then
-        if progress is not None:
-            progress("annealing", k, lowest)
+        progress("annealing", k, steps, lowest_cost=f"{lowest:.4g}")
     return box.x(best), accepted / (steps - 1)

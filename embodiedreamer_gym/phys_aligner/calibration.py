@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.errors import CalibrationError
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence, silent
 from embodiedreamer_gym.phys_aligner.intervals import NORMAL_95, spread
-from embodiedreamer_gym.phys_aligner.least_squares import Fit, Progress, minimise
+from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
 from embodiedreamer_gym.phys_aligner.starts import scan_starts
@@ -75,7 +76,7 @@ ROLLOUTS = 13  # per parameter; a fit that takes more is creeping along a bend o
 
 def fit_least_squares(
     model: RobotModel, recordings: Sequence[Recording], groups: Sequence[str] | None = None, scan: bool = True,
-    iterations: int = 30, tolerance: float = 1e-4, progress: Progress | None = None, budget: float | None = None,
+    iterations: int = 30, tolerance: float = 1e-4, progress: ProgressCallback = silent, budget: float | None = None,
 ) -> tuple[Problem, Fit]:  # fmt: skip
     """Least squares with a scan of starts; budget: rollouts after which no further step is begun.
 
@@ -102,7 +103,7 @@ def calibrate(
     method: str = "least-squares",
     groups: Sequence[str] | None = None,
     rng: np.random.Generator | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     max_seconds: float = 120.0,
     **options: Any,
 ) -> Calibration:
@@ -115,7 +116,7 @@ def calibrate(
     """
     if method not in METHODS:
         raise CalibrationError(f"method '{method}' is none of {', '.join(METHODS)}.")
-    begun = time.perf_counter()
+    begun, progress = time.perf_counter(), progress_or_silence(progress)
     recordings = with_effort_unit(model, thin(recordings, max_seconds))
     if method != "least-squares":
         problem, x = _search(model, recordings, method, groups, rng or np.random.default_rng(0), progress, options)

@@ -8,7 +8,7 @@ import cma
 import numpy as np
 
 from embodiedreamer_gym.errors import CalibrationError
-from embodiedreamer_gym.phys_aligner.least_squares import Progress
+from embodiedreamer_gym.io.progress import ProgressCallback, silent
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.search_range import FACTOR, SearchRange, cost
 
@@ -17,7 +17,7 @@ FIRST_STEP = 0.2  # of the range, after the library's advice of a fifth to a thi
 
 
 def cma_es(
-    problem: Problem, rng: np.random.Generator, progress: Progress | None = None, budget: int = BUDGET,
+    problem: Problem, rng: np.random.Generator, progress: ProgressCallback = silent, budget: int = BUDGET,
     factor: float = FACTOR,
 ) -> np.ndarray:  # fmt: skip
     """Best scaled parameters (m,) after at most `budget` rollouts, a whole population of them at once.
@@ -39,8 +39,7 @@ def cma_es(
         strategy.tell(list(points), costs.tolist())
         if costs.min() < lowest:
             best, lowest = points[int(costs.argmin())], float(costs.min())
-        if progress is not None:
-            progress("cma-es", generation, lowest)
+        progress("CMA-ES", generation, (budget - 1) // size, lowest_cost=f"{lowest:.4g}")
         if strategy.stop():
             break
     return box.x(best)

@@ -7,17 +7,16 @@ a joint that is nearly right is still worth getting right.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from embodiedreamer_gym.io.progress import ProgressCallback, silent
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.robust import huber_limit, robust_cost, robust_weight
 
 DAMPINGS = np.array([0.1, 1.0, 10.0])  # tried at once, relative to the present damping
 BEHIND = 0.1  # cost by which a fit must fall short of its rival to be given up
-Progress = Callable[[str, int, float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +36,7 @@ class Fit:
 
 
 def minimise(
-    problem: Problem, start: np.ndarray, iterations: int = 30, tolerance: float = 1e-4, progress: Progress | None = None,
+    problem: Problem, start: np.ndarray, iterations: int = 30, tolerance: float = 1e-4, progress: ProgressCallback = silent,
     budget: float = np.inf, rival: float = np.inf,
 ) -> Fit:  # fmt: skip
     """Minimise a problem's cost inside its bounds from scaled parameters (m,).
@@ -52,8 +51,7 @@ def minimise(
     for iteration in range(iterations):
         limit = huber_limit(problem, r)
         cost = robust_cost(problem, r, limit)
-        if progress is not None:
-            progress("least squares", iteration, cost)
+        progress("least squares", iteration, iterations, error=f"{np.sqrt(np.expm1(cost)):.3g} sensor noises")
         weight = robust_weight(problem, r, limit)
         tried = _descend(problem, x, r, jacobian, weight, limit, cost, damping)
         if tried is None:

@@ -16,7 +16,7 @@ import torch
 from scipy.signal import savgol_filter
 
 from embodiedreamer_gym.errors import CalibrationError
-from embodiedreamer_gym.phys_aligner.least_squares import Progress
+from embodiedreamer_gym.io.progress import ProgressCallback, silent
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.search_range import FACTOR, SearchRange
 from embodiedreamer_gym.recordings import Recording
@@ -49,7 +49,7 @@ class Transitions:
 
 
 def surrogate(
-    problem: Problem, rng: np.random.Generator, progress: Progress | None = None, samples: int = 50,
+    problem: Problem, rng: np.random.Generator, progress: ProgressCallback = silent, samples: int = 50,
     epochs: int = 40, lr: float = 1e-3, steps: int = 2000, width: int = 128, factor: float = FACTOR,
     data: str = "real",
 ) -> np.ndarray:  # fmt: skip
@@ -182,7 +182,7 @@ class _Surrogate:
         outputs: np.ndarray,
         epochs: int,
         rng: np.random.Generator,
-        progress: Progress | None,
+        progress: ProgressCallback,
     ) -> None:
         """Minimise L_surrogate, the mean square of P*_t - P_t."""
         x = torch.from_numpy((inputs - self._mean) / self._sd)
@@ -198,11 +198,10 @@ class _Surrogate:
                 optimiser.step()
                 total += float(loss.detach()) * len(rows)
             schedule.step()
-            if progress is not None:
-                progress("surrogate", epoch, total / len(x))
+            progress("training the surrogate", epoch, epochs, loss=f"{total / len(x):.4g}")
 
     def refine(
-        self, real: Transitions, start: np.ndarray, lr: float, steps: int, progress: Progress | None
+        self, real: Transitions, start: np.ndarray, lr: float, steps: int, progress: ProgressCallback
     ) -> np.ndarray:
         """Minimise L_para, the mean square of P*_t - S_t, over unit coordinates (m,), with fixed weights."""
         n, m = real.after.shape[1], len(start)
@@ -223,8 +222,8 @@ class _Surrogate:
             optimiser.step()
             with torch.no_grad():
                 u.clamp_(0.0, 1.0)
-            if progress is not None and step % 50 == 0:
-                progress("refinement", step, float(loss.detach()))
+            if step % 50 == 0:
+                progress("fitting through the surrogate", step, steps, loss=f"{float(loss.detach()):.4g}")
         return u.detach().numpy().astype(float)
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from embodiedreamer_gym.errors import CalibrationError
-from embodiedreamer_gym.phys_aligner.least_squares import DAMPINGS, Progress, damped_step
+from embodiedreamer_gym.io.progress import ProgressCallback, silent
+from embodiedreamer_gym.phys_aligner.least_squares import DAMPINGS, damped_step
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.robust import huber_limit, robust_cost, robust_weight
 from embodiedreamer_gym.phys_aligner.starts import scan_starts
@@ -50,7 +51,7 @@ class _Model:
 
 
 def trajectory_surrogate(
-    problem: Problem, rng: np.random.Generator, progress: Progress | None = None, budget: int = BUDGET,
+    problem: Problem, rng: np.random.Generator, progress: ProgressCallback = silent, budget: int = BUDGET,
     iterations: int = 100, tolerance: float = 1e-4,
 ) -> np.ndarray:  # fmt: skip
     """Scaled parameters (m,) of the least-squares optimum, if `budget` rollouts suffice; rng is not used.
@@ -66,13 +67,14 @@ def trajectory_surrogate(
     if budget < needed:
         raise CalibrationError(f"the trajectory surrogate needs at least {needed} rollouts here, not {budget}.")
     model, damping = _block_model(problem, x), 1e-2
-    for iteration in range(iterations):
+    for _ in range(iterations):
         if problem.rollouts + len(DAMPINGS) > budget:
             break
         limit = huber_limit(problem, model.residuals)
         before = robust_cost(problem, model.residuals, limit)
-        if progress is not None:
-            progress("trajectory surrogate", iteration, before)
+        progress(
+            "trajectory surrogate", problem.rollouts, budget, error=f"{np.sqrt(np.expm1(before)):.3g} sensor noises"
+        )
         points = np.stack([_descend(problem, model, limit, d * damping) for d in DAMPINGS])
         residuals = problem.residuals(points)
         costs = [robust_cost(problem, row, limit) for row in residuals]

@@ -14,8 +14,8 @@ import pytest
 
 from embodiedreamer_gym.cli import policy as cli_policy
 from embodiedreamer_gym.cli.policy import add_policy
-from embodiedreamer_gym.diagnosis.progress import Progress
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
+from embodiedreamer_gym.io.progress import Progress
 from embodiedreamer_gym.policies.act import Act, ActConfig, ActPolicy
 from embodiedreamer_gym.policies.evaluation import EpisodeResult
 from embodiedreamer_gym.recordings import Recording, save_recording

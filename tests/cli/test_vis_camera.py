@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.cli.command import build_parser
-from embodiedreamer_gym.diagnosis.progress import Progress
 from embodiedreamer_gym.envs.cameras import load_cameras, save_cameras
 from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.io.progress import Progress
 from embodiedreamer_gym.recordings import Recording, save_recording
 from tests.vis_aligner.camera_calibration.conftest import TRUTH, apart, film, motion, surface
 

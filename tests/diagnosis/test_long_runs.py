@@ -63,8 +63,8 @@ def test_an_interrupted_diagnosis_goes_on_where_it_was(question, answer, tmp_pat
     model, train, test, catalogue = question
     journal = tmp_path / "journal.jsonl"
 
-    def interrupt(stage: str, count: int, value: float) -> None:
-        if stage.startswith("refit") and "(2 of" in stage:
+    def interrupt(stage: str, done: int, total: int | None = None, **quantities: object) -> None:
+        if stage == "refitting effects" and done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

@@ -22,11 +22,10 @@ from embodiedreamer_gym.diagnosis.report.words import (
     alarm_sentence,
     effect_name,
     false_alarm_sentence,
-    milli,
     percent,
     unseen_sentences,
 )
-from embodiedreamer_gym.io.tables import MILLI, number
+from embodiedreamer_gym.io.tables import MILLI, milli, number
 from embodiedreamer_gym.robot import RobotModel
 
 RESOLUTION = 150  # dots per inch: sharp on a screen of twice the usual density

@@ -11,7 +11,7 @@ from scipy.special import betaincinv
 from embodiedreamer_gym.diagnosis.compare import Comparison
 from embodiedreamer_gym.diagnosis.error_breakdown import Where
 from embodiedreamer_gym.diagnosis.verdict import ALARM
-from embodiedreamer_gym.io.tables import MILLI, number
+from embodiedreamer_gym.io.tables import milli, number
 from embodiedreamer_gym.phys_aligner import Calibration
 
 READABLE = 6  # joints in a sentence
@@ -23,11 +23,6 @@ FALSE_ALARMS, FAULTLESS = 0, 100
 def effect_name(name: str) -> str:
     """An effect's name for reading."""
     return name.replace("_", " ")
-
-
-def milli(value: float | None, unit: str = "rad") -> str:
-    """An error in a thousandth of its unit, as "2.88 mrad"."""
-    return f"{number(None if value is None else 1e3 * value)} {MILLI[unit]}"
 
 
 def percent(share: float) -> str:
