@@ -13,8 +13,9 @@ T = TypeVar("T")
 
 
 def deprecated_names(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
-    """A module's `__getattr__` that gives its old names: `__getattr__ = deprecated_names(__name__, {"old": "new"})`.
+    """A `__getattr__` for a module, which gives its old names.
 
+    In the module: `__getattr__ = deprecated_names(__name__, {"old": "new"})`.
     module: its `__name__`.
     names: old name -> new name in the same module, or "package.module" (a module), or "package.module:name".
     """
