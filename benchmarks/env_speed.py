@@ -102,8 +102,10 @@ def calibrated(folder: Path) -> str:
     values: dict[str, dict[str, float]] = {}
     for key, value in EFFECTS.items():
         for row in rows.values():
-            if row.group == key and "gripper" not in row.joint.removesuffix("_tip").removesuffix("_gripper"):
-                values.setdefault(key, {})[row.joint] = float(min(max(value, row.low), row.high))
+            if str(row.key.group) == key and "gripper" not in row.key.place.removesuffix("_tip").removesuffix(
+                "_gripper"
+            ):
+                values.setdefault(key, {})[row.key.place] = float(min(max(value, row.low), row.high))
     intervals = {f"payload.mass[{arm}]": (0.05, 0.15) for arm in model.arms}
     model.with_values(values, intervals).save(folder / "calibrated.json")
     return str(folder / "calibrated.json")

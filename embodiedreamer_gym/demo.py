@@ -144,7 +144,7 @@ def _revealed(found: Diagnosis, truth: dict) -> str:
 def _parameters(found: Diagnosis, truth: dict) -> Iterator[list[str]]:
     hidden = {f"{truth['effect']}.{key}": values for key, values in truth["values"].items()}
     for row in found.model.parameters().of_effect(truth["effect"]):
-        true = hidden.get(row.group, {}).get(row.joint, row.off)
+        true = hidden.get(str(row.key.group), {}).get(row.key.place, row.off)
         interval = f"{number(row.interval[0])} .. {number(row.interval[1])}" if row.interval else "-"
-        name = f"{row.group.split('.')[1]} of {row.joint}"
+        name = f"{row.key.parameter} of {row.key.place}"
         yield [name, number(true), number(row.value), interval, row.unit]

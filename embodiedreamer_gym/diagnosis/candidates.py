@@ -15,7 +15,7 @@ from embodiedreamer_gym.phys_aligner.least_squares import Fit, fit_at, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.starts import piecewise_start
 from embodiedreamer_gym.recordings import Recording
-from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
 ITERATIONS = 12
 TOLERANCE = 1e-3
@@ -71,19 +71,20 @@ def refit(
     return replace(best, rollouts=sum({id(c.problem): c.problem.rollouts for c in found}.values()))
 
 
-def _starts(screened: Screened) -> list[dict[str, np.ndarray]]:
+def _starts(screened: Screened) -> list[dict[ParameterKey, np.ndarray]]:
     """Where the screening found an effect; a limit also a little higher, since its cost has more than one valley."""
     higher = dict(screened.start)
     for p in screened.kind.parameters:
         if p.off == p.high:
-            higher[f"{screened.kind.name}.{p.name}"] = HIGHER * screened.start[f"{screened.kind.name}.{p.name}"]
+            key = ParameterKey(p.name, screened.kind.name)
+            higher[key] = HIGHER * screened.start[key]
     same = all(higher[group] is values for group, values in screened.start.items())
     return [screened.start] if same else [screened.start, higher]
 
 
-def start_of(problem: Problem, start: dict[str, np.ndarray]) -> np.ndarray:
+def start_of(problem: Problem, start: dict[ParameterKey, np.ndarray]) -> np.ndarray:
     """Scaled start (m,) of a problem: the model's own values, but those of `start` (group -> values) where given."""
-    values = np.array([start[row.group][row.index] if row.group in start else row.value for row in problem.rows])
+    values = np.array([start[r.key.group][r.index] if r.key.group in start else r.value for r in problem.rows])
     return np.clip(problem.scale(np.clip(values, *_bounds(problem))), problem.lower, problem.upper)
 
 
@@ -108,11 +109,10 @@ def prune(
         return candidate
     losses, answered = [], []
     for place in places:
-        values = {}
-        for p in kind.parameters:
-            names = model.joints if p.per == "joint" else model.arms
-            if place in names:
-                values[f"{kind.name}.{p.name}"] = {place: float(model.parameter_off(p)[names.index(place)])}
+        values = {
+            ParameterKey(p.name, kind.name): {place: float(model.parameter_off(p)[model.places(p).index(place)])}
+            for p in kind.parameters if place in model.places(p)
+        }  # fmt: skip
         off = evaluate(model.with_values(values), test, candidate.problem.hold)
         answered.append(_answered_loss(candidate, place))
         losses.append(min(off.score - candidate.held_out.score, answered[-1]))
@@ -144,10 +144,8 @@ def _answered_loss(candidate: Candidate, place: str) -> float:
     joints of log(1 + chi2). An effect that is off at a bound far away (a limit) looks dearer than it is.
     """
     problem, fit = candidate.problem, candidate.fit
-    rows = [
-        (i, r) for i, r in enumerate(problem.rows) if r.joint == place and r.group.startswith(f"{candidate.kind.name}.")
-    ]
-    own = np.array([i for i, _ in rows], int)
+    keys = [row.key for row in problem.rows]
+    own = np.array([i for i, key in enumerate(keys) if (key.effect, key.place) == (candidate.kind.name, place)], int)
     off = problem.scale(np.array([r.value if r.off is None else r.off for r in problem.rows]))[own]
     weighted = fit.jacobian * (fit.weight / np.sqrt(problem.joint_counts[problem.joint_of]))[:, None]
     free = (fit.x > problem.lower + 1e-9) & (fit.x < problem.upper - 1e-9)

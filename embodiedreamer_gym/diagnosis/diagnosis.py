@@ -179,9 +179,9 @@ def _parameters(model: RobotModel, name: str) -> dict[str, dict[str, Any]]:
     rows: dict[str, dict[str, Any]] = {}
     first = next(e for e in model.effects if e.name == name).parameters[0].name
     for row in model.parameters().of_effect(name):
-        parameter = row.group.split(".")[1]
+        parameter, place = row.key.parameter, row.key.place
         low, high = row.interval or (None, None)
-        key = row.joint if parameter == first else f"{row.joint}.{parameter}"
+        key = place if parameter == first else f"{place}.{parameter}"
         rows[key] = {"value": row.value, "low": low, "high": high, "unit": row.unit, "parameter": parameter}
     return rows
 

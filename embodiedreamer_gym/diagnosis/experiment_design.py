@@ -17,7 +17,7 @@ from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.motions import MOTIONS, Motion, Span
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording, Recordings
-from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.simulation import simulate, simulate_sets
 
 RATE = 50.0  # Hz of the proposed commands
@@ -234,11 +234,13 @@ def _fitted(model, effects, recordings, span: Span, rng, progress: ProgressCallb
 def _lookalike(model: RobotModel, true_name: str, other: str, span: Span, rng, progress: ProgressCallback) -> Pair:
     """The model with an effect of its typical size, and with another one fitted to what the first does."""
     true = model.with_effect(true_name)
-    values: dict[str, dict[str, float]] = {}
+    values: dict[ParameterKey, dict[str, float]] = {}
     for row in true.parameters().of_effect(true_name):
-        parameter = next(p for p in model.catalogue[true_name].parameters if row.group.endswith(f".{p.name}"))
+        _, parameter = true.find_parameter(row.key)
         scale = (row.high - row.low) / (parameter.high - parameter.low)
-        values.setdefault(row.group, {})[row.joint] = float(np.clip(parameter.typical * scale, row.low, row.high))
+        values.setdefault(row.key.group, {})[row.key.place] = float(
+            np.clip(parameter.typical * scale, row.low, row.high)
+        )
     true = true.with_values(values)
     sigma, logs = np.full(model.n, NOISE), []
     for kind in TRAINING:

@@ -62,9 +62,9 @@ def draw_null(
     wrong_train = known.jacobian(known.start)[1]
     unseen = Problem(heavy, test, ("inertial_error",), hold)
     wrong_test = unseen.jacobian(unseen.start)[1]
-    calibrated = Problem(model, test, tuple({row.group for row in problem.rows}), hold)
+    calibrated = Problem(model, test, tuple({row.key.group for row in problem.rows}), hold)
     answer_test = calibrated.jacobian(np.clip(fit.x, calibrated.lower, calibrated.upper))[1]
-    size = np.array([(MASS / 0.02) if row.group.endswith("mass") else CENTRE / 0.002 for row in known.rows])
+    size = np.array([(MASS / 0.02) if row.key.parameter.endswith("mass") else CENTRE / 0.002 for row in known.rows])
     weight = fit.weight[:, None]
     answer = np.linalg.lstsq(fit.jacobian * weight, -wrong_train * weight, rcond=1e-6)[0]
     left = wrong_test + answer_test @ answer

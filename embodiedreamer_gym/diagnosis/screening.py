@@ -14,7 +14,7 @@ from embodiedreamer_gym.io.progress import ProgressCallback, silent
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording, thin
-from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.simulation import TIME_STEP, run_sets
 
 SIZES = (0.2, 0.8, 3.0)  # of a parameter that vanishes at zero, relative to its typical size
@@ -52,10 +52,10 @@ def grounds(problem: Problem, fit: Fit, nominal: RobotModel | None) -> tuple[Pro
         found = [Ground(problem.model_at(fit.x), fit.x, fit.residuals, fit.jacobian)]
     if nominal is None:
         return problem, found
-    gains = [i for i, row in enumerate(problem.rows) if "." not in row.group]
+    gains = [i for i, row in enumerate(problem.rows) if not row.key.effect]
     values = problem.values(fit.x)
     for i in gains:
-        values[i] = getattr(nominal, problem.rows[i].group)[problem.rows[i].index]
+        values[i] = nominal.group_values(problem.rows[i].key)[problem.rows[i].index]
     x = np.clip(problem.scale(values), problem.lower, problem.upper)
     if np.abs(x - fit.x).max() > 0.3:
         found.append(Ground(problem.model_at(x), x, *problem.jacobian(x)))
@@ -74,11 +74,11 @@ class Screened:
 
     kind: type[Effect]
     score: float
-    start: dict[str, np.ndarray]
+    start: dict[ParameterKey, np.ndarray]
     visible: float
     rollouts: int
     joints: tuple[str, ...] | None = None
-    nominal: dict[str, np.ndarray] = field(default_factory=dict)
+    nominal: dict[ParameterKey, np.ndarray] = field(default_factory=dict)
 
 
 def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem, floor: np.ndarray) -> Screened:
@@ -102,7 +102,7 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
         visible = float((problem.signals.clock_seen(kind.parameters[0].typical) / np.maximum(floor, 1.0)).max())
     fall, share = np.concatenate(falls), np.concatenate(shares)
     rows = {group: np.concatenate([points[group] for points in sizes]) for group in sizes[0]}
-    start: dict[str, np.ndarray] = {}
+    start: dict[ParameterKey, np.ndarray] = {}
     if all(p.per == "arm" for p in kind.parameters):
         totals = np.stack([fall[:, model.tree.arm == a].sum(axis=1) for a in range(model.tree.arms)], axis=1)
         best = np.argmax(totals, axis=0)
@@ -118,23 +118,26 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
         part = np.where(plain, share[best, columns], 0.1)
         ground_of = np.where(plain, best // len(falls[0]), 0)
     for p in kind.parameters:
-        group = f"{kind.name}.{p.name}"
+        group = ParameterKey(p.name, kind.name)
         chosen = rows[group][best, np.arange(len(best))]
         low, high = model.parameter_bounds(p)
         if p.off == p.high:  # a limit that bites where nothing is limited would have to be unlearnt
             start[group] = np.where(plain, chosen, model.parameter_off(p))
         else:
             start[group] = np.clip(chosen if p.shape else chosen * part, low, high)
-    for group in {row.group for row in problem.rows if "." not in row.group}:
-        start[group] = np.array([getattr(around[g].model, group)[j] for j, g in enumerate(ground_of)])
-    nominal = {g: np.array(getattr(ground.model, g)) for ground in around[1:] for g in start if "." not in g}
+    servo = {row.key.group for row in problem.rows if not row.key.effect}
+    for group in servo:
+        start[group] = np.array([around[g].model.group_values(group)[j] for j, g in enumerate(ground_of)])
+    nominal = {group: ground.model.group_values(group) for ground in around[1:] for group in servo}
     return Screened(kind, score, start, visible, len(fall), joints, nominal)
 
 
-def _change(trial: RobotModel, kind: type[Effect], points: dict[str, np.ndarray], problem: Problem) -> np.ndarray:
+def _change(
+    trial: RobotModel, kind: type[Effect], points: dict[ParameterKey, np.ndarray], problem: Problem
+) -> np.ndarray:
     """Change (K, N) of the residuals, in sensor noises, that K sizes of an effect make; by a coarser plant."""
     off = {p.name: trial.parameter_off(p)[None] for p in kind.parameters}
-    sets = {group: np.concatenate([off[group.split(".")[1]], values]) for group, values in points.items()}
+    sets = {group: np.concatenate([off[group.parameter], values]) for group, values in points.items()}
     r = problem.signals.residuals(trial, sets, problem.hold, COARSE)
     return r[1:] - r[0]
 
@@ -145,7 +148,7 @@ def _mean_squares(problem: Problem, r: np.ndarray, floor: np.ndarray) -> np.ndar
     return np.maximum(np.bincount(problem.joint_of, r**2, minlength=len(floor)) / count, floor**2)
 
 
-def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[str, np.ndarray]:
+def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[ParameterKey, np.ndarray]:
     """Parameter sets (K, joints or arms) that cover an effect's sizes, signs and shapes; one size of many shapes."""
     choices, many = [], any(p.starts for p in kind.parameters)
     for p in kind.parameters:
@@ -165,9 +168,7 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[str
             choices.append([np.clip(s * f * typical, low, high) for f in factors for s in signs])
     sized = [i for i, p in enumerate(kind.parameters) if not p.shape]
     rows = _together(kind, choices, sized, model) if len(sized) > 1 else list(itertools.product(*choices))
-    return {
-        f"{kind.name}.{p.name}": np.array([row[i] for row in rows]) for i, p in enumerate(kind.parameters)
-    }  # fmt: skip
+    return {ParameterKey(p.name, kind.name): np.array([row[i] for row in rows]) for i, p in enumerate(kind.parameters)}
 
 
 def _together(kind, choices, sized, model) -> list[tuple[np.ndarray, ...]]:
@@ -194,7 +195,7 @@ def _refitted(model: RobotModel, problem: Problem, ground: Ground, change: np.nd
         rows = np.flatnonzero(problem.joint_of == j)
         if len(rows) < 10:
             continue
-        own = [m for m, row in enumerate(problem.rows) if row.index == j and row.joint == model.joints[j]]
+        own = [m for m, row in enumerate(problem.rows) if row.index == j and row.key.place == model.joints[j]]
         gains = ground.jacobian[rows][:, own]
         gains = gains[:, np.sum(gains**2, axis=0) > 0]
         basis = np.linalg.qr(gains)[0] if gains.shape[1] else np.zeros((len(rows), 0))

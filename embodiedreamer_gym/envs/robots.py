@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 
 from embodiedreamer_gym.errors import ModelError
-from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.robot.model import SERVO_GROUPS
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
 JOINTS = 14
 HOME = np.array([0.0, 1.57, -1.3485, 0.0, 0.0, 0.0, 1.0] * 2)  # rad; grippers open
 DEVIATIONS = 3.92  # standard deviations in a 95 % interval
-PARAMETER = re.compile(r"(?P<group>[^\[]+)\[(?P<place>.+)\]")
 
 
 def load_robot(source: str | Path) -> RobotModel:
@@ -41,32 +38,18 @@ def home(model: RobotModel) -> np.ndarray:
     return np.clip(HOME, model.tree.lower, model.tree.upper)
 
 
-def draw_parameters(model: RobotModel, rng: np.random.Generator) -> dict[str, np.ndarray]:
+def draw_parameters(model: RobotModel, rng: np.random.Generator) -> dict[ParameterKey, np.ndarray]:
     """Parameter sets (1, joints or arms) drawn from the intervals of the model's calibration, normal and cut at them."""
-    sets: dict[str, np.ndarray] = {}
+    sets: dict[ParameterKey, np.ndarray] = {}
     rows = {row.name: row for row in model.parameters()}
     for name in sorted(model.intervals):
         low, high = model.intervals[name]
-        row, match = rows.get(name), PARAMETER.fullmatch(name)
-        if row is None or match is None:
+        row = rows.get(name)
+        if row is None:
             continue
         drawn = float(np.clip(rng.normal(row.value, (high - low) / DEVIATIONS), max(low, row.low), min(high, row.high)))
-        group = match["group"]
+        group = row.key.group
         if group not in sets:
-            sets[group] = _own(model, group)
+            sets[group] = model.group_values(group)[None]
         sets[group][0, row.index] = drawn
     return sets
-
-
-def _own(model: RobotModel, group: str) -> np.ndarray:
-    """The model's own values (1, joints or arms) of a group."""
-    if group in SERVO_GROUPS:
-        return np.array(getattr(model, group))[None].copy()
-    effect_name, parameter_name = group.split(".")
-    effect = next(e for e in model.effects if e.name == effect_name)
-    parameter = next(p for p in effect.parameters if p.name == parameter_name)
-    names = model.joints if parameter.per == "joint" else model.arms
-    values = model.parameter_off(parameter).copy()
-    for place, value in effect.values[parameter_name].items():
-        values[names.index(place)] = value
-    return values[None]

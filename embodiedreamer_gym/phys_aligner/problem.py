@@ -9,12 +9,12 @@ import numpy as np
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.signals import Signals
 from embodiedreamer_gym.recordings import Recording
-from embodiedreamer_gym.robot import ParameterRow, RobotModel
+from embodiedreamer_gym.robot import ParameterKey, ParameterRow, RobotModel
 from embodiedreamer_gym.simulation.rollout import check_names
 
 
 def free_rows(
-    model: RobotModel, groups: Sequence[str] | None = None, by_effort: bool = False
+    model: RobotModel, groups: Sequence[str | ParameterKey] | None = None, by_effort: bool = False
 ) -> tuple[ParameterRow, ...]:
     """Parameters that a calibration fits: stiffness, damping, rotor inertia where unknown, and all of the effects.
 
@@ -24,11 +24,10 @@ def free_rows(
     table = model.parameters()
     if groups is not None:
         return table.select(*groups).rows
-    names = ["viscous_friction"] if by_effort else ["stiffness", "damping"]
-    names += [row.group for e in model.effects for row in table.of_effect(e.name)]
+    servo = {"viscous_friction"} if by_effort else {"stiffness", "damping"}
     if "rotor_inertia" not in model.given:
-        names.append("rotor_inertia")
-    return table.select(*names).rows
+        servo.add("rotor_inertia")
+    return tuple(row for row in table if row.key.effect or row.key.parameter in servo)
 
 
 class Problem:
@@ -40,7 +39,7 @@ class Problem:
     """
 
     def __init__(
-        self, model: RobotModel, recordings: Sequence[Recording], groups: Sequence[str] | None = None,
+        self, model: RobotModel, recordings: Sequence[Recording], groups: Sequence[str | ParameterKey] | None = None,
         hold: str | None = None,
     ) -> None:  # fmt: skip
         if not recordings:
@@ -78,10 +77,10 @@ class Problem:
         self.arm_of_row = np.array([self._arm(row) for row in self.rows])
 
     def _arm(self, row: ParameterRow) -> int:
-        names = self.model.arms
-        return names.index(row.joint) if row.joint in names and row.joint not in self.model.joints else int(
-            self.model.tree.arm[row.index]
-        )  # fmt: skip
+        names, place = self.model.arms, row.key.place
+        if place in names and place not in self.model.joints:
+            return names.index(place)
+        return int(self.model.tree.arm[row.index])
 
     # ---- scaling -----------------------------------------------------------------------------------------------
 
@@ -93,34 +92,20 @@ class Problem:
         """Values of scaled parameters (..., m)."""
         return np.where(self._log, np.exp(np.where(self._log, x, 0.0)), x * self._size)
 
-    def sets(self, x: np.ndarray) -> dict[str, np.ndarray]:
+    def sets(self, x: np.ndarray) -> dict[ParameterKey, np.ndarray]:
         """Parameter sets (P, joints or arms) by group, for the simulation, of scaled parameters (P, m)."""
         values = self.values(np.atleast_2d(x))
-        sets: dict[str, np.ndarray] = {}
+        groups = dict.fromkeys(row.key.group for row in self.rows)
+        sets = {group: np.repeat(self.model.group_values(group)[None], len(values), axis=0) for group in groups}
         for column, row in enumerate(self.rows):
-            if row.group not in sets:
-                own = self._own(row.group)
-                sets[row.group] = np.repeat(own[None], len(values), axis=0)
-            sets[row.group][:, row.index] = values[:, column]
+            sets[row.key.group][:, row.index] = values[:, column]
         return sets
-
-    def _own(self, group: str) -> np.ndarray:
-        if "." not in group:
-            return np.array(getattr(self.model, group))
-        name, key = group.split(".")
-        effect = next(e for e in self.model.effects if e.name == name)
-        parameter = next(p for p in effect.parameters if p.name == key)
-        names = self.model.joints if parameter.per == "joint" else self.model.arms
-        own = self.model.parameter_off(parameter).copy()
-        for name, value in effect.values[key].items():
-            own[names.index(name)] = value
-        return own
 
     def model_at(self, x: np.ndarray, intervals=None) -> RobotModel:
         """The model with scaled parameters x (m,)."""
-        changed: dict[str, dict[str, float]] = {}
+        changed: dict[ParameterKey, dict[str, float]] = {}
         for row, value in zip(self.rows, self.values(x), strict=True):
-            changed.setdefault(row.group, {})[row.joint] = float(np.clip(value, row.low, row.high))
+            changed.setdefault(row.key.group, {})[row.key.place] = float(np.clip(value, row.low, row.high))
         return self.model.with_values(changed, intervals)
 
     # ---- residuals ---------------------------------------------------------------------------------------------
@@ -168,9 +153,9 @@ class Problem:
 
 def _typical(model: RobotModel, row: ParameterRow) -> float:
     """The size of a parameter that may be zero."""
-    if "." not in row.group:
-        return float(model.inertia_scale[row.index]) if row.group == "rotor_inertia" else max(row.value, 1e-3)
-    name, key = row.group.split(".")
-    parameter = next(p for e in model.effects if e.name == name for p in e.parameters if p.name == key)
+    if not row.key.effect:
+        rotor = row.key.parameter == "rotor_inertia"
+        return float(model.inertia_scale[row.index]) if rotor else max(row.value, 1e-3)
+    _, parameter = model.find_parameter(row.key)
     span = row.high - row.low
     return span * parameter.typical / (parameter.high - parameter.low)

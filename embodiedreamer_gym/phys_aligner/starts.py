@@ -9,6 +9,7 @@ import numpy as np
 from embodiedreamer_gym.phys_aligner.least_squares import cost_of, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import pieces
+from embodiedreamer_gym.robot import ParameterKey
 
 PIECE = 0.5  # s: too short for a model that is far off to run away from the motion
 ITERATIONS, TOLERANCE = 8, 1e-3
@@ -19,8 +20,8 @@ def scan_starts(problem: Problem) -> np.ndarray:
 
     Given gains are tried at 1/3, 1 and 3 times their value, unknown ones from 1/30 to 30 times the first guess.
     """
-    groups = np.array([row.group for row in problem.rows])
-    stiff, damped = groups == "stiffness", groups == "damping"
+    groups = [row.key.group for row in problem.rows]
+    stiff, damped = (np.array([g == ParameterKey(name) for g in groups]) for name in ("stiffness", "damping"))
     if not stiff.any() or not damped.any():
         return problem.start
     wide = "stiffness" not in problem.model.given

@@ -63,7 +63,7 @@ def trajectory_surrogate(
     Source: Broyden, Mathematics of Computation 19, 1965, for the correction.
     """
     x = scan_starts(problem)
-    needed = problem.rollouts + len({row.group for row in problem.rows}) + 1 + len(DAMPINGS)
+    needed = problem.rollouts + len({row.key.group for row in problem.rows}) + 1 + len(DAMPINGS)
     if budget < needed:
         raise CalibrationError(f"the trajectory surrogate needs at least {needed} rollouts here, not {budget}.")
     model, damping = _block_model(problem, x), 1e-2
@@ -104,15 +104,15 @@ def _descend(problem: Problem, model: _Model, limit: np.ndarray, damping: float)
 
 def _block_model(problem: Problem, x: np.ndarray) -> _Model:
     """A first model from one rollout per group, in which a parameter moves its own joint (or arm) alone."""
-    groups = list(dict.fromkeys(row.group for row in problem.rows))
-    of = np.array([groups.index(row.group) for row in problem.rows])
+    groups = list(dict.fromkeys(row.key.group for row in problem.rows))
+    of = np.array([groups.index(row.key.group) for row in problem.rows])
     change = np.where(x + BLOCK_STEP <= problem.upper, BLOCK_STEP, -BLOCK_STEP)
     points = np.stack([x, *(np.where(of == g, x + change, x) for g in range(len(groups)))])
     residuals = problem.residuals(points)
     arm = problem.model.tree.arm[problem.joint_of]
     jacobian = np.zeros((residuals.shape[1], len(x)))
     for m, row in enumerate(problem.rows):
-        per_joint = row.joint in problem.model.joints
+        per_joint = row.key.place in problem.model.joints
         own = problem.joint_of == row.index if per_joint else arm == problem.arm_of_row[m]
         jacobian[own, m] = (residuals[of[m] + 1] - residuals[0])[own] / change[m]
     return _Model(x, residuals[0], jacobian, complete=False)

@@ -2,7 +2,7 @@
 
 from embodiedreamer_gym.robot.files import built_in_robots
 from embodiedreamer_gym.robot.model import RobotModel
-from embodiedreamer_gym.robot.parameters import ParameterRow, ParameterTable
+from embodiedreamer_gym.robot.parameters import ParameterKey, ParameterRow, ParameterTable
 from embodiedreamer_gym.robot.tree import KinematicTree
 
-__all__ = ["KinematicTree", "ParameterRow", "ParameterTable", "RobotModel", "built_in_robots"]
+__all__ = ["KinematicTree", "ParameterKey", "ParameterRow", "ParameterTable", "RobotModel", "built_in_robots"]

@@ -1,18 +1,77 @@
-"""The parameters of a robot model as one table: value, bounds, unit, interval."""
+"""The parameters of a robot model: how one is named, and all of them as a table with bounds, units and intervals."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
+
+from embodiedreamer_gym.errors import ModelError
+
+TEXT = re.compile(r"(?:(?P<effect>\w+)\.)?(?P<parameter>\w+)(?:\[(?P<place>.+)\])?", re.DOTALL)
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class ParameterKey:
+    """The name of one parameter, or of a group of them. Text form: "stiffness[joint1]", "payload.mass[tip]".
+
+    parameter: name of the servo's or the effect's parameter;
+    effect: name of the effect, "" for the servo's own parameters;
+    place: joint or arm that the value belongs to, "" for the group of all of them.
+    """
+
+    parameter: str
+    effect: str = ""
+    place: str = ""
+
+    @staticmethod
+    def of(text: str | ParameterKey) -> ParameterKey:
+        """Read the text form.
+
+        Raises: ModelError when the text is not of that form.
+        """
+        if isinstance(text, ParameterKey):
+            return text
+        match = TEXT.fullmatch(text)
+        if match is None:
+            raise ModelError(f"'{text}' names no parameter; write it as stiffness[joint1] or payload.mass[tip].")
+        return ParameterKey(match["parameter"], match["effect"] or "", match["place"] or "")
+
+    @property
+    def group(self) -> ParameterKey:
+        """The same parameter at all places."""
+        return replace(self, place="")
+
+    def at(self, place: str) -> ParameterKey:
+        """Return the same parameter at one joint or arm."""
+        return replace(self, place=place)
+
+    def __str__(self) -> str:
+        name = f"{self.effect}.{self.parameter}" if self.effect else self.parameter
+        return f"{name}[{self.place}]" if self.place else name
+
+
+def by_key(values: Mapping[str, Value] | Mapping[ParameterKey, Value]) -> dict[ParameterKey, Value]:
+    """Return a mapping whose keys are read by `ParameterKey.of`."""
+    return {ParameterKey.of(key): value for key, value in values.items()}
 
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One number of the model; `group` is e.g. "stiffness" or "coulomb_friction.torque", `index` its joint or arm."""
+    """One parameter of a model.
 
-    group: str
-    joint: str
+    key: its name;
+    index: number of its joint or arm;
+    value, low, high: the value and its bounds, in `unit`;
+    off: value at which the effect vanishes, None for the servo's parameters;
+    interval: 95 % interval of the last calibration, None where there is none.
+    """
+
+    key: ParameterKey
     index: int
     value: float
     low: float
@@ -23,8 +82,8 @@ class ParameterRow:
 
     @property
     def name(self) -> str:
-        """Full name, e.g. "stiffness[joint1]"."""
-        return f"{self.group}[{self.joint}]"
+        """Text form of the key, e.g. "stiffness[joint1]"."""
+        return str(self.key)
 
 
 @dataclass(frozen=True)
@@ -36,23 +95,24 @@ class ParameterTable:
     def __len__(self) -> int:
         return len(self.rows)
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[ParameterRow]:
         return iter(self.rows)
 
-    def __getitem__(self, name: str) -> ParameterRow:
+    def __getitem__(self, name: str | ParameterKey) -> ParameterRow:
         for row in self.rows:
-            if row.name == name:
+            if name in (row.key, row.name):
                 return row
         raise KeyError(f"no parameter '{name}'; there are {', '.join(r.name for r in self.rows)}")
 
-    def select(self, *groups: str) -> ParameterTable:
-        """Only the rows of these groups; an effect's name that is no group's selects all of its groups."""
-        wholes = set(groups) - {r.group for r in self.rows}
-        return ParameterTable(tuple(r for r in self.rows if r.group in groups or r.group.split(".")[0] in wholes))
+    def select(self, *groups: str | ParameterKey) -> ParameterTable:
+        """Return the rows of these groups; an effect's name that is not a group's selects all parameters of it."""
+        keys = {ParameterKey.of(group) for group in groups}
+        effects = {key.parameter for key in keys - {r.key.group for r in self.rows}}
+        return ParameterTable(tuple(r for r in self.rows if r.key.group in keys or r.key.effect in effects))
 
     def of_effect(self, name: str) -> ParameterTable:
-        """Only the rows of an effect."""
-        return ParameterTable(tuple(r for r in self.rows if r.group.startswith(f"{name}.")))
+        """Return the rows of an effect."""
+        return ParameterTable(tuple(r for r in self.rows if r.key.effect == name))
 
     @property
     def values(self) -> np.ndarray:

@@ -10,8 +10,9 @@ import numpy as np
 
 from embodiedreamer_gym.effects import Effect, JointState, Mechanics, MechanicsChange, SignalLaw, TorqueBudget
 from embodiedreamer_gym.effects.effect import STAGES
-from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.robot.model import GRAVITY, SERVO_GROUPS
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
+from embodiedreamer_gym.robot.data import GRAVITY, SERVO_GROUPS
+from embodiedreamer_gym.robot.parameters import by_key
 from embodiedreamer_gym.simulation.joint_solver import end_stops, solve_step, tightened, within_limits
 
 TIME_STEP = 1.0 / 240.0  # s, the environment's own
@@ -19,7 +20,8 @@ UNLIMITED = 1e12  # N m or rad/s
 SAGS = 3  # passes to the rest of joints that hang on gears that give way
 PASSES = 2  # over a law of the drive that is no line
 NUDGE, STRAIGHT = 1e-4, 1e-6  # relative torque by which its slope is felt out, and by which it may differ from a line
-Sets = Mapping[str, np.ndarray]  # group ("stiffness", "payload.mass") -> (P, joints or arms)
+# group of parameters, or its text form ("stiffness", "payload.mass") -> values (P, joints or arms)
+Sets = Mapping[str, np.ndarray] | Mapping[ParameterKey, np.ndarray]
 
 
 class Drive:
@@ -30,17 +32,18 @@ class Drive:
 
     def __init__(self, model: RobotModel, sets: Sets | None = None, rollouts: int = 1, dt: float = TIME_STEP) -> None:
         self.model, self.dt = model, dt
-        sets = sets or {}
-        self.sets = max((len(v) for v in sets.values()), default=1)
+        values = by_key(sets or {})
+        self.sets = max((len(v) for v in values.values()), default=1)
         self.rollouts = rollouts
         servo = {
-            g: np.broadcast_to(sets[g] if g in sets else getattr(model, g), (self.sets, model.n)) for g in SERVO_GROUPS
+            g: np.broadcast_to(values.get(ParameterKey(g), model.group_values(ParameterKey(g))), (self.sets, model.n))
+            for g in SERVO_GROUPS
         }
-        values = [(effect, _values(effect, model, sets, self.sets)) for effect in model.effects]
-        self.mechanics = _mechanics(model, servo["rotor_inertia"], values)
+        effects = [(effect, _values(effect, model, values, self.sets)) for effect in model.effects]
+        self.mechanics = _mechanics(model, servo["rotor_inertia"], effects)
         servo["rotor_inertia"] = self.mechanics.rotor_inertia
         self.servo = {g: _tile(v, rollouts) for g, v in servo.items()}
-        tiled = [(e, SimpleNamespace(**{k: _tile(v, rollouts) for k, v in p.items()})) for e, p in values]
+        tiled = [(e, SimpleNamespace(**{k: _tile(v, rollouts) for k, v in p.items()})) for e, p in effects]
         self.laws = {s: [(e, p) for e, p in tiled if isinstance(e, SignalLaw) and e.stage == s] for s in STAGES}
         self.budgets = [(e, p) for e, p in tiled if isinstance(e, TorqueBudget)]
         self._gear = _gear(self.mechanics, self.sets, model.n, rollouts)
@@ -242,15 +245,15 @@ def _tile(values: np.ndarray, rollouts: int) -> np.ndarray:
     return np.ascontiguousarray(np.tile(values, (rollouts, 1)))
 
 
-def _values(effect: Effect, model: RobotModel, sets: Sets, count: int) -> dict[str, np.ndarray]:
+def _values(
+    effect: Effect, model: RobotModel, sets: Mapping[ParameterKey, np.ndarray], count: int
+) -> dict[str, np.ndarray]:
     """An effect's parameters as arrays (P, joints or arms): what the sets give, else the model's own values."""
     arrays = {}
     for p in effect.parameters:
-        names = model.joints if p.per == "joint" else model.arms
-        own = model.parameter_off(p).copy()
-        for name, value in effect.values[p.name].items():
-            own[names.index(name)] = value
-        values = np.array(np.broadcast_to(sets.get(f"{effect.name}.{p.name}", own), (count, len(names))))
+        key = ParameterKey(p.name, effect.name)
+        own = model.group_values(key)
+        values = np.array(np.broadcast_to(sets.get(key, own), (count, len(own))))
         if p.off == p.high:  # a limit that is off is none
             values[values >= model.parameter_off(p) * (1 - 1e-9)] = np.inf
         arrays[p.name] = values

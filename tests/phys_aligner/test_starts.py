@@ -37,7 +37,7 @@ def test_pieces_of_a_slow_log_are_long_enough(arm) -> None:
 def test_a_start_by_pieces_is_nearer(arm) -> None:
     """From gains ten times too soft, and never worse than what was given."""
     problem = Problem(arm, [record(arm, noise=1e-4)])
-    groups = np.array([row.group for row in problem.rows])
+    groups = np.array([str(row.key.group) for row in problem.rows])
     poor = problem.start - np.where(groups == "stiffness", np.log(10.0), 0.0)
     given = [cost_of(problem, problem.residuals(x)[0]) for x in (poor, problem.start)]
     spent = problem.rollouts

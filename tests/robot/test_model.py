@@ -13,7 +13,7 @@ from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
 from embodiedreamer_gym.effects.payload import Payload
 from embodiedreamer_gym.errors import EffectError, ModelError
 from embodiedreamer_gym.robot import RobotModel, built_in_robots
-from embodiedreamer_gym.robot.model import SERVO_GROUPS
+from embodiedreamer_gym.robot.data import SERVO_GROUPS
 from embodiedreamer_gym.simulation import simulate
 from tests.bank import BUILT_IN, fast, plain, robot
 from tests.two_joint_arm import load_arm, write_arm
@@ -108,7 +108,7 @@ def test_the_table_of_parameters(tmp_path: Path) -> None:
     model = load_arm(tmp_path).with_effect(CoulombFriction(torque={"elbow": 0.2})).with_effect(Payload())
     model = model.with_(intervals={"coulomb_friction.torque[elbow]": (0.1, 0.3)})
     table = model.parameters()
-    assert len(table) == 9 and [row.group for row in table][:2] == ["stiffness", "stiffness"]
+    assert len(table) == 9 and [row.key.parameter for row in table][:2] == ["stiffness", "stiffness"]
     row = table["coulomb_friction.torque[elbow]"]
     assert (row.value, row.unit, row.off, row.interval, row.index) == (0.2, "N m", 0.0, (0.1, 0.3), 1)
     assert row.low == 0.0 and row.high == pytest.approx(6.0 * model.torque_scale[1])
@@ -123,7 +123,7 @@ def test_the_table_of_parameters(tmp_path: Path) -> None:
 
 
 def test_units_follow_the_joint() -> None:
-    units = {row.joint: row.unit for row in robot("aloha").parameters().select("stiffness")}
+    units = {row.key.place: row.unit for row in robot("aloha").parameters().select("stiffness")}
     assert units["left_joint1"] == "N m/rad" and units["left_gripper"] == "N m/1"
 
 

@@ -217,7 +217,7 @@ def forest(rows: Sequence[ParameterRow], columns: int = 3) -> Figure:
     """Values with their 95 % intervals, a panel for each group of parameters."""
     groups: dict[str, list[ParameterRow]] = {}
     for row in rows:
-        groups.setdefault(row.group, []).append(row)
+        groups.setdefault(str(row.key.group), []).append(row)
     columns = min(columns, len(groups))
     lines = -(-len(groups) // columns)
     tallest = max(len(members) for members in groups.values())
@@ -234,7 +234,7 @@ def forest(rows: Sequence[ParameterRow], columns: int = 3) -> Figure:
             axes.plot(row.value, k, "o", color=AFTER if row.interval else "white", mec=AFTER, ms=3.8)
             if row.off is not None and row.off == 0:
                 axes.axvline(0, color=GREY, lw=0.8, ls="--")
-        axes.set_yticks(range(len(members)), [short(m.joint, 18) for m in members])
+        axes.set_yticks(range(len(members)), [short(m.key.place, 18) for m in members])
         axes.set_ylim(len(members) - 0.5, -0.5)
         name = group.replace("_", " ").replace(".", ": ")
         axes.set_title(f"{short(name, 40)} [{members[0].unit}]", fontsize=9, loc="left")

@@ -1,0 +1,90 @@
+"""A robot model's JSON file: what each key means, and how the file is written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from embodiedreamer_gym.effects import Effect, find_effect
+from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.robot import files
+from embodiedreamer_gym.robot.data import SERVO_GROUPS, RobotData
+from embodiedreamer_gym.robot.parameters import ParameterKey
+from embodiedreamer_gym.robot.tree import build_tree
+
+ROBOT_KEYS = ("urdf", "joints", "end_effectors", "normalised")
+Model = TypeVar("Model", bound=RobotData)
+
+
+def read_model(source: str | Path, catalogue: Mapping[str, type[Effect]], kind: type[Model]) -> Model:
+    """Read a model of this class from a JSON file, or a built-in robot by name.
+
+    Raises: ModelError (EffectError for an unknown effect) in one sentence.
+    """
+    path = files.find_model(source)
+    data = files.read_json(path)
+    robot, servo = files.table(data, "robot", ROBOT_KEYS, path), files.table(data, "servo", SERVO_GROUPS[:2], path)
+    urdf = files.urdf_path(robot["urdf"], path)
+    joints = files.names(robot.get("joints"), "robot.joints", path)
+    if not joints:
+        raise ModelError(f"model {path} names no joint; list the driven ones in robot.joints.")
+    tips = files.names(robot.get("end_effectors", []), "robot.end_effectors", path)
+    normalised = {
+        joint: files.ends(ends, f"robot.normalised of {joint}", path)
+        for joint, ends in files.table(robot, "normalised", joints, path).items()
+    }
+    tree = build_tree(urdf, joints, normalised, tips)
+    stated = {**{group: data.get(group) for group in SERVO_GROUPS[2:]}, **servo}
+    given = {k: np.array(files.numbers(v, len(joints), k, path)) for k, v in stated.items() if v is not None}
+    intervals = {
+        str(ParameterKey.of(text)): files.pair(ends, f"interval of {text}", path)
+        for text, ends in files.table(data, "intervals", None, path).items()
+    }
+    fields: dict[str, Any] = {
+        "name": data.get("name", path.stem), "urdf": urdf, "joints": joints, "tree": tree,
+        **dict.fromkeys(SERVO_GROUPS, np.zeros(len(joints))), **given, "given": frozenset(given),
+        "command_hold": data.get("command_hold", "unknown"), "catalogue": catalogue, "intervals": intervals,
+        "normalised": normalised, "end_effectors": tips,
+    }  # fmt: skip
+    fields |= {group: values for group, values in kind(**fields).first_guess().items() if group not in given}
+    if not isinstance(data.get("effects", []), list):
+        raise ModelError(f"model {path}: effects must be a list of objects, each with a name.")
+    plain = kind(**fields)
+    return kind(**fields, effects=tuple(_read_effect(entry, plain, path) for entry in data.get("effects", [])))
+
+
+def _read_effect(entry: Any, model: RobotData, path: Path) -> Effect:
+    if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
+        raise ModelError(f"model {path}: each effect must be an object with a name.")
+    kind = find_effect(entry["name"], model.catalogue)
+    places = {p.name: model.places(p) for p in kind.parameters}
+    return kind(**{
+        key: files.by_joint(value, places.get(key, ()), f"effect {kind.name}, {key}", path)
+        for key, value in entry.items() if key != "name"
+    })  # fmt: skip
+
+
+def write_model(model: RobotData, path: Path) -> None:
+    """Write a model's JSON file.
+
+    Raises: ModelError when the folder does not exist or cannot be written.
+    """
+    robot: dict[str, Any] = {"urdf": files.urdf_text(model.urdf, path), "joints": list(model.joints)}
+    if model.end_effectors:
+        robot["end_effectors"] = list(model.end_effectors)
+    if model.normalised:
+        robot["normalised"] = {k: list(v) for k, v in model.normalised.items()}
+    data = {
+        "name": model.name,
+        "robot": robot,
+        "servo": {"stiffness": model.stiffness.tolist(), "damping": model.damping.tolist()},
+        "rotor_inertia": model.rotor_inertia.tolist(),
+        "viscous_friction": model.viscous_friction.tolist(),
+        "command_hold": model.command_hold,
+        "effects": [{"name": e.name, **e.values} for e in model.effects],
+        "intervals": {k: list(v) for k, v in model.intervals.items()},
+    }
+    files.write_json(data, path)
