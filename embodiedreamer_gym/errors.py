@@ -35,3 +35,12 @@ class VisionError(EmbodieDreamerError):
 
 class PolicyError(EmbodieDreamerError):
     """A policy, its checkpoint, or what it is to learn from cannot be used as it is."""
+
+
+def brief(value: object, most: int = 60) -> str:
+    """A value for a message: its `repr` on one line of at most `most` characters; its type where it has no `repr`."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # a number too long to print, a nesting too deep, or whatever an object's own repr raises
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= most else f"{text[: most - 3]}..."

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.errors import SimulationError, brief
 
 Thing = TypeVar("Thing")
 
@@ -20,8 +20,28 @@ def check_choice(what: str, value: Any, allowed: Collection[Any]) -> Any:
     Raises: SimulationError that lists them.
     """
     if not isinstance(value, (str, type(None))) or value not in allowed:
-        raise SimulationError(f"{what} {value!r} is none of {', '.join(repr(a) for a in allowed)}.")
+        raise SimulationError(f"{what} {brief(value)} is none of {', '.join(repr(a) for a in allowed)}.")
     return value
+
+
+def check_flag(what: str, value: Any) -> bool:
+    """Return a value that is True or False.
+
+    Raises: SimulationError for anything else, such as "no", which Python counts as true.
+    """
+    if not isinstance(value, (bool, np.bool_)):
+        raise SimulationError(f"{what} {brief(value)} is neither True nor False.")
+    return bool(value)
+
+
+def check_mapping(what: str, value: Any) -> Mapping[str, Any]:
+    """Return a mapping from names; None stands for an empty one.
+
+    Raises: SimulationError for anything else.
+    """
+    if value is not None and not isinstance(value, Mapping):
+        raise SimulationError(f"{what} must be a dictionary, not {brief(value)}.")
+    return value or {}
 
 
 def check_size(what: str, size: Any) -> tuple[int, int]:
@@ -32,18 +52,21 @@ def check_size(what: str, size: Any) -> tuple[int, int]:
     whole = isinstance(size, (tuple, list)) and all(isinstance(x, (int, np.integer)) for x in size)
     width, height = size if whole and len(size) == 2 else (0, 0)
     if not (8 <= width <= 4096 and 8 <= height <= 4096):
-        raise SimulationError(f"{what} {size!r} is no width and height from 8 to 4096 pixels.")
+        raise SimulationError(f"{what} {brief(size)} is no width and height from 8 to 4096 pixels.")
     return int(width), int(height)
 
 
 def choose(what: str, names: Any, known: Mapping[str, Thing]) -> dict[str, Thing]:
     """Return the things of these names, one or several.
 
-    Raises: SimulationError that lists them.
+    Raises: SimulationError that lists them, or for a name given twice.
     """
-    if isinstance(names, str) or not isinstance(names, Collection) or not names:
+    if isinstance(names, (str, np.ndarray)) or not isinstance(names, Collection) or not names:
         names = (names,)
-    return {name: known[check_choice(what, name, known)] for name in names}
+    names = [check_choice(what, name, known) for name in names]
+    if len(set(names)) < len(names):
+        raise SimulationError(f"{what} names must differ, not {brief(names)}.")
+    return {name: known[name] for name in names}
 
 
 def control_steps(rate: Any) -> tuple[float, dict[bool, np.ndarray]]:
@@ -54,7 +77,7 @@ def control_steps(rate: Any) -> tuple[float, dict[bool, np.ndarray]]:
     Raises: SimulationError for a rate that physics steps do not divide.
     """
     if not isinstance(rate, (int, float, np.integer)) or rate not in RATES:
-        raise SimulationError(f"control_hz {rate!r} is none of {', '.join(map(str, RATES))}.")
+        raise SimulationError(f"control_hz {brief(rate)} is none of {', '.join(map(str, RATES))}.")
     rate = int(rate)
     steps = RATES[rate] // rate
     held = np.ones(steps)
@@ -65,12 +88,16 @@ def control_steps(rate: Any) -> tuple[float, dict[bool, np.ndarray]]:
 def vector(what: str, values: Any, n: int) -> np.ndarray:
     """Return values as an array (n,).
 
-    Raises: SimulationError for another shape, or numbers that are not finite.
+    Raises: SimulationError for another shape, anything but real numbers, or numbers that are not finite.
     """
     try:
-        array = np.array(values, float)
-    except (TypeError, ValueError):
-        array = np.empty(0)
+        array = np.asarray(values)
+        real = array.dtype.kind in "biuf"
+        array = array.astype(float) if real else array
+    except Exception:  # ragged lists, lists deeper than an array can be, or whatever an object's own conversion raises
+        real, array = False, np.empty(0)
+    if not real:
+        raise SimulationError(f"{what} needs {n} real numbers, not {brief(values)}.")
     if array.shape != (n,):
         raise SimulationError(f"{what} needs {n} numbers, shape ({n},), not shape {array.shape}.")
     if not np.isfinite(array).all():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.envs.aloha import AlohaEnv
-from embodiedreamer_gym.envs.arguments import RATES, control_steps
+from embodiedreamer_gym.envs.arguments import RATES, check_flag, control_steps
 from embodiedreamer_gym.envs.cameras import CAMERAS, save_cameras
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.robot import RobotModel
@@ -21,6 +21,7 @@ WRONG = [
     ({"obs_type": "rgb"}, "obs_type 'rgb' is none of 'state', 'pixels', 'pixels_agent_pos'"),
     ({"cameras": ("head", "nose")}, "camera 'nose' is none of 'head', 'left_wrist', 'right_wrist'"),
     ({"cameras": ()}, r"camera \(\) is none of 'head'"),
+    ({"cameras": ("head", "head")}, r"camera names must differ, not \['head', 'head'\]"),
     ({"cameras": 3}, "camera 3 is none of 'head'"),
     ({"cameras": "nose"}, "camera 'nose' is none of 'head'"),
     ({"control_hz": 60}, "control_hz 60 is none of 50, 40, 30, 20"),
@@ -115,8 +116,13 @@ def env():
         (np.zeros((1, 14)), r"not shape \(1, 14\)"),
         (np.full(14, np.nan), "action holds a number that is not finite"),
         (np.full(14, np.inf), "action holds a number that is not finite"),
-        ("move", "action needs 14 numbers"),
-        (None, "action needs 14 numbers"),
+        ("move", "action needs 14 real numbers, not 'move'"),
+        (["0.1"] * 14, "action needs 14 real numbers, not .'0.1', "),
+        (np.zeros(14, complex), "action needs 14 real numbers, not array"),
+        ([10**400] * 14, "action needs 14 real numbers, not .1000"),
+        ([10**9999] * 14, "action needs 14 real numbers, not a list"),
+        ([[0.0], [0.0, 1.0]], "action needs 14 real numbers"),
+        (None, "action needs 14 real numbers, not None"),
     ],
 )
 def test_another_action_is_refused_and_changes_nothing(env: AlohaEnv, action, says: str) -> None:
@@ -144,6 +150,25 @@ def test_another_start_is_refused_and_changes_nothing(env: AlohaEnv, options: di
     sentence(error)
     np.testing.assert_array_equal(env.joint_positions(), before)
     assert env.np_random.bit_generator.state == drawn
+
+
+@pytest.mark.parametrize(
+    ("poses", "says"),
+    [(5, "object_poses must be a dictionary, not 5"), ({"sun": [0] * 7}, "prop 'sun' is none of"),
+     ({"cup": ["0"] * 7}, "pose of cup needs 7 real numbers"),
+     ({"cup": [0.0] * 7}, "pose of cup: the last four numbers are no unit quaternion")],
+)  # fmt: skip
+def test_another_pose_of_an_object_is_refused(env: AlohaEnv, poses, says: str) -> None:
+    with pytest.raises(EmbodieDreamerError, match=says) as error:
+        env.reset(seed=0, options={"object_poses": poses})
+    sentence(error)
+
+
+@pytest.mark.parametrize("value", ["no", 0, 1.0, None, 10**9999], ids=["text", "0", "1.0", "None", "huge"])
+def test_a_flag_is_true_or_false(value) -> None:
+    assert check_flag("collisions", True) is True and check_flag("collisions", np.False_) is False
+    with pytest.raises(EmbodieDreamerError, match=r"collisions .* is neither True nor False"):
+        check_flag("collisions", value)
 
 
 def test_it_starts_as_the_options_say() -> None:

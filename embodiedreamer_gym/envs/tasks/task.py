@@ -10,7 +10,7 @@ import numpy as np
 
 from embodiedreamer_gym.engines.prop import Prop
 from embodiedreamer_gym.engines.table import TABLE_HEIGHT
-from embodiedreamer_gym.envs.arguments import check_choice, vector
+from embodiedreamer_gym.envs.arguments import check_choice, check_mapping, vector
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.geometry.pose import Pose
 
@@ -131,11 +131,11 @@ def placed(
     Raises: SimulationError for an unknown prop, or what is no pose.
     """
     found = dict(poses)
-    for name, value in ({} if wanted is None else dict(wanted)).items():
+    for name, value in check_mapping("object_poses", wanted).items():
         pose = vector(f"pose of {check_choice('prop', name, found)}", value, 7)
         if not 0.9 < np.linalg.norm(pose[3:]) < 1.1:
             raise SimulationError(f"pose of {name}: the last four numbers are no unit quaternion xyzw.")
         found[name] = Pose(pose[:3], pose[3:])
-    if wanted is not None and thing in wanted:
+    if thing in (wanted or ()):
         side = SIDES[int(found[thing].position[1] < 0)]
     return side, found
