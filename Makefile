@@ -12,8 +12,12 @@ export MKL_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export NUMBA_NUM_THREADS := 1
 export MPLBACKEND := Agg
+export NUMBA_CACHE_DIR := $(CURDIR)/.cache/numba
 
-.PHONY: install demo test lint bench bench-diagnosis format test-lowest test-newest clean
+# One test process per logical CPU; TESTS="tests/envs -k reset" runs some of them.
+PYTEST := -m pytest -n logical --dist worksteal
+
+.PHONY: install demo test test-slow lint bench bench-diagnosis format test-lowest test-newest release-check clean
 
 install: $(INSTALLED)
 
@@ -25,8 +29,12 @@ $(INSTALLED): pyproject.toml constraints.txt
 demo: $(INSTALLED)
 	$(BIN)/embodiedreamer demo
 
+# Minutes: everything but the tests marked slow, which take longer than ten seconds each.
 test: $(INSTALLED)
-	$(BIN)/python -m pytest
+	$(BIN)/python $(PYTEST) -m "not slow" $(TESTS)
+
+test-slow: $(INSTALLED)
+	$(BIN)/python $(PYTEST) -m slow $(TESTS)
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
@@ -48,11 +56,11 @@ bench-diagnosis: $(INSTALLED)
 # The same tests on the lower bounds of pyproject.toml; torch keeps its pin (older ones have no CPU build there).
 test-lowest: pyproject.toml constraints.txt
 	test -x $(LOWEST)/bin/python || $(PYTHON) -m venv $(LOWEST)
-	sed -nE 's/^ *(standin = \[)?"([a-z0-9-]+)>=([0-9.]+),<.*/\2==\3/p' pyproject.toml \
-	  | grep -vE '^(torch|pytest|ruff|basedpyright|pre-commit|build)=' > $(LOWEST)/lowest.txt
+	sed -nE 's/^ *"([a-zA-Z0-9-]+)>=([0-9.]+),<[0-9.]*( ;[^"]*)?".*/\1==\2\3/p' pyproject.toml \
+	  | grep -vE '^(torch|pytest|pytest-xdist|ruff|basedpyright|pre-commit|build)=' > $(LOWEST)/lowest.txt
 	grep '^torch==' constraints.txt >> $(LOWEST)/lowest.txt
-	$(LOWEST)/bin/python -m pip install --quiet -c $(LOWEST)/lowest.txt -e '.[standin]' pytest setuptools
-	$(LOWEST)/bin/python -m pytest
+	$(LOWEST)/bin/python -m pip install --quiet -c $(LOWEST)/lowest.txt -e . pytest pytest-xdist setuptools
+	$(LOWEST)/bin/python $(PYTEST) -m "not slow"
 
 # An empty environment with the newest versions that pyproject.toml allows (torch's CPU build first), no display: 100 steps.
 NEWEST := .venv-newest
@@ -64,5 +72,9 @@ test-newest: pyproject.toml
 	  "import gymnasium as gym; e = gym.make('embodiedreamer_gym:EmbodieDreamer/PutCupOnMat-v0'); e.reset(seed=0); \
 	  [e.step(e.action_space.sample()) for _ in range(100)]; print('100 steps with', gym.__version__)"
 
+# Before a release: `make demo` and `make test` in an empty Debian 13 (root, debootstrap; MIRROR is that of apt).
+release-check:
+	scripts/release_check.sh
+
 clean:
-	rm -rf .venv $(LOWEST) $(NEWEST) build dist *.egg-info .pytest_cache .ruff_cache
+	rm -rf .venv .cache $(LOWEST) $(NEWEST) build dist *.egg-info .pytest_cache .ruff_cache
