@@ -52,6 +52,23 @@ def world(request: pytest.FixtureRequest) -> Iterator[World]:
     made.close()
 
 
+def test_a_build_without_numpy_gives_the_same_frame(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    """PyBullet built without numpy gives flat tuples; the arrays made of them can be written to."""
+    classes = {body: 10 + i for i, body in enumerate(world.spheres)}
+    expected = world.renderer.capture(CAMERA, (48, 36), None, classes)
+    picture = world.renderer.rgb(CAMERA, (48, 36))
+    original = world.client.getCameraImage
+
+    def flat(*arguments, **keywords):
+        width, height, *images = original(*arguments, **keywords)
+        return width, height, *(tuple(np.asarray(image).ravel().tolist()) for image in images)
+
+    monkeypatch.setattr(world.client, "getCameraImage", flat, raising=False)
+    frame = world.renderer.capture(CAMERA, (48, 36), None, classes)
+    assert all(np.array_equal(value, expected.as_dict()[key]) for key, value in frame.as_dict().items())
+    assert np.array_equal(world.renderer.rgb(CAMERA, (48, 36)), picture)
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_a_point_is_drawn_where_the_lens_says(world: World, size: tuple[int, int]) -> None:
     frame = world.renderer.capture(CAMERA, size, None, {body: 10 + i for i, body in enumerate(world.spheres)})
