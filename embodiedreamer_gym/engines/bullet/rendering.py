@@ -35,7 +35,6 @@ LIGHTS: dict[str, dict[str, Any]] = {  # of OpenGL: what its shader does, which 
 }  # fmt: skip
 IDENTITY = tuple(np.eye(4).ravel())
 PAPER = np.array([*BACKGROUND, 255], np.uint8).view(np.uint32)[0]
-IMAGE_TYPES = (np.uint8, np.float32, np.int32)  # of colours, depth buffer and bodies
 ONE_TEXEL = (*([0.0] * 12), 0.5, 0.5, 1.0, 0.0)  # a projection that maps all the world to one point of a texture
 
 
@@ -176,9 +175,13 @@ class Renderer:
                     f"not {size[0]} x {size[1]}; take 'tiny'."
                 )
             self._context.make_current()
-        _, _, *images = self._client.getCameraImage(*size, view, projection, flags=self._flags | flags, **self._fixed)
-        rgba, buffer, bodies = (_array(image, size, kind) for image, kind in zip(images, IMAGE_TYPES, strict=True))
+        _, _, rgba, buffer, bodies = self._client.getCameraImage(
+            *size, view, projection, flags=self._flags | flags, **self._fixed
+        )
+        rgba, buffer = _array(rgba, size, np.uint8), _array(buffer, size, np.float32)
         rgba.view(np.uint32)[buffer >= 1.0] = PAPER
+        if flags != pybullet.ER_NO_SEGMENTATION_MASK:
+            bodies = _array(bodies, size, np.int32)
         return cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), buffer, bodies
 
 
