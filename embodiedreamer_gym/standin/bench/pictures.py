@@ -10,12 +10,12 @@ from embodiedreamer_gym.engines.prop import Prop
 from embodiedreamer_gym.envs.cameras import CAMERAS
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.standin.film.appearance_library import find_look
-from embodiedreamer_gym.standin.film.blender import Studio, check_blender
-from embodiedreamer_gym.standin.film.camera_noise import Optics, meter, sense
+from embodiedreamer_gym.standin.film.appearance_library import find_appearance
+from embodiedreamer_gym.standin.film.blender import Studio, find_blender
+from embodiedreamer_gym.standin.film.camera_noise import NoisyCamera, add_sensor_noise, auto_exposure
 from embodiedreamer_gym.standin.film.episode import AWAY
 from embodiedreamer_gym.standin.film.geometry import scene_parts
-from embodiedreamer_gym.standin.film.scene import Take, make_scene
+from embodiedreamer_gym.standin.film.scene import Animation, make_scene
 from embodiedreamer_gym.standin.film.settings import check_size
 from embodiedreamer_gym.standin.film.write import CAMERA
 
@@ -26,17 +26,18 @@ class PathTraced:
     """Pictures (H, W, 3), uint8, of a robot and props by their poses, in a look, as the films show them.
 
     Blender starts with the first picture, which also sets the exposure: by that state without its props. look: lab or a
-    whole number; size: width, height.
+    whole number; size: width, height; blender: path of a Python interpreter that has bpy, see `find_blender`.
     Raises: VisionError for another look or size; MissingExtraError without bpy.
     """
 
-    def __init__(self, robot: RobotModel, props: Sequence[Prop], look: str, size: tuple[int, int]) -> None:
+    def __init__(self, robot: RobotModel, props: Sequence[Prop], look: str, size: tuple[int, int],
+                 blender: str | None = None) -> None:  # fmt: skip
         if look == "many":
             raise VisionError("a bench has one look; give lab, or a whole number that draws one.")
         check_size(size)
-        self._look = find_look(look, 0)
-        check_blender()
-        self._optics = Optics(CAMERAS[CAMERA], size, self._look.lens)
+        self._look = find_appearance(look, 0)
+        self._blender = find_blender(blender)
+        self._optics = NoisyCamera(CAMERAS[CAMERA], size, self._look.camera_noise)
         self._parts = scene_parts(robot.urdf, props)
         self._props = {prop.name for prop in props}
         self.bodies = tuple(dict.fromkeys(part.body for part in self._parts))
@@ -52,10 +53,10 @@ class PathTraced:
         if self._studio is None:
             empty = here.copy()
             empty[[name in self._props for name in self.bodies], 2, 3] -= AWAY
-            take = Take(self._parts, self.bodies, empty[None])
-            self._studio = Studio(make_scene(take, self._look, self._optics.wide, SAMPLES))
-            self._exposure = meter(self._optics.bend(self._studio.read()), self._optics.lens)
-        return sense(self._optics.develop(self._studio.shoot(here), self._exposure), rng)
+            take = Animation(self._parts, self.bodies, empty[None])
+            self._studio = Studio(make_scene(take, self._look, self._optics.wide, SAMPLES), self._blender)
+            self._exposure = auto_exposure(self._optics.distort(self._studio.read()), self._optics.noise)
+        return add_sensor_noise(self._optics.develop(self._studio.shoot(here), self._exposure), rng)
 
     def close(self) -> None:
         """End Blender; the next picture would start it again."""

@@ -1,1 +1,1 @@
-"""The stand-in's path-traced camera: episodes of the environment as a real-looking camera would have seen them."""
+"""Path-traced films of the tasks: episodes rendered by Blender's Cycles, with the noise and distortion of a camera."""

@@ -1,4 +1,4 @@
-"""A look of a robot's bench: what everything is made of, the light, the room and the lens."""
+"""Appearance of a workspace: materials, lights, room, and the errors of the camera that films it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from embodiedreamer_gym.standin.film.camera_noise import Lens
+from embodiedreamer_gym.standin.film.camera_noise import CameraNoise
 from embodiedreamer_gym.standin.film.materials import Colour, Surface
 
 Vector = tuple[float, float, float]
@@ -14,7 +14,10 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Lamp:
-    """A rectangle of light: where it is and what it looks at, m; its edges, m; W; colour of the light, 0..1."""
+    """A rectangular area light.
+
+    position: m; target: point it faces, m; size: of its edges, m; power: W; colour: of its light, 0..1.
+    """
 
     position: Vector
     target: Vector
@@ -25,7 +28,11 @@ class Lamp:
 
 @dataclass(frozen=True)
 class Block:
-    """Something in the room: a box, its middle and edges in m, turned about z, rad; surface: a name in the look's."""
+    """A box in the room.
+
+    position: of its centre, m; size: of its edges, m; turn: rotation about z, rad; surface: name in
+    `Appearance.surfaces`.
+    """
 
     position: Vector
     size: Vector
@@ -34,11 +41,18 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Look:
-    """Everything that a picture shows beside geometry and motion.
+class Appearance:
+    """All that a picture depends on besides geometry and motion.
 
-    name: "lab" or "look N"; seed: of pattern places; surfaces: by what they cover; lamps; sky: colour and strength of
-    light from everywhere; wall: m ahead of the robot; turn: rad of the wall about z; blocks: what stands in the room.
+    name: "lab", or "look N" for a drawn one (the name that files hold).
+    seed: of the positions of surface patterns.
+    surfaces: material by the name of what it covers.
+    lamps: area lights.
+    sky: colour and strength of the ambient light.
+    wall: distance of the back wall from the robot, m.
+    turn: rotation of the wall about z, rad.
+    blocks: further boxes in the room.
+    camera_noise: distortion, exposure and colour response of the camera.
     """
 
     name: str
@@ -49,8 +63,9 @@ class Look:
     wall: float
     turn: float
     blocks: tuple[Block, ...]
-    lens: Lens
+    camera_noise: CameraNoise
 
     def as_dict(self) -> dict[str, Any]:
-        """The look, fit for JSON."""
-        return asdict(self)
+        """The appearance as JSON-compatible data, as film files hold it (camera_noise under the key "lens")."""
+        data = asdict(self)
+        return data | {"lens": data.pop("camera_noise")}

@@ -1,4 +1,4 @@
-"""Looks by name: the lab's, or benches in other rooms drawn by a seed."""
+"""Appearances by name: the lab, or another table, robot, room and camera drawn by a seed."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.standin.film.appearance import Block, Lamp, Look
-from embodiedreamer_gym.standin.film.camera_noise import Lens
+from embodiedreamer_gym.standin.film.appearance import Appearance, Block, Lamp
+from embodiedreamer_gym.standin.film.camera_noise import CameraNoise
 from embodiedreamer_gym.standin.film.lab import lab
 from embodiedreamer_gym.standin.film.materials import Colour, Surface
 
@@ -23,145 +23,145 @@ WOODS = (OAK, WALNUT, BEECH, PINE)
 FURNITURE = [WHITE, GREY, DARK, (0.2, 0.3, 0.45), (0.62, 0.57, 0.48), (0.3, 0.42, 0.36), (0.5, 0.17, 0.14)]
 
 
-def find_look(text: str, seed: int) -> Look:
-    """The look of an episode: `lab`, `many` (drawn by the episode's own seed) or a whole number (drawn by it).
+def find_appearance(text: str, seed: int) -> Appearance:
+    """The appearance of an episode: `lab`, `many` (drawn by the episode's seed) or a whole number (drawn by it).
 
     Raises: VisionError for anything else.
     """
     if text == "lab":
         return lab()
     if text == "many":
-        return draw_look(seed)
+        return draw_appearance(seed)
     if text.isdecimal():
-        return draw_look(int(text))
-    raise VisionError(f"there is no look '{text}'; give lab, many, or a whole number that draws one.")
+        return draw_appearance(int(text))
+    raise VisionError(f"there is no appearance '{text}'; give lab, many, or a whole number that draws one.")
 
 
-def draw_look(seed: int) -> Look:
-    """Another bench, in another room, before another camera; the same for the same seed."""
+def draw_appearance(seed: int) -> Appearance:
+    """Random materials, room, lights and camera; deterministic for a seed."""
     rng = np.random.default_rng([seed, 0xF11])
     table = _table(rng)
     surfaces = {"table": table, **_room(rng), **_robot(rng), **_props(rng, table.colours[0])}
     lamps, sky, white = _light(rng)
-    lens = Lens(
+    noise = CameraNoise(
         barrel=-float(rng.uniform(0.0, 0.03)), vignette=float(rng.uniform(0.05, 0.4)),
         blur=float(rng.uniform(0.4, 1.6)), key=float(rng.uniform(0.45, 0.57)), white=white,
         contrast=float(rng.uniform(0.95, 1.35)), saturation=float(rng.uniform(0.8, 1.15)),
         haze=float(rng.uniform(0.0, 0.03)),
     )  # fmt: skip
     turn = float(rng.uniform(-0.25, 0.25))
-    return Look(
+    return Appearance(
         f"look {seed}", int(rng.integers(1 << 16)), surfaces, lamps, sky, float(rng.uniform(1.75, 3.4)), turn,
-        _blocks(rng), lens,
+        _blocks(rng), noise,
     )  # fmt: skip
 
 
 def _table(rng: np.random.Generator) -> Surface:
-    """A table top: wood, laminate, terrazzo, a cloth."""
+    """A table top: wood, laminate, terrazzo, metal or cloth."""
     kind = rng.choice(["wood", "planks", "plain", "speckle", "cloth", "checks", "brushed"],
                       p=[0.3, 0.1, 0.24, 0.12, 0.12, 0.05, 0.07])  # fmt: skip
     turn = float(rng.choice([0.0, np.pi / 2]) + rng.normal(0.0, 0.02))
     gloss = float(rng.uniform(0.22, 0.6))
     if kind in ("wood", "planks"):
-        one, two = _tinted(rng, WOODS[rng.integers(len(WOODS))], 0.05)
+        one, two = _shift(rng, WOODS[rng.integers(len(WOODS))], 0.05)
         scale = rng.uniform(0.03, 0.06) if kind == "wood" else rng.uniform(0.08, 0.15)
         return Surface(
             str(kind), (one, two), float(scale), gloss, coat=float(rng.uniform(0, 0.4)), bump=2e-4, turn=turn
         )
     if kind == "plain":
-        colour = _one(rng, [WHITE, GREY, DARK, (0.8, 0.76, 0.68), (0.45, 0.52, 0.5), (0.5, 0.56, 0.66)], 0.06)
+        colour = _choose(rng, [WHITE, GREY, DARK, (0.8, 0.76, 0.68), (0.45, 0.52, 0.5), (0.5, 0.56, 0.66)], 0.06)
         return Surface(
             "plain", (colour,), 0.3, gloss, coat=float(rng.uniform(0, 0.2)), bump=float(rng.choice([0, 1e-4]))
         )
     if kind == "speckle":
-        ground = _one(rng, [(0.74, 0.73, 0.7), (0.3, 0.31, 0.32), (0.62, 0.56, 0.5)], 0.06)
-        grains = (_nudged(ground, float(rng.uniform(-0.3, -0.12))), _nudged(ground, float(rng.uniform(0.08, 0.25))))
+        ground = _choose(rng, [(0.74, 0.73, 0.7), (0.3, 0.31, 0.32), (0.62, 0.56, 0.5)], 0.06)
+        grains = (_shade(ground, float(rng.uniform(-0.3, -0.12))), _shade(ground, float(rng.uniform(0.08, 0.25))))
         return Surface("speckle", (ground, *grains), float(rng.uniform(0.005, 0.012)), gloss, coat=0.2)
     if kind == "brushed":
-        return Surface("brushed", (_one(rng, [(0.6, 0.61, 0.63)], 0.06),), 0.01, 0.4, metallic=0.85, turn=turn)
+        return Surface("brushed", (_choose(rng, [(0.6, 0.61, 0.63)], 0.06),), 0.01, 0.4, metallic=0.85, turn=turn)
     one = _hue(rng, (0.1, 0.5), (0.25, 0.75))
-    two = WHITE if kind == "checks" else _nudged(one, 0.1)
+    two = WHITE if kind == "checks" else _shade(one, 0.1)
     scale = rng.uniform(0.04, 0.09) if kind == "checks" else rng.uniform(0.003, 0.007)
     return Surface(str(kind), (one, two), float(scale), 0.92, bump=5e-4, turn=turn)
 
 
 def _room(rng: np.random.Generator) -> dict[str, Surface]:
-    """Floor, wall, what the arms are mounted on, and three things that stand about."""
+    """Floor, wall, mount of the arms, and three kinds of boxes."""
     kind = str(rng.choice(["planks", "tiles", "concrete", "carpet", "speckle", "plain"]))
-    cold, warm = _one(rng, [(0.35, 0.36, 0.38), (0.55, 0.55, 0.54), (0.68, 0.67, 0.64)], 0.05), None
+    cold, warm = _choose(rng, [(0.35, 0.36, 0.38), (0.55, 0.55, 0.54), (0.68, 0.67, 0.64)], 0.05), None
     if kind == "planks":
-        cold, warm = _tinted(rng, WOODS[rng.integers(len(WOODS))], 0.05)
+        cold, warm = _shift(rng, WOODS[rng.integers(len(WOODS))], 0.05)
     elif kind == "carpet":
         cold = _hue(rng, (0.03, 0.35), (0.2, 0.5))
-    colours = (cold, warm or _nudged(cold, 0.12), _nudged(cold, -0.2))
+    colours = (cold, warm or _shade(cold, 0.12), _shade(cold, -0.2))
     scale = {"planks": 0.14, "tiles": 0.4, "concrete": 0.8, "carpet": 0.012, "speckle": 0.02, "plain": 0.8}[kind]
     floor = Surface(kind, colours, scale * float(rng.uniform(0.8, 1.3)), float(rng.uniform(0.3, 0.75)),
                     turn=float(rng.uniform(0, np.pi / 2)))  # fmt: skip
-    wall = _one(rng, [WHITE, (0.82, 0.8, 0.74), (0.66, 0.7, 0.74), (0.6, 0.66, 0.6), (0.45, 0.47, 0.5)], 0.05)
+    wall = _choose(rng, [WHITE, (0.82, 0.8, 0.74), (0.66, 0.7, 0.74), (0.6, 0.66, 0.6), (0.45, 0.47, 0.5)], 0.05)
     metal = float(rng.choice([0.0, 0.6]))
-    found = {
+    surfaces = {
         "floor": floor,
-        "wall": Surface(str(rng.choice(["plain", "concrete"])), (wall, _nudged(wall, -0.04)), 0.5, 0.9, bump=4e-4),
-        "skirting": Surface("plain", (_one(rng, [WHITE, DARK, (0.45, 0.33, 0.22)], 0.05),), 0.3, 0.5),
-        "deck": Surface("plain", (_one(rng, [BLACK, DARK, GREY, (0.75, 0.75, 0.74)], 0.05),), 0.2, 0.5, metal),
-        "legs": Surface("plain", (_one(rng, [DARK, GREY, WHITE], 0.05),), 0.3, 0.4, metal),
+        "wall": Surface(str(rng.choice(["plain", "concrete"])), (wall, _shade(wall, -0.04)), 0.5, 0.9, bump=4e-4),
+        "skirting": Surface("plain", (_choose(rng, [WHITE, DARK, (0.45, 0.33, 0.22)], 0.05),), 0.3, 0.5),
+        "deck": Surface("plain", (_choose(rng, [BLACK, DARK, GREY, (0.75, 0.75, 0.74)], 0.05),), 0.2, 0.5, metal),
+        "legs": Surface("plain", (_choose(rng, [DARK, GREY, WHITE], 0.05),), 0.3, 0.4, metal),
     }
     for name in ("cabinet", "carton", "crate"):
-        colour = (0.62, 0.47, 0.32) if name == "carton" else _one(rng, FURNITURE, 0.06)
-        found[name] = Surface(
-            "plain", (_nudged(colour, float(rng.normal(0, 0.05))),), 0.3, float(rng.uniform(0.3, 0.85))
+        colour = (0.62, 0.47, 0.32) if name == "carton" else _choose(rng, FURNITURE, 0.06)
+        surfaces[name] = Surface(
+            "plain", (_shade(colour, float(rng.normal(0, 0.05))),), 0.3, float(rng.uniform(0.3, 0.85))
         )
-    return found
+    return surfaces
 
 
 def _robot(rng: np.random.Generator) -> dict[str, Surface]:
-    """Paint of the arms: white, black, silver, or a colour, with dark joints and metal."""
-    shell = _one(rng, [(0.85, 0.85, 0.85), (0.85, 0.85, 0.85), (0.12, 0.12, 0.13), (0.6, 0.61, 0.63)], 0.03)
+    """Materials of the arms: white, black, silver or coloured shells, dark joints, metal."""
+    shell = _choose(rng, [(0.85, 0.85, 0.85), (0.85, 0.85, 0.85), (0.12, 0.12, 0.13), (0.6, 0.61, 0.63)], 0.03)
     if rng.random() < 0.15:
         shell = _hue(rng, (0.5, 0.85), (0.45, 0.85))
     metal = float(rng.random() < 0.2) * 0.8
-    dark = _one(rng, [(0.08, 0.08, 0.09), (0.2, 0.2, 0.21), (0.3, 0.31, 0.33)], 0.03)
+    dark = _choose(rng, [(0.08, 0.08, 0.09), (0.2, 0.2, 0.21), (0.3, 0.31, 0.33)], 0.03)
     if np.mean(shell) < 0.3:
-        dark = _one(rng, [(0.3, 0.31, 0.33), (0.5, 0.5, 0.51), (0.1, 0.1, 0.11)], 0.03)
+        dark = _choose(rng, [(0.3, 0.31, 0.33), (0.5, 0.5, 0.51), (0.1, 0.1, 0.11)], 0.03)
     return {
         "shell": Surface("plain", (shell,), 0.15, float(rng.uniform(0.25, 0.55)), metal, float(rng.uniform(0, 0.4))),
         "housing": Surface("plain", (dark,), 0.1, float(rng.uniform(0.3, 0.6))),
-        "accent": Surface("brushed", (_one(rng, [(0.5, 0.52, 0.55), (0.2, 0.2, 0.22), (0.7, 0.7, 0.7)], 0.04),),
+        "accent": Surface("brushed", (_choose(rng, [(0.5, 0.52, 0.55), (0.2, 0.2, 0.22), (0.7, 0.7, 0.7)], 0.04),),
                           0.02, float(rng.uniform(0.3, 0.5)), float(rng.choice([0.0, 0.8]))),
-        "pad": Surface("plain", (_one(rng, [BLACK, BLACK, (0.25, 0.25, 0.26), (0.7, 0.35, 0.1)], 0.02),), 0.05, 0.75),
+        "pad": Surface("plain", (_choose(rng, [BLACK, BLACK, (0.25, 0.25, 0.26), (0.7, 0.35, 0.1)], 0.02),), 0.05, 0.75),
     }  # fmt: skip
 
 
 def _props(rng: np.random.Generator, table: Colour) -> dict[str, Surface]:
-    """The things of the tasks, each unlike the table and unlike what it is put on or in."""
+    """Materials of the props, each of a colour unlike the table's and unlike that of its goal."""
     cup_kind = str(rng.choice(["plain", "bands", "dots"]))
-    cup = _apart(lambda: WHITE if rng.random() < 0.35 else _hue(rng, (0.3, 0.7), (0.45, 0.85)), table)
-    mat = _apart(lambda: _hue(rng, (0.1, 0.6), (0.2, 0.65)), table, cup)
-    pen = _apart(lambda: _hue(rng, (0.0, 0.8), (0.1, 0.9)), table)
-    holder = _apart(lambda: _hue(rng, (0.0, 0.6), (0.12, 0.75)), table, pen)
-    remote = _apart(lambda: _one(rng, [BLACK, (0.25, 0.25, 0.27), GREY, WHITE], 0.03), table)
-    box = _apart(
-        lambda: _one(rng, [(0.66, 0.5, 0.34), WHITE, DARK, _hue(rng, (0.2, 0.55), (0.3, 0.65))], 0.05), table, remote
+    cup = _draw_distinct(lambda: WHITE if rng.random() < 0.35 else _hue(rng, (0.3, 0.7), (0.45, 0.85)), table)
+    mat = _draw_distinct(lambda: _hue(rng, (0.1, 0.6), (0.2, 0.65)), table, cup)
+    pen = _draw_distinct(lambda: _hue(rng, (0.0, 0.8), (0.1, 0.9)), table)
+    holder = _draw_distinct(lambda: _hue(rng, (0.0, 0.6), (0.12, 0.75)), table, pen)
+    remote = _draw_distinct(lambda: _choose(rng, [BLACK, (0.25, 0.25, 0.27), GREY, WHITE], 0.03), table)
+    box = _draw_distinct(
+        lambda: _choose(rng, [(0.66, 0.5, 0.34), WHITE, DARK, _hue(rng, (0.2, 0.55), (0.3, 0.65))], 0.05), table, remote
     )
     key = WHITE if np.mean(remote) < 0.5 else DARK
     gloss = lambda low, high: float(rng.uniform(low, high))  # noqa: E731
     return {
         "cup": Surface(cup_kind, (cup, _hue(rng, (0.3, 0.7), (0.3, 0.7)), WHITE), 0.02 if cup_kind == "dots" else 0.085,
                        gloss(0.3, 0.7)),
-        "mat": Surface(str(rng.choice(["cloth", "plain", "carpet"])), (mat, _nudged(mat, 0.07)), 0.003, 0.92, bump=4e-4),
+        "mat": Surface(str(rng.choice(["cloth", "plain", "carpet"])), (mat, _shade(mat, 0.07)), 0.003, 0.92, bump=4e-4),
         "pen": Surface("plain", (pen,), 0.1, gloss(0.2, 0.5)),
-        "pen2": Surface("plain", (_apart(lambda: _hue(rng, (0.3, 0.95), (0.2, 0.9)), pen),), 0.1, gloss(0.2, 0.5), coat=0.3),
-        "holder": Surface(str(rng.choice(["plain", "brushed", "wood"])), (holder, _nudged(holder, 0.08)), 0.03,
+        "pen2": Surface("plain", (_draw_distinct(lambda: _hue(rng, (0.3, 0.95), (0.2, 0.9)), pen),), 0.1, gloss(0.2, 0.5), coat=0.3),
+        "holder": Surface(str(rng.choice(["plain", "brushed", "wood"])), (holder, _shade(holder, 0.08)), 0.03,
                           gloss(0.2, 0.7), float(rng.choice([0.0, 0.0, 0.7]))),
         "remote": Surface("plain", (remote,), 0.1, gloss(0.25, 0.6)),
         "remote2": Surface("plain", (_hue(rng, (0.7, 0.9), (0.7, 0.9)),), 0.1, 0.5),
         "remote3": Surface("plain", (key,), 0.1, 0.6),
-        "box": Surface(str(rng.choice(["plain", "wood"])), (box, _nudged(box, 0.08)), 0.05, gloss(0.4, 0.9), bump=2e-4),
+        "box": Surface(str(rng.choice(["plain", "wood"])), (box, _shade(box, 0.08)), 0.05, gloss(0.4, 0.9), bump=2e-4),
     }  # fmt: skip
 
 
 def _light(rng: np.random.Generator) -> tuple[tuple[Lamp, ...], tuple[Colour, float], tuple[float, float]]:
-    """Lamps under the ceiling, a window at times, what comes from everywhere, and the camera's balance of white."""
+    """Ceiling lamps, sometimes a window, the ambient light, and the camera's white balance."""
     warm = float(rng.uniform(0.0, 1.0))  # 0: daylight, 1: light bulbs
     bulb = (1.0, 1.0 - 0.16 * warm, 1.0 - 0.42 * warm)
     lamps = []
@@ -184,33 +184,33 @@ def _light(rng: np.random.Generator) -> tuple[tuple[Lamp, ...], tuple[Colour, fl
 
 
 def _blocks(rng: np.random.Generator) -> tuple[Block, ...]:
-    """Things on the floor behind and beside the table, lower than its top where they could stand before it."""
-    found = []
+    """Boxes on the floor behind the table, lower than its top."""
+    blocks = []
     for _ in range(int(rng.integers(1, 6))):
         x, y = float(rng.uniform(1.25, 2.2)), float(rng.uniform(-1.4, 1.4))
         size = (float(rng.uniform(0.2, 0.5)), float(rng.uniform(0.2, 0.7)), float(rng.uniform(0.15, 0.68)))
         name = str(rng.choice(["cabinet", "carton", "crate"]))
-        found.append(Block((x, y, size[2] / 2), size, float(rng.uniform(-0.6, 0.6)), name))
-    return tuple(found)
+        blocks.append(Block((x, y, size[2] / 2), size, float(rng.uniform(-0.6, 0.6)), name))
+    return tuple(blocks)
 
 
-def _one(rng: np.random.Generator, colours: list[Colour], spread: float) -> Colour:
-    """One of several colours, a little off."""
-    return _tinted(rng, (colours[int(rng.integers(len(colours)))],), spread)[0]
+def _choose(rng: np.random.Generator, colours: list[Colour], spread: float) -> Colour:
+    """One of several colours, randomly shifted."""
+    return _shift(rng, (colours[int(rng.integers(len(colours)))],), spread)[0]
 
 
-def _tinted(rng: np.random.Generator, colours: tuple[Colour, ...], spread: float) -> tuple[Colour, ...]:
-    """Colours that are off by the same."""
+def _shift(rng: np.random.Generator, colours: tuple[Colour, ...], spread: float) -> tuple[Colour, ...]:
+    """Colours, all shifted by the same random amount."""
     shade, tint = rng.normal(0.0, spread), rng.normal(0.0, 0.3 * spread, 3)
     return tuple(_clipped(np.array(colour) + shade + tint) for colour in colours)
 
 
 def _hue(rng: np.random.Generator, saturation: tuple[float, float], value: tuple[float, float]) -> Colour:
-    """Any hue, of saturation and value from ranges."""
+    """A random hue, with saturation and value from ranges."""
     return _clipped(colorsys.hsv_to_rgb(rng.random(), rng.uniform(*saturation), rng.uniform(*value)))
 
 
-def _nudged(colour: Colour, by: float) -> Colour:
+def _shade(colour: Colour, by: float) -> Colour:
     return _clipped(np.array(colour) + by)
 
 
@@ -219,8 +219,8 @@ def _clipped(colour: Any) -> Colour:
     return red, green, blue
 
 
-def _apart(draw: Callable[[], Colour], *others: Colour) -> Colour:
-    """The first colour drawn that differs from others, or the most different of forty."""
+def _draw_distinct(draw: Callable[[], Colour], *others: Colour) -> Colour:
+    """The first of forty drawn colours that differs enough from others, or the most different one."""
     distance = lambda c: min(float(np.abs(np.subtract(c, other)).sum()) for other in others)  # noqa: E731
     drawn = [draw() for _ in range(40)]
     return next((colour for colour in drawn if distance(colour) > 0.75), max(drawn, key=distance))

@@ -1,9 +1,13 @@
-"""Blender's path tracer in a process of its own: a scene goes in, the light of each frame comes out."""
+"""Blender's path tracer in a process and Python interpreter of its own: takes a scene, returns the light of each frame.
+
+bpy is GPL-licensed and has wheels for Python 3.11 only, so it is never imported into this process.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import importlib.util
 import json
 import os
 import subprocess
@@ -19,37 +23,56 @@ from embodiedreamer_gym.errors import MissingExtraError, SimulationError
 from embodiedreamer_gym.geometry.camera import Camera
 
 STUDIO = Path(__file__).with_name("studio.py")
-LINE = "pip install --no-deps 'bpy>=5.0.1,<6'"  # with its dependencies it would ask for numpy < 2
-SENSOR = 36.0  # mm, of studio.py's camera
-ASK = "import importlib.util, sys; print(*sys.version_info[:2], importlib.util.find_spec('bpy') is not None)"
+VARIABLE = "EMBODIEDREAMER_BLENDER"  # environment variable: path of a Python interpreter that has bpy
+INSTALL = "pip install --no-deps 'bpy>=5.0.1,<6'"  # with its dependencies it would require numpy < 2
+SENSOR = 36.0  # mm, width of the sensor of studio.py's camera
+PROBE = "import importlib.util, sys; print(*sys.version_info[:2], importlib.util.find_spec('bpy') is not None)"
+
+
+def find_blender(blender: str | None = None) -> str:
+    """Path of a Python interpreter that has bpy.
+
+    blender: its path; by default the current interpreter if it has bpy, else that of the environment variable
+    EMBODIEDREAMER_BLENDER.
+    Raises: MissingExtraError with the command that installs bpy; SimulationError for a path that is no Python.
+    """
+    named = blender or ("" if importlib.util.find_spec("bpy") else os.environ.get(VARIABLE, ""))
+    python = named or sys.executable
+    version, has_bpy = _probe(python)
+    if has_bpy:
+        return python
+    install = f"run: {python} -m {INSTALL}" if named else f"run: {INSTALL}"
+    if version != "3.11":
+        install = (f"it has wheels for Python 3.11 only, and {python} is {version}; make a virtual environment of Python "
+                   f"3.11, run in it: {INSTALL}, and name it with --blender ENV/bin/python "
+                   f"or {VARIABLE}=ENV/bin/python")  # fmt: skip
+    raise MissingExtraError(f"the path-traced camera needs Blender's module bpy; {install}.")
 
 
 @functools.lru_cache
-def check_blender(python: str | None = None) -> str:
-    """Path of a Python that has bpy: the one asked for, or this one.
+def _probe(python: str) -> tuple[str, bool]:
+    """Version of a Python interpreter, and whether it has bpy.
 
-    Raises: MissingExtraError with the line that installs it; SimulationError for what is no Python.
+    Raises: SimulationError for a path that is no Python.
     """
-    found = python or sys.executable
     try:
-        answer = subprocess.run([found, "-c", ASK], capture_output=True, text=True, timeout=60)
-        major, minor, there = answer.stdout.split()
+        answer = subprocess.run([python, "-c", PROBE], capture_output=True, text=True, timeout=60, env=_environment())
+        major, minor, has_bpy = answer.stdout.split()
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
-        raise SimulationError(f"{found} is no Python; give the path of one that has bpy.") from error
-    if there == "True":
-        return found
-    line = f"run: {found} -m {LINE}" if python else f"run: {LINE}"
-    if (major, minor) != ("3", "11"):
-        line = (f"it has wheels for Python 3.11 only, and {found} is {major}.{minor}; make a virtual environment "
-                f"of Python 3.11, run in it: {LINE}, and name it with --blender ENV/bin/python")  # fmt: skip
-    raise MissingExtraError(f"the path-traced camera needs Blender's module bpy; {line}.")
+        raise SimulationError(f"{python} is no Python; give the path of one that has bpy.") from error
+    return f"{major}.{minor}", has_bpy == "True"
+
+
+def _environment(**more: str) -> dict[str, str]:
+    """This process's environment without the variables by which this interpreter's modules would reach Blender's."""
+    return {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTHONHOME")} | more
 
 
 def camera_spec(camera: Camera) -> dict[str, Any]:
-    """A camera standing in the world as Blender's.
+    """Blender's description of a camera fixed in the world.
 
-    Blender counts the shift of the picture's middle from the axis in picture widths (x right, y up), pixels from the
-    corner, and makes fy of fx by the pixels' aspect, whose two numbers must not be below 1.
+    Blender measures the offset of the principal point in picture widths (x right, y up), from pixel corners, and derives
+    fy from fx by the pixels' aspect ratio, whose two numbers must be at least 1.
     """
     width, height = camera.size
     position, rotation = camera.pose()
@@ -66,12 +89,13 @@ def camera_spec(camera: Camera) -> dict[str, Any]:
     }
 
 
-def render(scene: Mapping[str, Any], python: str | None = None) -> Iterator[np.ndarray]:
-    """Light (H, W, 3) of each frame of a scene (see scene.py), float32, as it comes.
+def render(scene: Mapping[str, Any], blender: str | None = None) -> Iterator[np.ndarray]:
+    """Light (H, W, 3), float32, of each frame of a scene (see scene.py), one at a time.
 
+    blender: see `find_blender`.
     Raises: MissingExtraError without bpy; SimulationError when Blender fails.
     """
-    studio = Studio(scene, python)
+    studio = Studio(scene, blender)
     try:
         studio.finish()
         for _ in scene["frames"]:
@@ -81,20 +105,21 @@ def render(scene: Mapping[str, Any], python: str | None = None) -> Iterator[np.n
 
 
 class Studio:
-    """Blender in a process of its own with a scene in it, of which it gives the frames' light, then that of others.
+    """A Blender process with a scene loaded; it renders the scene's own frames first, then further poses.
 
+    blender: see `find_blender`.
     Raises: MissingExtraError without bpy.
     """
 
-    def __init__(self, scene: Mapping[str, Any], python: str | None = None) -> None:
-        command = [check_blender(python), "-P", str(STUDIO)]
+    def __init__(self, scene: Mapping[str, Any], blender: str | None = None) -> None:
+        command = [find_blender(blender), "-P", str(STUDIO)]
         self._size = int(scene["size"][0]), int(scene["size"][1])
         self._folder = tempfile.TemporaryDirectory()
-        self._said = Path(self._folder.name) / "said"
-        around = {**os.environ, "TMPDIR": self._folder.name, "OIDN_NUM_THREADS": "1", "PYTHONWARNINGS": "ignore"}
-        with self._said.open("w") as said:
+        self._log = Path(self._folder.name) / "stderr"
+        environment = _environment(TMPDIR=self._folder.name, OIDN_NUM_THREADS="1", PYTHONWARNINGS="ignore")
+        with self._log.open("w") as log:
             self._process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, env=around
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, env=environment
             )
         self._write(scene)
 
@@ -107,26 +132,26 @@ class Studio:
         return self.read()
 
     def read(self) -> np.ndarray:
-        """Light (H, W, 3) of the next frame that was asked for.
+        """Light (H, W, 3) of the next requested frame.
 
         Raises: SimulationError when Blender fails.
         """
         width, height = self._size
         data = self._process.stdout.read(16 * width * height) if self._process.stdout else b""
         if len(data) < 16 * width * height:
-            last = (self._said.read_text(errors="replace").strip().splitlines() or ["it said nothing"])[-1]
+            last = (self._log.read_text(errors="replace").strip().splitlines() or ["it printed nothing"])[-1]
             raise SimulationError(f"Blender has failed: {last}.")
         return np.flipud(np.frombuffer(data, np.float32).reshape(height, width, 4)[..., :3])
 
     def finish(self) -> None:
-        """Tell it that no more frames will follow."""
+        """Close the process's input: no more poses will follow."""
         if self._process.stdin is not None:
-            with contextlib.suppress(BrokenPipeError):  # it has failed, which its output will show
+            with contextlib.suppress(BrokenPipeError):  # the process has failed; `read` reports it
                 self._process.stdin.close()
 
     def close(self) -> None:
-        """End it; twice does no harm."""
-        self._process.kill()  # in vain where it has ended by itself
+        """End the process; safe to call twice."""
+        self._process.kill()  # without effect where it has ended by itself
         self._process.wait()
         self.finish()
         if self._process.stdout is not None:
@@ -134,7 +159,7 @@ class Studio:
         self._folder.cleanup()
 
     def _write(self, value: Any) -> None:
-        """A line of JSON."""
+        """Send one line of JSON."""
         if self._process.stdin is not None:
             with contextlib.suppress(BrokenPipeError):
                 self._process.stdin.write(json.dumps(value).encode() + b"\n")

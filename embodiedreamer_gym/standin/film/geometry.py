@@ -1,4 +1,4 @@
-"""What stands before the camera as meshes: the robot's visuals, the table and the props, each in its body's frame."""
+"""Meshes of the robot's visuals, the table and the props, each in the frame of its body."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from embodiedreamer_gym.engines.shapes import Shape
 from embodiedreamer_gym.engines.table import TABLE
 from embodiedreamer_gym.errors import ModelError
 
-SIDES = 48  # of whatever is round
-ROUNDING = 0.0025  # m of the edges of the robot's parts, 0.7 mm off its outline
-PROUD = 0.0012  # m by which trimmings stand out
+SIDES = 48  # of round shapes
+ROUNDING = 0.0025  # m, bevel of the robot's edges; moves its outline by 0.7 mm
+PROUD = 0.0012  # m by which decorations protrude
 TABLE_CLASS, ROBOT_CLASS, FIRST_PROP = 1, 2, 3
 
 Faces = list[tuple[int, ...]]
@@ -28,37 +28,42 @@ Faces = list[tuple[int, ...]]
 class Part:
     """One closed shape of a body.
 
-    body: the link or prop that carries it; number: its segmentation class; paint: name of what it is made of; points
-    (N, 3), m, in the body's frame; faces: corners, seen from outside; rounding: m of its edges; colour: the simulator's,
-    for what a look has no surface for.
+    body: link or prop that it belongs to.
+    number: segmentation class.
+    material: name of its surface in `Appearance.surfaces`.
+    points: vertices (N, 3) in the body's frame, m.
+    faces: vertex numbers, counter-clockwise seen from outside.
+    rounding: bevel of its edges, m.
+    colour: the simulator's, used where the appearance has no such surface.
     """
 
     body: str
     number: int
-    paint: str
+    material: str
     points: np.ndarray
     faces: Faces
     rounding: float = 0.0
     colour: tuple[float, float, float] = (0.6, 0.6, 0.6)
 
     def __repr__(self) -> str:
-        return f"Part({self.body!r}, {self.paint!r}, {len(self.points)} points)"
+        return f"Part({self.body!r}, {self.material!r}, {len(self.points)} points)"
 
 
 def robot_parts(urdf: Path) -> list[Part]:
-    """The robot's visuals by link; what they are made of is the name of the URDF's material.
+    """The robot's visuals by link, with the names of the URDF's materials.
 
     Raises: ModelError for a visual that is no box, cylinder or sphere.
     """
     parts = []
     for link in ElementTree.parse(urdf).getroot().iter("link"):
         for visual in link.iter("visual"):
-            material = visual.find("material")
-            paint = "shell" if material is None else str(material.get("name"))
-            name, kind, size, place = str(link.get("name")), *_visual(visual, f"{urdf.name}, link {link.get('name')}")
-            for made, shape in [(paint, SHAPES[kind](*size)), *_trimmings(kind, size, paint)]:
-                points = shape[0] @ place[:3, :3].T + place[:3, 3]
-                parts.append(Part(name, ROBOT_CLASS, made, points, shape[1], ROUNDING if made == paint else 0.0005))
+            element = visual.find("material")
+            own = "shell" if element is None else str(element.get("name"))
+            name, kind, size, pose = str(link.get("name")), *_visual(visual, f"{urdf.name}, link {link.get('name')}")
+            for material, (points, faces) in [(own, SHAPES[kind](*size)), *_decorations(kind, size, own)]:
+                points = points @ pose[:3, :3].T + pose[:3, 3]
+                rounding = ROUNDING if material == own else 0.0005
+                parts.append(Part(name, ROBOT_CLASS, material, points, faces, rounding))
     return parts
 
 
@@ -69,7 +74,7 @@ def table_part() -> Part:
 
 
 def prop_parts(prop: Prop, number: int) -> list[Part]:
-    """A prop's shapes; what they are made of is its name, with a number for each further colour."""
+    """A prop's shapes; their material is the prop's name, with a number for each further colour."""
     colours = list(dict.fromkeys(shape.rgba or prop.rgba for shape in prop.shapes))
     parts = []
     for shape in prop.shapes:
@@ -83,24 +88,24 @@ def prop_parts(prop: Prop, number: int) -> list[Part]:
 
 
 def scene_parts(urdf: Path, props: Sequence[Prop]) -> list[Part]:
-    """The parts of a robot, then those of what stands before it."""
+    """The parts of a robot and of props."""
     return [*robot_parts(urdf), *(part for i, prop in enumerate(props) for part in prop_parts(prop, FIRST_PROP + i))]
 
 
 def box(size: tuple[float, ...]) -> tuple[np.ndarray, Faces]:
-    """A box around the origin: its three edges, m."""
+    """A box around the origin; size: its three edges, m."""
     corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     faces: Faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return corners * np.array(size), faces
 
 
 def turned(outline: list[tuple[float, float]], sides: int = SIDES) -> tuple[np.ndarray, Faces]:
-    """A closed outline of (radius, height), m, turned about z; its first and last points lie on the axis."""
+    """Solid of revolution about z of an outline of (radius, height), m; its first and last points lie on the axis."""
     angles = np.arange(sides) * 2 * np.pi / sides
-    round_ = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     points, rings = [], []
     for radius, height in outline:
-        ring = round_[: 1 if radius == 0.0 else sides] * radius
+        ring = circle[: 1 if radius == 0.0 else sides] * radius
         rings.append(np.arange(len(ring)) + sum(map(len, points)))
         points.append(np.column_stack([ring, np.full(len(ring), height)]))
     faces: Faces = []
@@ -120,7 +125,7 @@ def cylinder(radius: float, length: float) -> tuple[np.ndarray, Faces]:
 
 
 def sphere(radius: float) -> tuple[np.ndarray, Faces]:
-    """A ball around the origin, m."""
+    """A sphere around the origin, m."""
     steps = np.linspace(-np.pi / 2, np.pi / 2, SIDES // 2 + 1)[1:-1]
     arc = [(float(radius * np.cos(a)), float(radius * np.sin(a))) for a in steps]
     return turned([(0.0, -radius), *arc, (0.0, radius)])
@@ -142,22 +147,22 @@ def _placed(shape: Shape) -> tuple[np.ndarray, Faces]:
 
 
 def _visual(visual: ElementTree.Element, where: str) -> tuple[str, tuple[float, ...], np.ndarray]:
-    """A URDF's visual: its kind, its size, and where (4, 4) it is in its link's frame."""
+    """Kind, size and pose (4, 4) in its link's frame of a URDF's visual."""
     origin, geometry = visual.find("origin"), next(iter(visual.iterfind("geometry/*")), None)
     kind = "nothing" if geometry is None else geometry.tag
     if geometry is None or kind not in SHAPES:
         raise ModelError(f"{where}: a visual is {kind}; the path-traced camera draws {', '.join(SHAPES)}.")
     size = tuple(number for key in SIZES[kind] for number in _numbers(str(geometry.get(key))))
-    place = {"xyz": "0 0 0", "rpy": "0 0 0"} | ({} if origin is None else dict(origin.items()))
+    values = {"xyz": "0 0 0", "rpy": "0 0 0"} | ({} if origin is None else dict(origin.items()))
     pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("xyz", list(_numbers(place["rpy"]))).as_matrix()
-    pose[:3, 3] = list(_numbers(place["xyz"]))
+    pose[:3, :3] = Rotation.from_euler("xyz", list(_numbers(values["rpy"]))).as_matrix()
+    pose[:3, 3] = list(_numbers(values["xyz"]))
     return kind, size, pose
 
 
-def _trimmings(kind: str, size: tuple[float, ...], paint: str) -> Iterator[tuple[str, tuple[np.ndarray, Faces]]]:
-    """Collars around long boxes; lids with screws on cylinders: nothing a pixel wide, but real arms have them."""
-    if kind == "box" and max(size) > 0.06 and paint == "shell":
+def _decorations(kind: str, size: tuple[float, ...], material: str) -> Iterator[tuple[str, tuple[np.ndarray, Faces]]]:
+    """Details of real arms, each under a pixel deep: collars around long boxes, lids with screws on cylinders."""
+    if kind == "box" and max(size) > 0.06 and material == "shell":
         along = int(np.argmax(size))
         for share in (-0.4, 0.4):
             collar = [edge + PROUD for edge in size]

@@ -1,16 +1,16 @@
-"""The bench of the stand-in's laboratory."""
+"""The fixed appearance named "lab"."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from embodiedreamer_gym.standin.film.appearance import Block, Lamp, Look
-from embodiedreamer_gym.standin.film.camera_noise import Lens
+from embodiedreamer_gym.standin.film.appearance import Appearance, Block, Lamp
+from embodiedreamer_gym.standin.film.camera_noise import CameraNoise
 from embodiedreamer_gym.standin.film.materials import Surface
 
 
-def lab() -> Look:
-    """One bench of the stand-in's laboratory, the same whenever it is filmed."""
+def lab() -> Appearance:
+    """One workspace, always the same."""
     surfaces = {
         "table": Surface("wood", ((0.7, 0.53, 0.37), (0.79, 0.63, 0.46)), 0.05, 0.42, coat=0.1, turn=np.pi / 2),
         "floor": Surface("concrete", ((0.42, 0.43, 0.44), (0.56, 0.56, 0.55)), 0.8, 0.55),
@@ -43,5 +43,5 @@ def lab() -> Look:
         Lamp((0.1, -0.9, 2.6), (0.6, -0.1, 0.7), (1.2, 0.3), 10.0, (1.0, 0.95, 0.88)),
         Lamp((0.9, 3.0, 1.6), (0.6, 0.0, 0.7), (1.2, 1.0), 70.0, (0.82, 0.9, 1.0)),
     )
-    lens = Lens(barrel=-0.02, vignette=0.24, blur=0.9, key=0.52, white=(1.02, 1.06), contrast=1.12, haze=0.01)
-    return Look("lab", 7, surfaces, lamps, ((0.9, 0.95, 1.0), 0.12), 2.25, 0.0, blocks, lens)
+    noise = CameraNoise(barrel=-0.02, vignette=0.24, blur=0.9, key=0.52, white=(1.02, 1.06), contrast=1.12, haze=0.01)
+    return Appearance("lab", 7, surfaces, lamps, ((0.9, 0.95, 1.0), 0.12), 2.25, 0.0, blocks, noise)

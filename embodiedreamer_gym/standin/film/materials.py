@@ -6,18 +6,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 Colour = tuple[float, float, float]
 Link = list[Any]
 
 
 @dataclass(frozen=True)
 class Surface:
-    """What something is made of.
+    """A material.
 
-    pattern: a name of PATTERNS; colours: sRGB 0..1, as many as the pattern takes (the last is repeated); scale: m of
-    the pattern's features; roughness, metallic, coat: 0..1; bump: m of its relief; turn: rad about z.
+    pattern: a name in PATTERNS.
+    colours: sRGB 0..1, as many as the pattern takes (the last is repeated).
+    scale: size of the pattern's features, m.
+    roughness, metallic, coat: 0..1, of Blender's Principled BSDF.
+    bump: height of its relief, m.
+    turn: rotation of the pattern about z, rad.
     """
 
     pattern: str
@@ -31,28 +33,28 @@ class Surface:
 
 
 class Graph:
-    """Nodes one after the other."""
+    """A list of shader nodes under construction."""
 
     def __init__(self, surface: Surface, shift: Sequence[float]) -> None:
         self.nodes: list[list[Any]] = []
         self.surface = surface
-        here = self.add("ShaderNodeTexCoord", output="Object")
+        coordinates = self.add("ShaderNodeTexCoord", output="Object")
         self.place = self.add("ShaderNodeMapping", {}, "Vector",
-                              Vector=here, Location=list(shift), Rotation=[0.0, 0.0, surface.turn])  # fmt: skip
+                              Vector=coordinates, Location=list(shift), Rotation=[0.0, 0.0, surface.turn])  # fmt: skip
 
     def add(self, kind: str, settings: dict[str, Any] | None = None, output: str | int = 0, **inputs: Any) -> Link:
-        """Append a node; a link to one of its outputs. Inputs that are no names are given as `_0`, `_1`, ...."""
+        """Append a node; returns a link to one of its outputs. Numbered inputs are given as `_0`, `_1`, ...."""
         self.nodes.append([kind, settings or {}, {key.lstrip("_").replace("__", " "): value
                                                   for key, value in inputs.items()}])  # fmt: skip
         return ["@", len(self.nodes) - 1, output]
 
     def colour(self, index: int, share: float = 1.0) -> list[float]:
-        """One of the surface's colours as light, with its alpha."""
+        """One of the surface's colours, linear, with alpha."""
         colours = self.surface.colours
         return [*(share * linear(c) for c in colours[min(index, len(colours) - 1)]), 1.0]
 
     def stretched(self, x: float, y: float, z: float) -> Link:
-        """The place in units of the pattern's scale, times factors."""
+        """Coordinates in units of the pattern's scale, times factors."""
         scale = [factor / self.surface.scale for factor in (x, y, z)]
         return self.add("ShaderNodeMapping", {}, "Vector", Vector=self.place, Scale=scale)
 
@@ -66,7 +68,7 @@ class Graph:
                         "Color", Fac=value)  # fmt: skip
 
     def mix(self, share: Link | float, one: Any, other: Any, blend: str = "MIX") -> Link:
-        """Two colours mixed; Blender's mixing node of colours has its inputs at 0, 6, 7 and its output at 2."""
+        """Two colours mixed; Blender's colour mixing node has its inputs at 0, 6, 7 and its output at 2."""
         settings = {"data_type": "RGBA", "blend_type": blend}
         return self.add("ShaderNodeMix", settings, 2, _0=share, _6=one, _7=other)
 
@@ -170,7 +172,7 @@ def carpet(g: Graph) -> tuple[Link, Link | None]:
 
 
 def bands(g: Graph) -> tuple[Link, Link | None]:
-    """A print around an upright thing: the second colour from 35 to 70 % of `scale` upwards, the third as two lines."""
+    """A print around an upright object: the second colour from 35 to 70 % of `scale`, the third as two lines."""
     height = g.add("ShaderNodeSeparateXYZ", {}, "Z", Vector=g.add("ShaderNodeTexCoord", output="Object"))
     share = g.scaled(height, 1.0 / g.surface.scale, 0.0)
     one, two, three = (g.colour(i) for i in range(3))
@@ -196,7 +198,7 @@ PATTERNS: dict[str, Pattern] = {
 
 
 def nodes_of(surface: Surface, shift: Sequence[float] = (0.0, 0.0, 0.0)) -> list[list[Any]]:
-    """A surface's nodes, the shader last; shift (3,): m by which the pattern is moved."""
+    """A surface's nodes, the shader last; shift: offset of the pattern (3,), m."""
     g = Graph(surface, shift)
     colour, relief = PATTERNS[surface.pattern](g)
     smudges = g.noise(g.add("ShaderNodeMapping", {}, 0, Vector=g.place, Scale=[9.0] * 3), detail=4.0)
@@ -211,9 +213,5 @@ def nodes_of(surface: Surface, shift: Sequence[float] = (0.0, 0.0, 0.0)) -> list
 
 
 def linear(value: float) -> float:
-    """Light of an sRGB value 0..1. Source: IEC 61966-2-1."""
+    """Linear value of an sRGB value 0..1. Source: IEC 61966-2-1."""
     return float(value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4)
-
-
-def _between(one: Sequence[float], other: Sequence[float]) -> list[float]:
-    return np.mean([one, other], axis=0).tolist()

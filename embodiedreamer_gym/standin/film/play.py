@@ -1,4 +1,4 @@
-"""The scripted expert plays an episode, and every control step is written down."""
+"""Episodes of the scripted expert, with the state of every control step."""
 
 from __future__ import annotations
 
@@ -14,16 +14,20 @@ from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.standin.film.geometry import Part, scene_parts
 from embodiedreamer_gym.standin.film.settings import STEPS
 
-STILL = 15  # control steps that are kept after the last in which something moves
-MOVES = 0.002  # rad, m or share of the gripper's opening per control step
+MARGIN = 15  # control steps kept after the last one with motion
+MOTION = 0.002  # rad, m or share of the gripper's opening per control step: more counts as motion
 
 
 @dataclass(frozen=True, eq=False)
-class Played:
-    """An episode by control steps: what the robot did and what the simulator drew.
+class ExpertEpisode:
+    """States and actions of T control steps.
 
-    position, action (T, 14): as the environment gives and takes them, the action that follows the state; poses (T,
-    bodies, 4, 4) of the links and props that `bodies` names; objects: prop -> (T, 7) position m and quaternion xyzw.
+    side: arm that acts.
+    bodies: names of the links and props.
+    position: joint positions (T, 14) before each action, in the environment's units.
+    action: (T, 14).
+    poses: of the bodies in the world (T, bodies, 4, 4), m.
+    objects: prop -> position m and quaternion xyzw (T, 7).
     """
 
     side: str
@@ -34,23 +38,23 @@ class Played:
     objects: Mapping[str, np.ndarray]
 
     def __repr__(self) -> str:
-        return f"Played({len(self.position)} steps, {self.side})"
+        return f"ExpertEpisode({len(self.position)} steps, {self.side})"
 
     @property
-    def busy(self) -> int:
-        """Number of control steps until nothing moves any more, and a little longer."""
-        moving = np.flatnonzero(np.abs(np.diff(self.position, axis=0)).max(axis=1) > MOVES)
+    def active_steps(self) -> int:
+        """Number of control steps up to the last motion, plus MARGIN."""
+        moving = np.flatnonzero(np.abs(np.diff(self.position, axis=0)).max(axis=1) > MOTION)
         last = int(moving[-1]) + 1 if moving.size else 0
-        return min(last + STILL, len(self.position))
+        return min(last + MARGIN, len(self.position))
 
-    def only(self, steps: np.ndarray) -> Played:
-        """These steps alone."""
-        return Played(self.side, self.bodies, self.position[steps], self.action[steps], self.poses[steps],
-                      {name: poses[steps] for name, poses in self.objects.items()})  # fmt: skip
+    def select(self, steps: np.ndarray) -> ExpertEpisode:
+        """The episode at these steps only."""
+        return ExpertEpisode(self.side, self.bodies, self.position[steps], self.action[steps], self.poses[steps],
+                             {name: poses[steps] for name, poses in self.objects.items()})  # fmt: skip
 
 
-class Stage:
-    """An environment for one task, and what stands on it."""
+class EpisodePlayer:
+    """Plays the scripted expert in an environment of one task; parts: visual shapes of its robot and props."""
 
     def __init__(self, task: str) -> None:
         self.env = AlohaEnv(task, obs_type="state", renderer="tiny")
@@ -58,10 +62,10 @@ class Stage:
         self.props = tuple(prop.name for prop in self.env.task.props)
         self.links = tuple(dict.fromkeys(part.body for part in self.parts if part.body not in self.props))
 
-    def play(self, seed: int, steps: int | None = None, watch: Callable[[int], None] | None = None) -> Played:
-        """An episode, the same every time, or its first steps.
+    def play(self, seed: int, steps: int | None = None, watch: Callable[[int], None] | None = None) -> ExpertEpisode:
+        """Play an episode; deterministic for a seed.
 
-        watch: called with the number of each step, before it is taken.
+        steps: only so many, by default STEPS; watch: called with the number of each step before it is taken.
         """
         self.env.reset(seed=seed)
         expert = ScriptedExpert(self.env)
@@ -75,10 +79,10 @@ class Stage:
             self.env.step(action)
         position, action, poses, objects = (np.array(column) for column in zip(*rows, strict=True))
         by_name = dict(zip(self.props, objects.swapaxes(0, 1), strict=True))
-        return Played(self.env.side, (*self.links, *self.props), position, action, poses, by_name)
+        return ExpertEpisode(self.env.side, (*self.links, *self.props), position, action, poses, by_name)
 
     def capture(self, camera: Camera, size: tuple[int, int]) -> Frame:
-        """What the simulator draws of this instant for a camera that stands in the world; size: width, height."""
+        """The simulator's rendering of the current state for a camera fixed in the world; size: width, height."""
         return self.env.renderer.capture(camera, size, None, self.env.scene.classes, self.env.scene.parts)
 
     def close(self) -> None:
@@ -86,12 +90,12 @@ class Stage:
         self.env.close()
 
     def _state(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Joints (14,), poses (bodies, 4, 4) and props (props, 7) at this instant."""
+        """Joint positions (14,), poses of the bodies (bodies, 4, 4) and of the props (props, 7)."""
         scene = self.env.scene
         props = [scene.pose(name) for name in self.props]
-        found = [*(scene.link_pose(name) for name in self.links), *props]
-        poses = np.tile(np.eye(4), (len(found), 1, 1))
-        for pose, here in zip(poses, found, strict=True):
-            pose[:3, :3], pose[:3, 3] = here.rotation, here.position
+        bodies = [*(scene.link_pose(name) for name in self.links), *props]
+        poses = np.tile(np.eye(4), (len(bodies), 1, 1))
+        for matrix, body in zip(poses, bodies, strict=True):
+            matrix[:3, :3], matrix[:3, 3] = body.rotation, body.position
         objects = [np.concatenate([prop.position, prop.quaternion]) for prop in props]
         return self.env.joint_positions(), poses, np.array(objects)

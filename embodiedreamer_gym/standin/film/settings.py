@@ -1,9 +1,9 @@
-"""What is to be filmed."""
+"""Settings of a film: task, appearance, picture size, and which control steps are rendered."""
 
 from __future__ import annotations
 
 import zlib
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,73 +11,83 @@ import numpy as np
 
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.errors import SimulationError, VisionError
-from embodiedreamer_gym.standin.film.appearance_library import find_look
+from embodiedreamer_gym.standin.film.appearance_library import find_appearance
 
-RECIPE = 2  # to be raised with whatever changes the pictures of the same settings
-FEWEST = 10  # samples that a recording must have
+RECIPE = 2  # version of the pictures: to be raised with whatever changes them for the same settings
+MIN_FRAMES = 10  # samples that a recording must have
 STEPS = 300  # control steps of an episode
-MOST_APART = (STEPS - 1) // (FEWEST - 1)
-SIZES = (16, 2048)
-LEAST = {"seed": 0, "frames": FEWEST, "every": 1, "samples": 1}
+MAX_EVERY = (STEPS - 1) // (MIN_FRAMES - 1)
+SIZES = (16, 2048)  # pixels: smallest and largest edge of a picture
+MINIMUM = {"seed": 0, "frames": MIN_FRAMES, "every": 1, "samples": 1}
 
 
 def check_size(size: tuple[int, int]) -> None:
-    """Raises: VisionError for pictures of a width and height that cannot be."""
+    """Raises: VisionError for a width or height outside SIZES."""
     if not all(SIZES[0] <= edge <= SIZES[1] for edge in size):
         raise VisionError(f"pictures cannot be {size[0]} x {size[1]} pixels; each may be {SIZES[0]} to {SIZES[1]}.")
 
 
 @dataclass(frozen=True)
-class Film:
-    """Episodes of a task in a look, pictures of a size (width, height).
+class FilmSettings:
+    """What to film.
 
-    look: lab, many or a whole number; seed: of everything drawn; frames: at most, a stretch that begins at random (None:
-    the whole episode); every: control steps from one to the next; samples: light paths per pixel.
-    Raises: VisionError or SimulationError for what cannot be.
+    Raises: VisionError or SimulationError for a value outside its range.
     """
 
     task: str
-    look: str = "lab"
+    """A name in TASKS."""
+    appearance: str = "lab"
+    """lab, many (another one per episode), or a whole number that draws one."""
     size: tuple[int, int] = (128, 96)
+    """Width and height of the pictures."""
     seed: int = 0
+    """Of everything that is drawn."""
     frames: int | None = None
+    """Largest number of pictures, of consecutive samples from a random start; None: the whole episode."""
     every: int = 1
+    """Control steps from one picture to the next."""
     samples: int = 4
+    """Light paths per pixel."""
 
     def __post_init__(self) -> None:
         if self.task not in TASKS:
             raise SimulationError(f"there is no task '{self.task}'; there are {', '.join(TASKS)}.")
-        find_look(self.look, 0)
+        find_appearance(self.appearance, 0)
         check_size(self.size)
-        for name, smallest in LEAST.items():
+        for name, smallest in MINIMUM.items():
             value = getattr(self, name)
             if value is not None and value < smallest:
                 raise VisionError(f"{name} is {value}, but must be at least {smallest}.")
-        if self.every > MOST_APART:
+        if self.every > MAX_EVERY:
             raise VisionError(
-                f"every is {self.every}, but at most {MOST_APART} leaves the {FEWEST} pictures of a recording."
+                f"every is {self.every}, but at most {MAX_EVERY} leaves the {MIN_FRAMES} pictures of a recording."
             )
 
-    def settings(self, number: int) -> dict[str, Any]:
-        """All that an episode's file depends on, fit for JSON."""
-        return {**asdict(self), "size": list(self.size), "episode": number, "recipe": RECIPE}
+    def as_dict(self, number: int) -> dict[str, Any]:
+        """All that the file of episode `number` depends on, as JSON-compatible data.
+
+        The appearance stands under the key "look", as in files of earlier releases.
+        """
+        return {"task": self.task, "look": self.appearance, "size": list(self.size), "seed": self.seed,
+                "frames": self.frames, "every": self.every, "samples": self.samples,
+                "episode": number, "recipe": RECIPE}  # fmt: skip
 
     def episode_seed(self, number: int) -> int:
-        """Seed of an episode, of the environment's reset too."""
+        """Seed of an episode, also of the environment's reset."""
         return int(np.random.SeedSequence([self.seed, zlib.crc32(self.task.encode()), number]).generate_state(1)[0])
 
     def path(self, folder: Path, number: int) -> Path:
-        """Where an episode is kept."""
+        """File of an episode."""
         return folder / f"{self.task}_{number:03d}.hdf5"
 
-    def choose(self, busy: int, number: int) -> np.ndarray:
-        """Control steps that are filmed of an episode in which so many are busy.
+    def choose_steps(self, active_steps: int, number: int) -> np.ndarray:
+        """Numbers of the control steps to render; active_steps: of the episode, up to its last motion.
 
-        All of them, or a stretch that begins at random; a little of the stillness afterwards where they are too few.
+        Steps after the last motion are added where a recording would have fewer than MIN_FRAMES samples.
         """
-        steps = np.arange(0, max(busy, (FEWEST - 1) * self.every + 1), self.every)
+        steps = np.arange(0, max(active_steps, (MIN_FRAMES - 1) * self.every + 1), self.every)
         if self.frames is None or len(steps) <= self.frames:
             return steps
         span = (self.frames - 1) * self.every + 1
         rng = np.random.default_rng([self.episode_seed(number), 1])
-        return int(rng.integers(max(busy - span, 0) + 1)) + np.arange(self.frames) * self.every
+        return int(rng.integers(max(active_steps - span, 0) + 1)) + np.arange(self.frames) * self.every

@@ -1,9 +1,9 @@
-"""The script that Blender runs: a scene as JSON on its standard input, the light of each frame on its standard output.
+"""The script that Blender's interpreter runs: a scene as JSON on standard input, the light of each frame on standard output.
 
-The poses of further frames may follow the scene, a line of JSON each, for as long as somebody writes them.
+Poses of further frames may follow the scene, one line of JSON each.
 
-`blender.py` starts it in a Python that has bpy (GPL), which is why nothing of this package is imported here. A frame is
-float32 red, green, blue and alpha, scene-linear, the bottom row first.
+`blender.py` starts it in a Python that has bpy (GPL); therefore it imports nothing of this package and no third-party
+module but bpy. A frame is float32 red, green, blue and alpha, scene-linear, bottom row first.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any
 
 pictures = os.fdopen(os.dup(1), "wb")
-os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Blender talks there, even while it is loaded
+os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Blender prints to standard output, even on import
 bpy: Any = importlib.import_module("bpy")
 
 
 def main() -> None:
-    """Build the scene, then render each of its frames, and those that follow."""
+    """Build the scene, render each of its frames, then those that follow."""
     scene = json.loads(sys.stdin.readline())
     holders = build(scene)
     with tempfile.TemporaryDirectory() as folder:
@@ -36,26 +36,24 @@ def main() -> None:
 
 
 def build(scene: dict[str, Any]) -> list[Any]:
-    """Make everything of a scene; the moving bodies, in the order of the frames' poses."""
+    """Build a scene; returns the moving bodies in the order of the frames' poses."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     render_settings(scene)
     make_camera(scene["camera"])
     make_world(scene["sky"])
     for lamp in scene["lamps"]:
         make_lamp(lamp)
-    paints = {name: make_paint(name, nodes) for name, nodes in scene["paints"].items()}
-    holders = {name: bpy.data.objects.new(name, None) for name in scene["moving"]}
-    for holder in holders.values():
-        bpy.context.collection.objects.link(holder)
+    materials = {name: make_material(name, nodes) for name, nodes in scene["materials"].items()}
+    holders = {name: place(name, None) for name in scene["moving"]}
     for part in scene["parts"]:
-        make_part(part, paints, holders)
+        make_part(part, materials, holders)
     if scene["classes"]:
         show_classes()
     return [holders[name] for name in scene["moving"]]
 
 
 def render_settings(scene: dict[str, Any]) -> None:
-    """Cycles on one thread: neither time nor result depends on the machine."""
+    """Cycles on one thread: neither speed nor result depends on the number of cores."""
     render, cycles = bpy.context.scene.render, bpy.context.scene.cycles
     render.engine = "CYCLES"
     render.resolution_x, render.resolution_y = scene["size"]
@@ -68,7 +66,7 @@ def render_settings(scene: dict[str, Any]) -> None:
     cycles.device = "CPU"
     cycles.samples, cycles.seed = scene["samples"], scene["seed"]
     cycles.use_adaptive_sampling = False
-    cycles.filter_width = 1.2  # pixels; Blender's 1.5 blurs small pictures
+    cycles.filter_width = 1.2  # pixels; the default of 1.5 blurs small pictures
     cycles.use_animated_seed = False
     cycles.use_denoising, cycles.denoiser = not scene["classes"], "OPENIMAGEDENOISE"
     cycles.denoising_input_passes, cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "FAST"
@@ -79,21 +77,19 @@ def render_settings(scene: dict[str, Any]) -> None:
 
 
 def make_camera(spec: dict[str, Any]) -> None:
-    """A pinhole; `blender.py` says how its numbers follow from fx, fy, cx, cy."""
+    """A pinhole camera; `camera_spec` in blender.py derives its numbers from fx, fy, cx, cy."""
     lens = bpy.data.cameras.new("camera")
     lens.sensor_fit, lens.sensor_width, lens.lens = "HORIZONTAL", 36.0, spec["lens"]
     lens.shift_x, lens.shift_y = spec["shift"]
     lens.clip_start, lens.clip_end = spec["near"], spec["far"]
     render = bpy.context.scene.render
     render.pixel_aspect_x, render.pixel_aspect_y = spec["aspect"]
-    made = bpy.data.objects.new("camera", lens)
-    bpy.context.collection.objects.link(made)
-    made.matrix_world = matrix(spec["pose"])
-    bpy.context.scene.camera = made
+    bpy.context.scene.camera = place("camera", lens)
+    bpy.context.scene.camera.matrix_world = matrix(spec["pose"])
 
 
 def make_world(sky: dict[str, Any]) -> None:
-    """Light from everywhere that is not covered."""
+    """Ambient light."""
     world = bpy.data.worlds.new("sky")
     bpy.context.scene.world = world
     enable_nodes(world)
@@ -103,41 +99,45 @@ def make_world(sky: dict[str, Any]) -> None:
 
 
 def make_lamp(lamp: dict[str, Any]) -> None:
-    """A rectangle that shines along minus its z axis."""
+    """A rectangular area light that shines along its negative z axis."""
     light = bpy.data.lights.new("lamp", "AREA")
     light.shape, (light.size, light.size_y) = "RECTANGLE", lamp["size"]
     light.energy, light.color = lamp["power"], lamp["colour"]
-    made = bpy.data.objects.new("lamp", light)
-    bpy.context.collection.objects.link(made)
-    made.matrix_world = matrix(lamp["pose"])
+    place("lamp", light).matrix_world = matrix(lamp["pose"])
 
 
-def make_part(part: dict[str, Any], paints: dict[str, Any], holders: dict[str, Any]) -> None:
-    """A closed shape, round where its faces meet at small angles, its edges rounded off."""
-    mesh = bpy.data.meshes.new(part["paint"])
+def make_part(part: dict[str, Any], materials: dict[str, Any], holders: dict[str, Any]) -> None:
+    """A closed mesh, shaded smooth where faces meet at small angles, with bevelled edges."""
+    mesh = bpy.data.meshes.new(part["material"])
     mesh.from_pydata(part["points"], [], part["faces"])
-    mesh.materials.append(paints[part["paint"]])
-    made = bpy.data.objects.new(part["paint"], mesh)
-    bpy.context.collection.objects.link(made)
-    made.pass_index = part["number"]
+    mesh.materials.append(materials[part["material"]])
+    shape = place(part["material"], mesh)
+    shape.pass_index = part["number"]
     if part["body"] is not None:
-        made.parent = holders[part["body"]]
+        shape.parent = holders[part["body"]]
     if part["rounding"] > 0.0:
-        bevel = made.modifiers.new("rounding", "BEVEL")
+        bevel = shape.modifiers.new("rounding", "BEVEL")
         bevel.width, bevel.segments, bevel.limit_method, bevel.angle_limit = part["rounding"], 2, "ANGLE", 0.6
-        made.data = bpy.data.meshes.new_from_object(made.evaluated_get(bpy.context.evaluated_depsgraph_get()))
-        made.modifiers.clear()
-    made.data.shade_smooth()
-    made.data.set_sharp_from_angle(angle=0.9)
+        shape.data = bpy.data.meshes.new_from_object(shape.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+        shape.modifiers.clear()
+    shape.data.shade_smooth()
+    shape.data.set_sharp_from_angle(angle=0.9)
 
 
-def make_paint(name: str, nodes: list[Any]) -> Any:
-    """A material of nodes [type, settings, inputs]; an input is a value or ["@", node, output]; the last one shines."""
-    paint = bpy.data.materials.new(name)
-    enable_nodes(paint)
-    tree = paint.node_tree
+def place(name: str, data: Any) -> Any:
+    """Add an object to the scene."""
+    placed = bpy.data.objects.new(name, data)
+    bpy.context.collection.objects.link(placed)
+    return placed
+
+
+def make_material(name: str, nodes: list[Any]) -> Any:
+    """A material of nodes [type, settings, inputs]; an input is a value or a link ["@", node, output]; the last is the shader."""
+    material = bpy.data.materials.new(name)
+    enable_nodes(material)
+    tree = material.node_tree
     tree.nodes.clear()
-    made = []
+    built: list[Any] = []
     for kind, settings, inputs in nodes:
         node = tree.nodes.new(kind)
         for key, value in settings.items():
@@ -149,17 +149,17 @@ def make_paint(name: str, nodes: list[Any]) -> Any:
             socket = node.inputs[int(key) if key.isdigit() else key]
             if isinstance(value, list) and value[0] == "@":
                 output = value[2]
-                tree.links.new(made[value[1]].outputs[output], socket)
+                tree.links.new(built[value[1]].outputs[output], socket)
             else:
                 socket.default_value = value
-        made.append(node)
+        built.append(node)
     surface = tree.nodes.new("ShaderNodeOutputMaterial")
-    tree.links.new(made[-1].outputs[0], surface.inputs["Surface"])
-    return paint
+    tree.links.new(built[-1].outputs[0], surface.inputs["Surface"])
+    return material
 
 
 def fill_ramp(ramp: Any, stops: list[Any]) -> None:
-    """Colours at positions 0..1; "constant" first where they do not blend."""
+    """Colours at positions 0..1, preceded by "constant" where they are not interpolated."""
     if stops[0] == "constant":
         ramp.interpolation, stops = "CONSTANT", stops[1:]
     while len(ramp.elements) < len(stops):
@@ -169,27 +169,27 @@ def fill_ramp(ramp: Any, stops: list[Any]) -> None:
 
 
 def show_classes() -> None:
-    """Make every pixel show the class number of what lies behind its middle."""
+    """Render, in place of light, the class number of what each pixel's centre shows."""
     nodes = [["ShaderNodeObjectInfo", {}, {}], ["ShaderNodeEmission", {}, {"Strength": ["@", 0, "Object Index"]}]]
     layer, scene = bpy.context.view_layer, bpy.context.scene
-    layer.material_override = make_paint("classes", nodes)
+    layer.material_override = make_material("classes", nodes)
     scene.cycles.samples, scene.cycles.max_bounces = 1, 0
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", 0.01
 
 
 def enable_nodes(block: Any) -> None:
-    """Materials and worlds have nodes anyway from Blender 5 on, and setting it is deprecated there."""
+    """Enable nodes before Blender 5; later versions always have them and deprecate the setting."""
     if block.node_tree is None:
         block.use_nodes = True
 
 
 def matrix(rows: list[list[float]]) -> Any:
-    """A pose as Blender takes it."""
+    """A pose (4 rows of 4) as Blender's matrix type."""
     return importlib.import_module("mathutils").Matrix(rows)
 
 
 def shoot(path: Path) -> bytes:
-    """Render, and read what was rendered."""
+    """Render one frame; returns its pixels."""
     bpy.context.scene.render.filepath = str(path)
     bpy.ops.render.render(write_still=True)
     picture = bpy.data.images.load(str(path))

@@ -183,10 +183,10 @@ def test_what_comes_before_a_reset_or_with_another_option_is_refused() -> None:
 
 
 def test_without_an_extra_the_line_that_installs_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    def absent() -> None:
+    def absent(blender: str | None) -> None:
         raise MissingExtraError("the path-traced camera needs Blender's module bpy; run: pip install bpy")
 
-    monkeypatch.setattr(pictures, "check_blender", absent)
+    monkeypatch.setattr(pictures, "find_blender", absent)
     with pytest.raises(MissingExtraError, match="run: pip install"):
         StandInEnv()
     monkeypatch.setitem(sys.modules, "mujoco", None)

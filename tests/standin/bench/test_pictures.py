@@ -27,7 +27,7 @@ class Dark:
 
     made: list[Dark] = []
 
-    def __init__(self, scene: Mapping[str, Any]) -> None:
+    def __init__(self, scene: Mapping[str, Any], blender: str) -> None:
         self.scene, self.shot, self.closed = scene, [], False
         self.made.append(self)
 
@@ -48,7 +48,7 @@ def camera(monkeypatch: pytest.MonkeyPatch) -> PathTraced:
     """The camera with a studio that takes no time."""
     Dark.made.clear()
     monkeypatch.setattr(pictures, "Studio", Dark)
-    monkeypatch.setattr(pictures, "check_blender", lambda: "python")
+    monkeypatch.setattr(pictures, "find_blender", lambda blender: "python")
     return PathTraced(load_nominal(), CUP, "lab", SIZE)
 
 
@@ -92,7 +92,7 @@ def test_a_closed_camera_starts_again(camera: PathTraced) -> None:
     ("look", "size", "sentence"),
     [
         ("many", SIZE, "a bench has one look; give lab, or a whole number"),
-        ("attic", SIZE, "there is no look 'attic'"),
+        ("attic", SIZE, "there is no appearance 'attic'"),
         ("lab", (64, 4096), "pictures cannot be 64 x 4096 pixels; each may be 16 to 2048"),
     ],
 )
@@ -116,7 +116,7 @@ def test_frames_may_follow_a_scene(tmp_path: Path) -> None:
         heard = [json.loads(line) for line in (tmp_path / "heard").read_text().splitlines()]
         np.testing.assert_array_equal(heard, [poses + 1, poses + 2])
         studio.finish()
-        with pytest.raises(SimulationError, match="Blender has failed: it said nothing"):
+        with pytest.raises(SimulationError, match="Blender has failed: it printed nothing"):
             studio.read()
     finally:
         studio.close()

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import pytest
 
-from embodiedreamer_gym.standin.film.play import Stage
+from embodiedreamer_gym.standin.film.play import EpisodePlayer
 
 
 @pytest.fixture(scope="session")
-def stage() -> Iterator[Stage]:
+def stage() -> Iterator[EpisodePlayer]:
     """A cup, a mat and the robot."""
-    made = Stage("PutCupOnMat")
+    made = EpisodePlayer("PutCupOnMat")
     yield made
     made.close()

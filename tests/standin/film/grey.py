@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,30 @@ from typing import Any
 import numpy as np
 import pytest
 
+from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.geometry.camera import Camera
-from embodiedreamer_gym.standin.film.blender import LINE
+from embodiedreamer_gym.standin.film.blender import find_blender
 
-needs_bpy = pytest.mark.skipif(
-    importlib.util.find_spec("bpy") is None, reason=f"no Blender, which has wheels for Python 3.11 only: {LINE}"
-)
+try:
+    find_blender()
+    MISSING = ""
+except EmbodieDreamerError as error:
+    MISSING = str(error)
+needs_bpy = pytest.mark.skipif(bool(MISSING), reason=MISSING)
+
+STUDIO = """
+import array, itertools, json, sys
+if sys.argv[1] == "-c":
+    print("3 11 True")
+    sys.exit()
+scene = json.loads(sys.stdin.readline())
+for number, poses in enumerate(itertools.chain(scene["frames"], map(json.loads, iter(sys.stdin.readline, "")))):
+    assert len(poses) == len(scene["moving"])
+    width, height = scene["size"]
+    row = [value for column in range(width) for value in [(0.1 + 0.3 * column / width) * (1 + 0.01 * number)] * 3 + [1.0]]
+    sys.stdout.buffer.write(array.array("f", row * height).tobytes())
+    sys.stdout.buffer.flush()
+"""
 
 
 def grey(scene: dict[str, Any]) -> Iterator[np.ndarray]:
@@ -40,5 +58,12 @@ def overlap(one: np.ndarray, other: np.ndarray) -> float:
 def fake_python(path: Path, answer: str, studio: str = "exit 1") -> str:
     """A program that answers like a Python asked for bpy, and does something else when it is to run the studio."""
     path.write_text(f'#!/bin/sh\nif [ "$1" = "-c" ]; then echo "{answer}"; else {studio}; fi\n')
+    path.chmod(0o755)
+    return str(path)
+
+
+def fake_blender(path: Path) -> str:
+    """An interpreter that claims to have bpy and answers a scene with grey ramps, a little brighter in each frame."""
+    path.write_text(f"#!{sys.executable}\n{STUDIO}")
     path.chmod(0o755)
     return str(path)

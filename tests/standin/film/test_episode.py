@@ -17,11 +17,11 @@ from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.standin.film import blender
 from embodiedreamer_gym.standin.film.episode import film_episode
 from embodiedreamer_gym.standin.film.run import film_episodes
-from embodiedreamer_gym.standin.film.settings import Film
-from tests.standin.film.grey import fake_python, grey, needs_bpy
+from embodiedreamer_gym.standin.film.settings import FilmSettings
+from tests.standin.film.grey import fake_blender, fake_python, grey, needs_bpy
 
-FILM = Film("PutCupOnMat", size=(64, 48), frames=10, every=12)
-BRIEF = Film("PutCupOnMat", size=(64, 48), frames=10)
+FILM = FilmSettings("PutCupOnMat", size=(64, 48), frames=10, every=12)
+BRIEF = FilmSettings("PutCupOnMat", size=(64, 48), frames=10)
 NOISE = 2.0
 
 
@@ -57,7 +57,7 @@ def test_a_file_holds_what_was_played_drawn_and_filmed(filmed: Path) -> None:
     assert attributes["seed"] == FILM.episode_seed(0) and attributes["renderer"] == "tiny"
     assert attributes["control_hz"] == 30 and attributes["rate"] == 2.5
     assert json.loads(attributes["class_names"]) == ["background", "table", "robot", "cup", "mat"]
-    assert json.loads(attributes["look"])["name"] == "lab" and json.loads(attributes["film"]) == FILM.settings(0)
+    assert json.loads(attributes["look"])["name"] == "lab" and json.loads(attributes["film"]) == FILM.as_dict(0)
 
 
 def test_a_file_is_a_recording_with_frames_and_a_camera(filmed: Path, tmp_path: Path) -> None:
@@ -91,9 +91,9 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, brief: None) -> None:
 
 
 def test_other_settings_are_refused_before_anything_is_filmed(filmed: Path) -> None:
-    other = Film("PutCupOnMat", "many", (64, 48), frames=10, every=12)
+    other = FilmSettings("PutCupOnMat", "many", (64, 48), frames=10, every=12)
     with pytest.raises(RecordingError, match='filmed with look "lab", not "many"'):
-        film_episodes([Film("GrabPaperCup", "many", (64, 48), frames=10), other], 1, filmed, render=grey)
+        film_episodes([FilmSettings("GrabPaperCup", "many", (64, 48), frames=10), other], 1, filmed, render=grey)
     assert [p.name for p in filmed.iterdir()] == ["PutCupOnMat_000.hdf5"]
 
 
@@ -112,7 +112,7 @@ def test_processes_film_the_same_and_say_how_far_they_are(filmed: Path, tmp_path
         (["--episodes", "-1"], "--episodes is -1, but must be at least 1"),
         (["--jobs", "0"], "--jobs is 0"),
         (["--frames", "3"], "frames is 3, but must be at least 10"),
-        (["--look", "mine"], "no look 'mine'"),
+        (["--appearance", "mine"], "no appearance 'mine'"),
         (["--blender", "/nowhere/python"], "/nowhere/python is no Python"),
         (["--every", "two"], "invalid int value: 'two'"),
     ],
@@ -128,7 +128,7 @@ def test_a_mistake_on_the_command_line_is_one_sentence(
 
 
 def test_a_file_where_the_folder_should_be_is_named(tmp_path: Path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("embodiedreamer_gym.standin.film.run.check_blender", lambda python: python)
+    monkeypatch.setattr("embodiedreamer_gym.standin.film.run.find_blender", lambda blender: blender)
     (tmp_path / "films").write_text("here")
     assert cli.main(["standin", "film", "--out", str(tmp_path / "films")]) == 2
     assert "films cannot be made a folder: File exists" in capsys.readouterr().err
@@ -137,27 +137,59 @@ def test_a_file_where_the_folder_should_be_is_named(tmp_path: Path, capsys, monk
 def test_without_blender_nothing_is_begun(tmp_path: Path) -> None:
     python = fake_python(tmp_path / "python", "3 11 False")
     with pytest.raises(MissingExtraError, match="needs Blender's module bpy"):
-        film_episodes([FILM], 1, tmp_path / "films", python=python)
+        film_episodes([FILM], 1, tmp_path / "films", blender=python)
     assert not (tmp_path / "films").exists() and issubclass(MissingExtraError, EmbodieDreamerError)
 
 
 def test_the_command_films_every_task(tmp_path: Path, brief: None, monkeypatch, capsys) -> None:
-    monkeypatch.setattr("embodiedreamer_gym.standin.film.run.check_blender", lambda python: python)
-    monkeypatch.setattr("embodiedreamer_gym.standin.film.episode.blender", lambda scene, python: grey(scene))
-    options = ["--frames", "10", "--size", "32x24", "--look", "many", "--jobs", "1", "--quiet", "--out", str(tmp_path)]
+    monkeypatch.setattr("embodiedreamer_gym.standin.film.run.find_blender", lambda blender: blender)
+    monkeypatch.setattr(
+        "embodiedreamer_gym.standin.film.episode.render_with_blender", lambda scene, blender: grey(scene)
+    )
+    options = [
+        "--frames",
+        "10",
+        "--size",
+        "32x24",
+        "--appearance",
+        "many",
+        "--jobs",
+        "1",
+        "--quiet",
+        "--out",
+        str(tmp_path),
+    ]
     assert cli.main(["standin", "film", *options]) == 0
     names = ["GrabPaperCup", "PutCupOnMat", "PutPenInCup", "PutRemoteInBox"]
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"{name}_000.hdf5" for name in names]
     assert f"4 episodes in {tmp_path}" in capsys.readouterr().out
-    looks = [json.loads(h5py.File(path).attrs["look"])["name"] for path in tmp_path.iterdir()]
-    assert len(set(looks)) == 4
+    names = [json.loads(h5py.File(path).attrs["look"])["name"] for path in tmp_path.iterdir()]
+    assert len(set(names)) == 4
+
+
+def test_the_former_name_of_an_option_works_with_a_warning(tmp_path: Path, brief: None) -> None:
+    python = fake_blender(tmp_path / "python")
+    options = ["--task", "PutCupOnMat", "--frames", "10", "--size", "32x24", "--jobs", "1", "--quiet"]
+    with pytest.warns(DeprecationWarning, match="--look is deprecated; use --appearance"):
+        assert cli.main(["standin", "film", *options, "--look", "4", "--blender", python, "--out", str(tmp_path)]) == 0
+    with h5py.File(tmp_path / "PutCupOnMat_000.hdf5") as file:
+        assert json.loads(file.attrs["look"])["name"] == "look 4"
+        assert np.ptp(file["observations/clean/head"][:]) > 30
+
+
+def test_an_interpreter_that_fails_leaves_nothing_and_one_sentence(tmp_path: Path, brief: None, capsys) -> None:
+    python = fake_python(tmp_path / "python", "3 11 True", "echo 'no GPU, no light' >&2; exit 1")
+    options = ["--task", "PutCupOnMat", "--frames", "10", "--size", "32x24", "--jobs", "1", "--quiet"]
+    assert cli.main(["standin", "film", *options, "--blender", python, "--out", str(tmp_path / "films")]) == 2
+    assert capsys.readouterr().err == "error: Blender has failed: no GPU, no light.\n"
+    assert not list((tmp_path / "films").iterdir())
 
 
 @needs_bpy
 def test_blender_films_an_episode(tmp_path: Path, brief: None) -> None:
-    film = Film("PutRemoteInBox", "4", (48, 36), frames=10, samples=1)
+    film = FilmSettings("PutRemoteInBox", "4", (48, 36), frames=10, samples=1)
     assert film_episodes([film], 1, tmp_path) == [film.path(tmp_path, 0)]
     pictures = load_recordings(tmp_path)[0].frames["head"]
     values = np.array([pictures[i] for i in range(10)])
     assert 60 < values.mean() < 200 and values.std() > 20
-    assert blender.check_blender() and np.abs(values[0].astype(float) - values[9]).max() > 30
+    assert blender.find_blender() and np.abs(values[0].astype(float) - values[9]).max() > 30

@@ -59,7 +59,7 @@ def test_a_hollow_thing_holds_what_its_walls_leave() -> None:
 def test_the_robots_parts_are_the_urdfs() -> None:
     """Every link that has visuals, in the materials' names; trimmings stand out by 2 mm at most."""
     parts = robot_parts(RobotModel.load("aloha").urdf)
-    assert {part.paint for part in parts} == {"shell", "housing", "accent", "pad"}
+    assert {part.material for part in parts} == {"shell", "housing", "accent", "pad"}
     assert {part.number for part in parts} == {ROBOT_CLASS}
     assert {"left_base", "right_link2", "left_finger2"} <= {part.body for part in parts}
     upper = np.concatenate([part.points for part in parts if part.body == "left_link2"])
@@ -76,7 +76,7 @@ def test_a_props_parts_have_its_size_and_a_paint_for_each_colour() -> None:
             assert points[:, 2].min() == pytest.approx(0.0, abs=1e-9)
             assert {part.number for part in parts} == {number} and {part.body for part in parts} == {prop.name}
             colours = {shape.rgba or prop.rgba for shape in prop.shapes}
-            assert {p.paint for p in parts} == {prop.name, *(f"{prop.name}{i}" for i in range(2, len(colours) + 1))}
+            assert {p.material for p in parts} == {prop.name, *(f"{prop.name}{i}" for i in range(2, len(colours) + 1))}
     assert table_part().points[:, 2].max() == pytest.approx(0.74)
 
 

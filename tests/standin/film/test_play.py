@@ -7,17 +7,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from embodiedreamer_gym.envs.cameras import CAMERAS
-from embodiedreamer_gym.standin.film.play import STILL, Played, Stage
+from embodiedreamer_gym.standin.film.play import MARGIN, EpisodePlayer, ExpertEpisode
 
 SEED = 11
 
 
 @pytest.fixture(scope="module")
-def played(stage: Stage) -> Played:
+def played(stage: EpisodePlayer) -> ExpertEpisode:
     return stage.play(SEED, 60)
 
 
-def test_the_same_seed_plays_the_same_episode_bit_for_bit(stage: Stage, played: Played) -> None:
+def test_the_same_seed_plays_the_same_episode_bit_for_bit(stage: EpisodePlayer, played: ExpertEpisode) -> None:
     seen = []
     again = stage.play(SEED, 25, lambda step: seen.append((step, stage.env.joint_positions())))
     for name in ("position", "action", "poses"):
@@ -28,14 +28,14 @@ def test_the_same_seed_plays_the_same_episode_bit_for_bit(stage: Stage, played: 
     assert np.abs(stage.play(SEED + 1, 5).objects["cup"] - again.objects["cup"][:5]).max() > 0.01
 
 
-def test_rows_are_states_and_the_actions_that_follow_them(stage: Stage, played: Played) -> None:
+def test_rows_are_states_and_the_actions_that_follow_them(stage: EpisodePlayer, played: ExpertEpisode) -> None:
     stage.env.reset(seed=SEED)
     for k in range(40):
         np.testing.assert_array_equal(stage.env.joint_positions(), played.position[k])
         stage.env.step(played.action[k])
 
 
-def test_poses_are_the_scenes(stage: Stage, played: Played) -> None:
+def test_poses_are_the_scenes(stage: EpisodePlayer, played: ExpertEpisode) -> None:
     """Of links and props, as matrices; those of the props as position and quaternion too."""
     stage.play(SEED, 60)
     stage.env.reset(seed=SEED)
@@ -49,25 +49,25 @@ def test_poses_are_the_scenes(stage: Stage, played: Played) -> None:
     assert set(played.objects) == {"cup", "mat"} and played.bodies[-2:] == ("cup", "mat")
 
 
-def test_some_steps_alone(played: Played) -> None:
-    some = played.only(np.array([3, 7]))
+def test_some_steps_alone(played: ExpertEpisode) -> None:
+    some = played.select(np.array([3, 7]))
     np.testing.assert_array_equal(some.position, played.position[[3, 7]])
     np.testing.assert_array_equal(some.objects["mat"], played.objects["mat"][[3, 7]])
-    assert len(some.poses) == len(some.action) == 2 and repr(some) == f"Played(2 steps, {played.side})"
+    assert len(some.poses) == len(some.action) == 2 and repr(some) == f"ExpertEpisode(2 steps, {played.side})"
 
 
-def test_an_episode_is_busy_until_nothing_moves() -> None:
+def test_active_steps_end_after_the_last_motion() -> None:
     position = np.zeros((100, 14))
     position[10:40, 3] = np.linspace(0.0, 1.0, 30)
     position[40:, 3] = 1.0
-    made = Played("left", (), position, position, np.zeros((100, 0, 4, 4)), {})
-    assert made.busy == 39 + STILL
-    assert made.only(np.arange(45)).busy == 45
+    made = ExpertEpisode("left", (), position, position, np.zeros((100, 0, 4, 4)), {})
+    assert made.active_steps == 39 + MARGIN
+    assert made.select(np.arange(45)).active_steps == 45
     still = np.zeros((100, 14))
-    assert Played("left", (), still, still, np.zeros((100, 0, 4, 4)), {}).busy == STILL
+    assert ExpertEpisode("left", (), still, still, np.zeros((100, 0, 4, 4)), {}).active_steps == MARGIN
 
 
-def test_the_simulators_picture_is_the_environments(stage: Stage) -> None:
+def test_the_simulators_picture_is_the_environments(stage: EpisodePlayer) -> None:
     stage.env.reset(seed=SEED)
     ours, theirs = stage.capture(CAMERAS["head"], (128, 96)), stage.env.capture("head", (128, 96))
     np.testing.assert_array_equal(ours.rgb, theirs.rgb)

@@ -9,13 +9,13 @@ import pytest
 
 from embodiedreamer_gym.envs.cameras import CAMERAS
 from embodiedreamer_gym.geometry.camera import Camera, look_at
-from embodiedreamer_gym.standin.film.appearance_library import draw_look
+from embodiedreamer_gym.standin.film.appearance_library import draw_appearance
 from embodiedreamer_gym.standin.film.blender import SENSOR, camera_spec
 from embodiedreamer_gym.standin.film.geometry import Part, box
 from embodiedreamer_gym.standin.film.lab import lab
 from embodiedreamer_gym.standin.film.materials import linear
-from embodiedreamer_gym.standin.film.play import Stage
-from embodiedreamer_gym.standin.film.scene import Take, make_scene, room_parts
+from embodiedreamer_gym.standin.film.play import EpisodePlayer
+from embodiedreamer_gym.standin.film.scene import Animation, make_scene, room_parts
 
 EYE = (0.1, 0.05, 0.2)
 CAMERAS_OF_ALL_KINDS = [
@@ -52,25 +52,25 @@ def test_blenders_camera_draws_points_where_the_lens_says(camera: Camera) -> Non
         assert min(spec["aspect"]) == 1.0
 
 
-def test_a_scene_is_whole(stage: Stage) -> None:
+def test_a_scene_is_whole(stage: EpisodePlayer) -> None:
     poses = np.tile(np.eye(4), (3, len(stage.links) + 2, 1, 1))
-    take = Take(stage.parts, (*stage.links, *stage.props), poses)
-    for look in (lab(), draw_look(5)):
-        scene = make_scene(take, look, CAMERAS["head"], 4)
+    take = Animation(stage.parts, (*stage.links, *stage.props), poses)
+    for appearance in (lab(), draw_appearance(5)):
+        scene = make_scene(take, appearance, CAMERAS["head"], 4)
         assert scene == json.loads(json.dumps(scene))
         assert len(scene["frames"]) == 3 and {len(frame) for frame in scene["frames"]} == {len(scene["moving"])}
-        assert {part["paint"] for part in scene["parts"]} == set(scene["paints"])
+        assert {part["material"] for part in scene["parts"]} == set(scene["materials"])
         assert {part["body"] for part in scene["parts"]} == {None, *scene["moving"]}
         assert {part["number"] for part in scene["parts"]} == {0, 1, 2, 3, 4}
-        assert scene["sky"]["strength"] > 0 and len(scene["lamps"]) == len(look.lamps)
-        assert make_scene(take, look, CAMERAS["head"], 4, classes=True)["sky"]["strength"] == 0.0
+        assert scene["sky"]["strength"] > 0 and len(scene["lamps"]) == len(appearance.lamps)
+        assert make_scene(take, appearance, CAMERAS["head"], 4, classes=True)["sky"]["strength"] == 0.0
 
 
-def test_lamps_shine_at_what_they_look_at() -> None:
-    look = lab()
+def test_lamps_shine_at_what_they_appearance_at() -> None:
+    appearance = lab()
     part = Part("cube", 3, "cup", *box((0.1, 0.1, 0.1)))
-    scene = make_scene(Take([part], ("cube",), np.eye(4)[None, None]), look, CAMERAS["head"])
-    for lamp, made in zip(look.lamps, scene["lamps"], strict=True):
+    scene = make_scene(Animation([part], ("cube",), np.eye(4)[None, None]), appearance, CAMERAS["head"])
+    for lamp, made in zip(appearance.lamps, scene["lamps"], strict=True):
         pose = np.array(made["pose"])
         np.testing.assert_allclose(pose[:3, 3], lamp.position)
         way = np.subtract(lamp.target, lamp.position)
@@ -80,19 +80,19 @@ def test_lamps_shine_at_what_they_look_at() -> None:
 
 
 def test_things_that_would_stand_in_the_wall_are_left_out() -> None:
-    looks = [draw_look(seed) for seed in range(60)]
-    for look in looks:
-        parts = [part for part in room_parts(look) if part.paint in ("cabinet", "carton", "crate")]
-        assert len(parts) <= len(look.blocks)
+    appearances = [draw_appearance(seed) for seed in range(60)]
+    for appearance in appearances:
+        parts = [part for part in room_parts(appearance) if part.material in ("cabinet", "carton", "crate")]
+        assert len(parts) <= len(appearance.blocks)
         for part in parts:
-            ahead = part.points @ [np.cos(look.turn), np.sin(look.turn), 0.0]
-            assert ahead.max() < look.wall + 0.35
-    assert sum(len(room_parts(look)) < 9 + len(look.blocks) for look in looks) > 0
+            ahead = part.points @ [np.cos(appearance.turn), np.sin(appearance.turn), 0.0]
+            assert ahead.max() < appearance.wall + 0.35
+    assert sum(len(room_parts(appearance)) < 9 + len(appearance.blocks) for appearance in appearances) > 0
 
 
-def test_a_thing_no_look_knows_has_the_simulators_colour() -> None:
+def test_a_thing_no_appearance_knows_has_the_simulators_colour() -> None:
     part = Part("duck", 3, "duck", *box((0.1, 0.1, 0.1)), colour=(0.9, 0.8, 0.1))
-    take = Take([part], ("duck",), np.eye(4)[None, None])
-    nodes = make_scene(take, lab(), CAMERAS["head"])["paints"]["duck"]
+    take = Animation([part], ("duck",), np.eye(4)[None, None])
+    nodes = make_scene(take, lab(), CAMERAS["head"])["materials"]["duck"]
     ramp = next(settings["ramp"] for _, settings, _ in nodes if "ramp" in settings)
     assert ramp[0][1][0] == pytest.approx(0.92 * linear(0.9)) and ramp[0][1][2] < 0.02

@@ -14,7 +14,7 @@ from embodiedreamer_gym.engines.bullet.rendering import Frame
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.recordings.aloha_hdf5 import ALOHA_JOINTS
-from embodiedreamer_gym.standin.film.write import Real, Simulated, is_filmed, write_episode
+from embodiedreamer_gym.standin.film.write import CameraFrame, SimulatorFrame, is_filmed, write_episode
 
 SETTINGS = {"task": "PutCupOnMat", "size": [8, 6], "frames": None}
 ATTRIBUTES = {
@@ -38,13 +38,13 @@ def signals() -> dict[str, np.ndarray]:
     return {**found, "timestamps": np.arange(COUNT) / 30.0, "objects/cup": rng.uniform(0, 1, (COUNT, 7))}
 
 
-def pictures(count: int = COUNT) -> Iterator[tuple[Real, Simulated]]:
+def pictures(count: int = COUNT) -> Iterator[tuple[CameraFrame, SimulatorFrame]]:
     rng = np.random.default_rng(1)
     for _ in range(count):
         colour = [rng.integers(0, 255, (6, 8, 3)).astype(np.uint8) for _ in range(3)]
         classes, masks, parts = (rng.integers(0, 5, (6, 8)).astype(np.uint8) for _ in range(3))
         depth, projections = (rng.uniform(0.3, 2.0, shape).astype(np.float32) for shape in ((6, 8), (4, 3, 4)))
-        yield Real(*colour[:2]), Simulated(Frame(colour[2], depth, classes, parts, projections), masks)
+        yield CameraFrame(*colour[:2]), SimulatorFrame(Frame(colour[2], depth, classes, parts, projections), masks)
 
 
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def test_the_same_episode_is_the_same_file(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_episode_leaves_nothing(tmp_path: Path) -> None:
-    def cut() -> Iterator[tuple[Real, Simulated]]:
+    def cut() -> Iterator[tuple[CameraFrame, SimulatorFrame]]:
         yield from pictures(4)
         raise KeyboardInterrupt
 
