@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.add_effect import add_effect
-from embodiedreamer_gym.diagnosis.verdict import NESTED
 from embodiedreamer_gym.effects import find_effect
 from embodiedreamer_gym.engines.clearance import clearance
 from embodiedreamer_gym.errors import CalibrationError, ModelError
@@ -227,7 +226,7 @@ def _fitted(model, effects, recordings, span: Span, rng, progress: ProgressCallb
         logs = Recordings(recordings)
         one, other = (add_effect(model, name, logs, logs, progress).after.model for name in effects)
         return [(one, other)]
-    truths = [name for name in effects if not set(NESTED.get(name, ())) & set(effects)]
+    truths = [name for name in effects if not any(name in model.catalogue[other].generalises for other in effects)]
     return [_lookalike(model, name, next(e for e in effects if e != name), span, rng, progress) for name in truths]
 
 

@@ -98,8 +98,7 @@ def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem
         falls.append(np.log(before) - np.log(after))
         shares.append(share)
         visible = seen if k == 0 else visible
-    if kind.of_the_log:  # it changes residuals only where a log has it
-        visible = float((problem.signals.clock_seen(kind.parameters[0].typical) / np.maximum(floor, 1.0)).max())
+    visible = problem.signals.visible(kind, visible, floor)
     fall, share = np.concatenate(falls), np.concatenate(shares)
     rows = {group: np.concatenate([points[group] for points in sizes]) for group in sizes[0]}
     start: dict[ParameterKey, np.ndarray] = {}

@@ -20,11 +20,6 @@ USUAL = 1.25  # times the chi2 of all but 5 % of faultless robots, up to which n
 FAR = 3.0  # the like, beyond which a joint is nowhere near its noise
 NEARLY = 0.95  # share of the excess mean square, of all joints together, whose rest does not speak against the effects
 MOSTLY = 0.8  # share of the excess error in logarithms, the like
-NESTED = {  # the simpler effect is a special case of the richer one
-    "coulomb_friction": ("stribeck_friction", "direction_dependent_friction", "hysteresis"),
-    "torque_saturation": ("velocity_limit",),
-    "torque_bias": ("joint_spring", "torque_ripple"),
-}
 
 
 def pays(before: HeldOut, after: HeldOut) -> bool:
@@ -48,8 +43,7 @@ def contenders(before: HeldOut, candidates: Sequence[Candidate]) -> list[Candida
     best = ranked[0]
     close = [c for c in ranked if not _worse(before, best, c)]
     names = {c.kind.name for c in close}
-    richer = {rich for simple in names for rich in NESTED.get(simple, ())}
-    plain = [c for c in close if c.kind.name not in richer]
+    plain = [c for c in close if not names.intersection(c.kind.generalises)]
     return plain or close
 
 
@@ -57,7 +51,7 @@ def _worse(before: HeldOut, best: Candidate, other: Candidate) -> bool:
     """Whether held-out motion tells two candidates apart, or training motion does and held-out does not object."""
     fall, error = gain(other.held_out, best.held_out)
     least = max(TIE, 2.0 * error)
-    if best.kind.name in NESTED.get(other.kind.name, ()):  # the richer law always fits the training motion better
+    if other.kind.name in best.kind.generalises:  # the richer law always fits the training motion better
         return fall > max(least, RICHER * (before.score - best.held_out.score))
     if fall > least:
         return True

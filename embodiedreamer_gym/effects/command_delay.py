@@ -32,6 +32,7 @@ class CommandDelay(SignalLaw):
         line, head, first, whole, share = memory
         slots = line.shape[-1]
         head = (head + 1) % slots
+        line = line.copy()
         line[..., head] = signal
         later = line.take(first + (head - whole) % slots)
         earlier = line.take(first + (head - whole - 1) % slots)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from embodiedreamer_gym.effects.effect import STAGES, Effect, MechanicsChange, Parameter, SignalLaw, TorqueBudget
+from embodiedreamer_gym.effects.effect import PER, STAGES, Effect, MechanicsChange, Parameter, SignalLaw, TorqueBudget
 
 METHODS = {SignalLaw: ("law",), TorqueBudget: ("friction", "drive"), MechanicsChange: ("change",)}
 WORDS = {"symptom": "what it does to a motion", "reveals": "which motion shows it"}
@@ -26,16 +26,15 @@ def faults(kind: type[Effect]) -> Iterator[str]:
         text = getattr(kind, word, None)
         if not isinstance(text, str) or not text.strip() or "\n" in text:
             yield f"has no {word}; say in one line {meaning}"
-    others = getattr(kind, "confused_with", ())
-    if not isinstance(others, tuple) or not all(isinstance(other, str) for other in others):
-        yield "has a confused_with that is no tuple of names; write ('joint_spring',), with its comma"
+    for field in ("confused_with", "generalises"):
+        others = getattr(kind, field)
+        if not isinstance(others, tuple) or not all(isinstance(other, str) for other in others):
+            yield f"has a {field} that is no tuple of names; write ('joint_spring',), with its comma"
     stage = getattr(kind, "stage", None)
     if base is SignalLaw and stage not in STAGES:
         yield f"has as its stage {stage!r}; a SignalLaw acts on one of {', '.join(STAGES)}"
     if kind.passive and base is SignalLaw and stage != "load":
         yield f"is passive on the stage '{stage}'; only a torque on the joint, stage 'load', can be"
-    if kind.of_the_log and (base is not SignalLaw or stage != "sensor"):
-        yield "is of the log; only a SignalLaw on the stage 'sensor' can be"
     own = [m for m in METHODS[base] if inspect.getattr_static(kind, m) is not inspect.getattr_static(base, m)]
     if not own:
         yield f"defines no {' and no '.join(METHODS[base])}"
@@ -59,8 +58,10 @@ def _parameter_faults(kind: type[Effect], base: type[Effect]) -> Iterator[str]:
     for p in given:
         for fault in _absurd(p):
             yield f"has the parameter '{p.name}' {fault}"
-        if p.per == "arm" and base is not MechanicsChange and not kind.of_the_log:
-            yield f"has the parameter '{p.name}' per arm; only a MechanicsChange knows of arms"
+        stage = getattr(kind, "stage", "")
+        per = PER.get(stage, "joint")
+        if base is not MechanicsChange and p.per != per:
+            yield f"has the parameter '{p.name}' per {p.per}; on the stage '{stage}' values are per {per}"
 
 
 def _absurd(p: Parameter) -> Iterator[str]:

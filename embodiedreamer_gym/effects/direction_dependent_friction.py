@@ -14,6 +14,7 @@ class DirectionDependentFriction(TorqueBudget):
     symptom = "the joint lags more in one direction than in the other, at any pose"
     reveals = "the same slow sweep forward and backward"
     confused_with = ("coulomb_friction", "torque_bias", "load_friction")
+    generalises = ("coulomb_friction",)
 
     @staticmethod
     def friction(joint, p):

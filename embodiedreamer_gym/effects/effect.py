@@ -16,7 +16,8 @@ import numpy as np
 from embodiedreamer_gym.errors import EffectError
 
 Array = np.ndarray
-STAGES = ("command", "servo", "drive", "load", "sensor")
+STAGES = ("command", "servo", "drive", "load", "sensor", "clock")
+PER = {"clock": "arm"}  # whose signal a stage has: (B, arms), else that of the joints, (B, n)
 
 
 @dataclass(frozen=True)
@@ -99,10 +100,10 @@ class Effect:
     symptom: ClassVar[str]
     reveals: ClassVar[str]
     confused_with: ClassVar[tuple[str, ...]] = ()
+    generalises: ClassVar[tuple[str, ...]] = ()  # effects that are special cases of this one
     kind: ClassVar[str]
     stage: ClassVar[str]
-    passive: ClassVar[bool] = False  # never adds energy, which its laws then check
-    of_the_log: ClassVar[bool] = False  # of the sensors' clock: the robot does not feel it, see `TimestampJitter`
+    passive: ClassVar[bool] = False  # never adds energy, which the laws check
 
     def __init__(self, **values: Mapping[str, float]) -> None:
         known = {p.name: p for p in self.parameters}
@@ -133,7 +134,9 @@ class SignalLaw(Effect):
 
     stage "command": the commanded position; "servo": the position error; "drive": the servo's torque, of which the
     law says what arrives at the joint (a log's effort is what goes in: a current says no more); "load": an extra
-    torque on the joint (the law adds to it); "sensor": the measured position. Signals are (B, n).
+    torque on the joint (the law adds to it); "sensor": the measured position. These signals are (B, n).
+    "clock": the standard deviation of the errors of a log's time stamps, (B, arms), s. The robot does not feel it: only the
+    comparison of a run with a log passes through this stage.
     """
 
     kind = "signal"
@@ -145,7 +148,7 @@ class SignalLaw(Effect):
 
     @staticmethod
     def law(signal: Array, joint: JointState, memory: Any, p: SimpleNamespace) -> tuple[Array, Any]:
-        """Return the changed signal (B, n) and the new memory."""
+        """Return the changed signal and the new memory, both as new arrays: what is passed in stays as it is."""
         raise NotImplementedError
 
 

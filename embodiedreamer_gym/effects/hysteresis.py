@@ -18,6 +18,7 @@ class Hysteresis(SignalLaw):
     symptom = "after each reversal the torque takes some travel to change sides: small moves go round in loops"
     reveals = "small slow moves to and fro, of several sizes"
     confused_with = ("coulomb_friction", "stribeck_friction", "joint_spring")
+    generalises = ("coulomb_friction",)
 
     @staticmethod
     def start(signal, p, dt):

@@ -15,6 +15,7 @@ class JointSpring(SignalLaw):
     symptom = "the error grows with the distance from one angle of the joint"
     reveals = "a slow sweep of one joint through its range"
     confused_with = ("torque_bias", "base_tilt", "payload", "encoder_offset", "torque_ripple", "hysteresis")
+    generalises = ("torque_bias",)
 
     @staticmethod
     def law(signal, joint, memory, p):

@@ -17,6 +17,7 @@ class StribeckFriction(TorqueBudget):
     symptom = "stick-slip: the joint breaks loose with a jerk, and moves more easily once it moves"
     reveals = "very slow ramps and tiny steps beside fast motion"
     confused_with = ("coulomb_friction", "direction_dependent_friction", "load_friction", "hysteresis")
+    generalises = ("coulomb_friction",)
 
     @staticmethod
     def friction(joint, p):

@@ -1,5 +1,7 @@
 """Timestamp jitter: each row of a log bears a time that is a little early or late."""
 
+import numpy as np
+
 from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
@@ -11,8 +13,7 @@ class TimestampJitter(SignalLaw):
     """
 
     name = "timestamp_jitter"
-    stage = "sensor"
-    of_the_log = True
+    stage = "clock"
     parameters = (Parameter("seconds", "s", off=0.0, low=0.0, high=0.02, typical=0.003, per="arm"),)
     symptom = "all joints err together from sample to sample, each by its speed times the same short time"
     reveals = "fast motion of several joints at once"
@@ -20,5 +21,5 @@ class TimestampJitter(SignalLaw):
 
     @staticmethod
     def law(signal, joint, memory, p):
-        """The signal (B, n) as it is."""
-        return signal, memory
+        """Add the jitter in quadrature: errors of independent causes; (B, arms) s."""
+        return np.hypot(signal, p.seconds), memory

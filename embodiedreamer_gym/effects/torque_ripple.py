@@ -19,6 +19,7 @@ class TorqueRipple(SignalLaw):
     symptom = "the error wavers with the angle of the joint, at the same angles at every speed"
     reveals = "a slow sweep of constant speed"
     confused_with = ("joint_spring",)
+    generalises = ("torque_bias",)
 
     @staticmethod
     def law(signal, joint, memory, p):

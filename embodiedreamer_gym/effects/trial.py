@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from embodiedreamer_gym.effects.effect import Array, Effect, JointState, Mechanics
+from embodiedreamer_gym.effects.effect import PER, Array, Effect, JointState, Mechanics
 
 N, ARMS, BODIES = 3, 2, 5
 SETS, OFF, TYPICAL = 7, slice(0, 2), 4  # parameter sets: off, off but for shapes, low, high, typical, two at random
@@ -43,9 +43,12 @@ def locked(array: Array) -> Array:
 
 
 class Motion:
-    """Sines of signal and joints: arrays (S, B, n), of up to about 10 rad/s and 3 N m."""
+    """Sines of joints and signal: arrays (S, B, n), of up to about 10 rad/s and 3 N m.
 
-    def __init__(self, rng: np.random.Generator) -> None:
+    Where a stage's signal belongs to the arms, it is the size of an error: (S, B, arms), not negative.
+    """
+
+    def __init__(self, rng: np.random.Generator, stage: str = "") -> None:
         time, shape = DT * np.arange(STEPS)[:, None, None], (SETS, N)
         rate, phase = rng.uniform(10.0, 40.0, (3, *shape)), rng.uniform(0.0, 6.28, (3, *shape))
         size = rng.uniform(0.02, 0.4, shape)
@@ -53,6 +56,8 @@ class Motion:
         self.velocity = size * rate[0] * np.cos(rate[0] * time + phase[0])
         self.torque = 3.0 * np.sin(rate[1] * time + phase[1])
         self.signal = np.sin(rate[2] * time + phase[2])
+        if PER.get(stage) == "arm":
+            self.signal = np.abs(self.signal[..., :ARMS])
 
     def joint(self, k: int, rows: slice = EVERY) -> JointState:
         """The joints at a step."""

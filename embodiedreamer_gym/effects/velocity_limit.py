@@ -17,6 +17,7 @@ class VelocityLimit(TorqueBudget):
     symptom = "fast moves become ramps of constant slope, perhaps steeper in one direction"
     reveals = "large steps in both directions"
     confused_with = ("command_rate_limit", "torque_saturation", "quadratic_drag")
+    generalises = ("torque_saturation",)
 
     @staticmethod
     def drive(joint, p):

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
+from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.recordings import (
     Recording,
     noise_floor,
@@ -73,24 +74,30 @@ class Signals:
         The clock's part is linear in its jitter: of the jitter that an arm's joints show, the run on mended stamps is it.
         """
         runs = run_sets(model, self.recordings, sets, hold, dt)
-        if self.by_effort or not any(effect.of_the_log for effect in model.effects):
+        if self.by_effort or not any(effect.stage == "clock" for effect in model.effects):
             return runs
-        for effect, p in Drive(model, sets).laws["sensor"]:
-            seconds = getattr(p, effect.parameters[0].name) if effect.of_the_log else np.zeros((1, 0))
-            for arm in np.flatnonzero(seconds.any(axis=0)).tolist():
-                shown, mended = self._clocks[arm]
-                if shown > 0:
-                    share = (self._arm == arm) * seconds[:, arm, None, None] / shown
-                    other = run_sets(model, mended, sets, hold, dt)
-                    runs = [_between(a, b, share) for a, b in zip(runs, other, strict=True)]
+        jitter = Drive(model, sets).clock_jitter()
+        for arm in np.flatnonzero(jitter.any(axis=0)).tolist():
+            shown, mended = self._clocks[arm]
+            if shown > 0:
+                share = (self._arm == arm) * jitter[:, arm, None, None] / shown
+                other = run_sets(model, mended, sets, hold, dt)
+                runs = [_between(a, b, share) for a, b in zip(runs, other, strict=True)]
         return runs
 
-    def clock_seen(self, seconds: float) -> np.ndarray:
-        """Rms residual (n,), in sensor noises, that time stamps with a jitter would leave."""
+    def visible(self, kind: type[Effect], simulated: float, floor: np.ndarray) -> float:
+        """Largest rms residual over the joints, relative to the floor (n,), that a typical size of an effect leaves.
+
+        simulated: what a run with the effect shows. Of a clock's errors a run shows only those that these logs have, so
+        they are taken from the joints' speeds.
+        """
+        if kind.stage != "clock":
+            return simulated
         if self.by_effort:
-            return np.zeros(len(self.sigma))
+            return 0.0
         speeds = np.concatenate([smooth_motion(r).velocity for r in self.recordings])
-        return seconds * np.sqrt(np.mean(speeds**2, axis=0)) / self.sigma
+        rms = kind.parameters[0].typical * np.sqrt(np.mean(speeds**2, axis=0)) / self.sigma
+        return float((rms / np.maximum(floor, 1.0)).max())
 
     @cached_property
     def _clocks(self) -> list[tuple[float, list[Recording]]]:

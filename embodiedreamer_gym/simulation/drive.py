@@ -86,8 +86,8 @@ class Drive:
         """Put a stage's memories at rest at its first signal (B, n); what the stage makes of that signal."""
         signal = np.array(signal, float)
         for effect, p in self.laws[stage]:
-            self._memory[self._index[id(effect)]] = effect.start(signal, p, self.dt)
-            signal, _ = effect.law(signal, self._joint, effect.start(signal, p, self.dt), p)
+            self._memory[self._index[id(effect)]] = memory = effect.start(signal, p, self.dt)
+            signal, _ = effect.law(signal, self._joint, memory, p)
         return signal
 
     def _unlimited(self) -> tuple[np.ndarray, ...]:
@@ -173,6 +173,14 @@ class Drive:
         seen = np.where(self._loose, self.motor, self.position) if self._gives else self.position
         joint = JointState(seen, self.velocity, self.torque, self.dt, self.time)
         return np.array(self._try("sensor", seen, joint), float)
+
+    def clock_jitter(self) -> np.ndarray:
+        """Standard deviation (B, arms), s, of the errors of a log's time stamps."""
+        jitter, rest = np.zeros((self.batch, self.model.tree.arms)), np.zeros((self.batch, self.model.n))
+        for effect, p in self.laws["clock"]:
+            joint = JointState(rest, rest, rest, self.dt, 0.0)
+            jitter, _ = effect.law(jitter, joint, effect.start(jitter, p, self.dt), p)
+        return jitter
 
     def advance(self, acceleration: np.ndarray) -> None:
         """Move freely for one step, as PyBullet would: v += a dt, q += v dt."""

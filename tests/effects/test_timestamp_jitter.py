@@ -104,23 +104,24 @@ def test_it_plays_no_part_where_no_log_holds_a_command(arm: RobotModel) -> None:
     inverse = log.with_(command=None, effort_unit="N m")
     r = Signals(arm, [inverse]).residuals(arm, {GROUP: np.array([[0.0], [0.02]])})
     np.testing.assert_array_equal(r[0], r[1])
-    assert not Signals(arm, [inverse]).clock_seen(0.003).any()
+    assert Signals(arm, [inverse]).visible(TimestampJitter, 1.0, np.ones(2)) == 0.0
 
 
-def test_only_a_law_that_changes_nothing_is_of_the_log() -> None:
+def test_a_clocks_law_takes_one_value_an_arm() -> None:
     class Loud(TimestampJitter):
-        """One that the robot would feel."""
+        """One of the joints."""
 
         @staticmethod
         def law(signal, joint, memory, p):
-            return signal * (1.0 + p.seconds[:, :1]), memory
+            return np.hypot(joint.position, p.seconds[:, :1]), memory
 
     class Early(TimestampJitter):
         """One of the command."""
 
         stage = "command"
 
-    with pytest.raises(EffectError, match="of the log but changes the signal"):
+    check_laws(TimestampJitter)
+    with pytest.raises(EffectError, match=r"shape \(7, 3\) for a signal \(7, 2\)"):
         check_laws(Loud)
-    with pytest.raises(EffectError, match="only a SignalLaw on the stage 'sensor'"):
+    with pytest.raises(EffectError, match="per arm; on the stage 'command' values are per joint"):
         check_laws(Early)

@@ -128,6 +128,9 @@ BROKEN = {
     "memory, in place": ("pure", "memory in place", law(
         "sensor", " memory[:] += p.size", " return signal + memory, memory",
         "start = staticmethod(lambda signal, p, dt: 0 * signal)")),
+    "memory, a command's in place": ("pure", "memory in place", law(
+        "command", " memory[:] = p.size", " return signal + p.size, memory",
+        "start = staticmethod(lambda signal, p, dt: 0 * signal)")),
     "mechanics, a light link": ("mechanics", "mass negative", effect(
         "MechanicsChange", "change", "parameters = (BOTH,)", " mechanics.mass = mechanics.mass + 3 * p.size[:, :1]")),
     "mechanics, a light rotor": ("mechanics", "rotor_inertia negative", effect(
@@ -156,7 +159,9 @@ BROKEN = {
     "only shapes": ("declaration", "but shapes", law("load", "parameters = (SHAPE,)", " return signal, memory")),
     "confused": ("declaration", "no tuple of names",
                  law("load", "confused_with = ('joint_spring')", " return signal, memory")),
-    "per arm": ("declaration", "per arm; only a MechanicsChange", law(
+    "generalises": ("declaration", "generalises that is no tuple",
+                    law("load", "generalises = ('torque_bias')", " return signal, memory")),
+    "per arm": ("declaration", "per arm; on the stage 'load' values are per joint", law(
         "load", "parameters = (Parameter('x', 'm', 0.0, 0.0, 1.0, 0.1, per='arm'),)", " return signal, memory")),
     "a passive sensor": ("declaration", "passive on the stage 'sensor'",
                          law("sensor", "passive = True", " return signal + p.size, memory")),

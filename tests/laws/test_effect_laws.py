@@ -21,7 +21,7 @@ EFFECTS = load_effects(USERS)
 PASSIVE = [name for name, kind in EFFECTS.items() if kind.passive]
 COMMAND = [n for n, kind in EFFECTS.items() if issubclass(kind, SignalLaw) and kind.stage == "command"]
 DOCS = Path(__file__).parents[2] / "docs" / "effects.md"
-FELT = [name for name, kind in EFFECTS.items() if not kind.of_the_log]
+FELT = [name for name, kind in EFFECTS.items() if kind.stage != "clock"]
 
 every_effect = pytest.mark.parametrize("effect", EFFECTS)
 every_robot = pytest.mark.parametrize("name", BUILT_IN)
@@ -137,6 +137,7 @@ def test_words_are_one_sentence(effect: str) -> None:
         assert not text.endswith((".", ",", ";", ":")) and ". " not in text
         assert text[0].islower() or text.split()[0].isupper(), "it stands in the middle of other sentences"
     assert set(kind.confused_with) <= set(EFFECTS) - {effect}
+    assert set(kind.generalises) <= set(EFFECTS) - {effect}
 
 
 @every_effect

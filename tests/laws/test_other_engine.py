@@ -15,7 +15,7 @@ from embodiedreamer_gym.motions import multisine
 from tests.bank import plain
 
 ARM = "arm6"
-FELT = [name for name, kind in CATALOGUE.items() if not kind.of_the_log]
+FELT = [name for name, kind in CATALOGUE.items() if kind.stage != "clock"]
 SECONDS = 1.5
 # A corner of the commanded path falls between two steps of the plant, a stick or slip too.
 LARGEST = 0.5  # mrad

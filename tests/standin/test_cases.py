@@ -30,7 +30,7 @@ def test_every_effect_shows_in_the_motions_to_learn_from(effect, plain):
     case = draw_case(effect, "pendulum1", rng(), strength="strong", seconds=SECONDS)
     assert set(case.truth["values"]) <= set(EFFECTS[effect])
     assert case.truth["effect"] == effect
-    signal = "time" if CATALOGUE[effect].of_the_log else "position"
+    signal = "time" if CATALOGUE[effect].stage == "clock" else "position"
     difference = [getattr(a, signal) - getattr(b, signal) for a, b in zip(case.train, plain.train, strict=True)]
     assert max(np.abs(d).max() for d in difference) > 2e-3
 
