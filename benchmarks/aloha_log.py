@@ -28,7 +28,7 @@ def run_case(effect: str | None, side: str, seed: int) -> dict:
     with tempfile.TemporaryDirectory() as folder:
         path = case.write(folder)
         logs = [
-            Recordings([preflight(r).recording for r in load_recordings(f"{folder}/{part}", rate=30.0)])
+            Recordings([preflight(r).recording for r in load_recordings(f"{folder}/{part}", hz=30.0)])
             for part in ("train", "test")
         ]
         found = diagnose(RobotModel.load(path), *logs)

@@ -228,7 +228,7 @@ def test_the_diagnoser_gets_files_without_the_truth(name, tmp_path, monkeypatch)
     assert len(logs) == 4
     assert all((log.command is None) == (name == "no_command") for log in logs)
     assert all((log.effort is None) == (name == "positions") and log.velocity is None for log in logs)
-    assert logs[0].rate == pytest.approx(30 if name == "teleoperation" else 100, rel=1e-6)
+    assert logs[0].hz == pytest.approx(30 if name == "teleoperation" else 100, rel=1e-6)
     assert not any("torque_bias" in p.read_text() for p in tmp_path.rglob("*") if p.is_file())
 
 

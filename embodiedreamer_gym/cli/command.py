@@ -318,7 +318,7 @@ def _model(a: argparse.Namespace, source: str) -> RobotModel:
 
 def _recordings(a: argparse.Namespace, model: RobotModel, patterns: Sequence[str], fit: bool = False) -> Recordings:
     """Load recordings, print what is wrong with them, and leave the bad samples out."""
-    load = lambda: load_recordings(*patterns, rate=a.rate, joints=model.joints, command_hold=a.hold)  # noqa: E731
+    load = lambda: load_recordings(*patterns, hz=a.rate, joints=model.joints, command_hold=a.hold)  # noqa: E731
     ends = zip(model.joints, model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True)
     limits = {joint: (low, high) for joint, low, high in ends}
     checked = [preflight(r.with_(units=model.units), limits) for r in _readable("a recording", load)]

@@ -56,7 +56,7 @@ def _camera(a: argparse.Namespace, progress: Any) -> None:
 
     _check_outputs(a)
     surface = _surface(a, Surface)
-    logs = list(load_recordings(*a.recordings, rate=a.rate, joints=surface.joints))
+    logs = list(load_recordings(*a.recordings, hz=a.rate, joints=surface.joints))
     footage = _footage(a, logs, surface)
     marks = None if a.marks is None else _marks(a.marks, logs, surface, a.fixed)
     fit = calibrate_camera(

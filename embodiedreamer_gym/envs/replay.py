@@ -22,9 +22,9 @@ def replay(env: gym.Env, recording: Recording) -> np.ndarray:
     if not isinstance(aloha, AlohaEnv):
         raise SimulationError(f"{aloha} is no ALOHA environment.")
     check_names(aloha.robot, recording)
-    if abs(recording.rate - aloha.control_hz) > 0.01 * aloha.control_hz:
+    if abs(recording.hz - aloha.control_hz) > 0.01 * aloha.control_hz:
         raise SimulationError(
-            f"recording {recording.name} runs at {recording.rate:.4g} Hz, the environment at {aloha.control_hz} Hz; "
+            f"recording {recording.name} runs at {recording.hz:.4g} Hz, the environment at {aloha.control_hz} Hz; "
             "make the environment with control_hz of the recording."
         )
     command = np.asarray(recording.command, float)

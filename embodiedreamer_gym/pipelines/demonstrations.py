@@ -11,7 +11,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
 
-import h5py
 import numpy as np
 from joblib import Parallel, delayed
 
@@ -24,6 +23,7 @@ from embodiedreamer_gym.io.fingerprint import check_settings
 from embodiedreamer_gym.recordings.episodes import LeRobotWriter, copy_episodes, open_episodes, write_aloha_episode
 from embodiedreamer_gym.recordings.episodes.lerobot_writer import ABOUT
 from embodiedreamer_gym.recordings.episodes.video import check_video
+from embodiedreamer_gym.recordings.hdf5 import read_settings
 
 RECIPE = 4  # to be raised with whatever changes the episodes of the same settings
 STEPS = 300  # control steps, after which an attempt has failed
@@ -117,7 +117,7 @@ def record_lerobot(wanted: Demonstrations, episodes: int, folder: str | Path, jo
     check_video(wanted.size)
     failed = record_demonstrations(wanted, episodes, parts, jobs, tell)
     source, joints = open_episodes(parts), load_robot(wanted.robot).joints
-    with LeRobotWriter(folder, source.rate, joints, robot_type="aloha", about={**said, "failed": failed}) as writer:
+    with LeRobotWriter(folder, source.hz, joints, robot_type="aloha", about={**said, "failed": failed}) as writer:
         copy_episodes(source, writer, count=episodes)
     shutil.rmtree(parts)
     return failed
@@ -150,11 +150,7 @@ def _there(wanted: Demonstrations, folder: Path) -> tuple[int, int]:
         path = folder / f"episode_{number}.hdf5"
         if path not in paths:
             raise RecordingError(f"{folder} has other episodes, without {path.name}; give another folder.")
-        try:
-            with h5py.File(path, "r") as file:
-                there = dict(json.loads(str(file.attrs["demonstration"])))
-        except (OSError, KeyError, ValueError, TypeError) as error:
-            raise RecordingError(f"{path} is in the way: it is no demonstration; give another folder.") from error
+        there = read_settings(path, "demonstration", "demonstration")
         attempts = int(there.pop("attempt", 0)) + 1
         check_settings(path, there, wanted.settings())
     return len(paths), attempts
@@ -188,7 +184,7 @@ def _attempt(wanted: Demonstrations, number: int, folder: Path) -> Path | None:
             }  # fmt: skip
             write_aloha_episode(
                 path, played["qpos"], played["action"], _seen(film, tuple(env.cameras), shape, slice(3)),
-                env.task_description, rate=env.control_hz, images="gzip", velocities=played["qvel"],
+                env.task_description, hz=env.control_hz, images="gzip", velocities=played["qvel"],
                 objects={prop.name: played[prop.name] for prop in env.task.props},
                 masks=_seen(film, tuple(env.cameras), shape, 3), classes=env.segmentation_classes, attributes=attributes,
             )  # fmt: skip

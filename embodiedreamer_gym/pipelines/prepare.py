@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
-import h5py
 import numpy as np
 
 from embodiedreamer_gym.engines.bullet.rendering import stacked
@@ -15,6 +14,7 @@ from embodiedreamer_gym.engines.bullet.robot_view import RobotView
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.recordings.hdf5 import new_hdf5
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.vis_aligner.clip import ROBOT, Condition, Episode
 from embodiedreamer_gym.vis_aligner.masks import MaskSource, no_masks
@@ -58,18 +58,10 @@ def write_episode(episode: Episode, path: str | Path, camera: str = "head") -> N
 
     Raises: VisionError where it cannot be written.
     """
-    path = Path(path)
-    part = path.with_name(f".{path.name}.part")
-    try:
-        with h5py.File(part, "w") as file:
-            packed = {"compression": "gzip", "compression_opts": 1}
-            file.create_dataset(f"observations/images/{camera}", data=episode.frames, **packed)
-            for key, data in vars(episode.condition).items():
-                if data is not None:
-                    data = data.astype(np.float16) if key == "depth" else data
-                    file.create_dataset(f"observations/sim/{camera}/{key}", data=data, **packed)
-        part.replace(path)
-    except OSError as error:
-        raise VisionError(f"{path} cannot be written: {error.strerror or error}.") from error
-    finally:
-        part.unlink(missing_ok=True)
+    packing = {"compression": "gzip", "compression_opts": 1}
+    with new_hdf5(path, VisionError) as file:
+        file.create_dataset(f"observations/images/{camera}", data=episode.frames, **packing)
+        for key, data in vars(episode.condition).items():
+            if data is not None:
+                data = data.astype(np.float16) if key == "depth" else data
+                file.create_dataset(f"observations/sim/{camera}/{key}", data=data, **packing)

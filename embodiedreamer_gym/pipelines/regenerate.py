@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from joblib import Parallel, delayed
 
@@ -18,6 +16,7 @@ from embodiedreamer_gym.io.fingerprint import check_settings
 from embodiedreamer_gym.pipelines.replay_episodes import Played, Source, play, read_source, source_files
 from embodiedreamer_gym.recordings.episodes import frames_of, write_aloha_episode
 from embodiedreamer_gym.recordings.episodes.aloha import AlohaEpisodes
+from embodiedreamer_gym.recordings.hdf5 import read_settings
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, References, dream, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.editing import ReferenceEditor, describe, draws_of, edited, masks_of
 from embodiedreamer_gym.wrappers.vis_aligner import first
@@ -170,7 +169,7 @@ def _write(work: _Work, source: Source, copy: int, played: Played, start: Refere
     attributes = {key: value for key, value in source.attributes.items() if key not in OWN}
     write_aloha_episode(
         work.path(source.name, copy), source.states, source.actions, {CAMERA: iter([start.last, *frames])},
-        source.instruction, rate=source.rate, images="gzip", velocities=source.velocities, efforts=source.efforts,
+        source.instruction, hz=source.hz, images="gzip", velocities=source.velocities, efforts=source.efforts,
         objects=source.objects, masks={CAMERA: played.condition.classes}, classes=played.names,
         attributes={**attributes, ABOUT: about},
     )  # fmt: skip
@@ -183,9 +182,4 @@ def _check_folder(folder: Path, settings: dict[str, Any]) -> None:
     except OSError as error:
         raise RecordingError(f"{folder} cannot be made a folder: {error.strerror}; give another place.") from error
     for path in sorted(p for p in folder.iterdir() if p.suffix in (".hdf5", ".h5") and not p.name.startswith(".")):
-        try:
-            with h5py.File(path, "r") as file:
-                there = dict(json.loads(str(file.attrs[ABOUT])))
-        except (OSError, KeyError, ValueError, TypeError) as error:
-            raise RecordingError(f"{path} is in the way: it was not made by this; give another folder.") from error
-        check_settings(path, there, settings)
+        check_settings(path, read_settings(path, ABOUT, "generated episode"), settings)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from embodiedreamer_gym.envs.aloha import AlohaEnv
@@ -16,12 +14,12 @@ from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.recordings.episodes.aloha import AlohaEpisodes
 from embodiedreamer_gym.recordings.files import natural
+from embodiedreamer_gym.recordings.hdf5 import EFFORT, SUFFIXES, VELOCITY, Hdf5File, open_hdf5
 from embodiedreamer_gym.vis_aligner import Condition
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 from embodiedreamer_gym.wrappers.vis_aligner import conditions
 
-SUFFIXES = (".hdf5", ".h5")
-SIGNALS = {"observations/qvel": "velocities", "observations/effort": "efforts"}
+SIGNALS = {VELOCITY: "velocities", EFFORT: "efforts"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +33,7 @@ class Source:
     path: Path
     task: str
     robot: str
-    rate: float
+    hz: float
     instruction: str
     states: np.ndarray
     actions: np.ndarray
@@ -103,12 +101,11 @@ def read_source(path: Path, task: str | None = None, robot: str | None = None) -
     Raises: RecordingError where it says no task, not where the objects were, or is too short.
     """
     episode = AlohaEpisodes([path])
-    with h5py.File(path, "r") as file:
-        attributes = dict(file.attrs.items())
-        group = file.get("objects")
-        objects = {str(n): np.asarray(group[n]) for n in group} if isinstance(group, h5py.Group) else {}
-        signals = {name: None if key not in file else np.asarray(file[key]) for key, name in SIGNALS.items()}
-    about = _demonstration(attributes)
+    with open_hdf5(path) as file:
+        attributes = dict(file.file.attrs.items())
+        objects = file.object_poses()
+        signals = {name: file.signal(key) if key in file else None for key, name in SIGNALS.items()}
+        about = _demonstration(file)
     task = task or about.get("task") or str(attributes.get("task", ""))
     if task not in TASKS:
         raise RecordingError(f"{path} does not say which task it is of; give one of {', '.join(TASKS)}.")
@@ -118,7 +115,7 @@ def read_source(path: Path, task: str | None = None, robot: str | None = None) -
     if episode.lengths[0] < 2:
         raise RecordingError(f"{path} has one step only; an episode to be replayed has more.")
     return Source(
-        path, task, robot or about.get("robot", "aloha"), episode.rate, episode.task(0), episode.states(0),
+        path, task, robot or about.get("robot", "aloha"), episode.hz, episode.task(0), episode.states(0),
         episode.actions(0), **signals, objects=objects, attributes=attributes, seed=seed,
     )  # fmt: skip
 
@@ -128,7 +125,7 @@ def play(source: Source, size: tuple[int, int], camera: str = "head") -> Played:
 
     Raises: SimulationError or ModelError where robot, rate or start cannot be.
     """
-    env = AlohaEnv(source.task, source.robot, "state", image_size=size, control_hz=round(source.rate))
+    env = AlohaEnv(source.task, source.robot, "state", image_size=size, control_hz=round(source.hz))
     try:
         if source.actions.shape[1] != env.robot.n:
             raise RecordingError(
@@ -147,12 +144,10 @@ def play(source: Source, size: tuple[int, int], camera: str = "head") -> Played:
         env.close()
 
 
-def _demonstration(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """What a demonstration says of how it was made; nothing of other files."""
-    try:
-        return dict(json.loads(str(attributes.get("demonstration", "{}"))))
-    except (ValueError, TypeError):
-        return {}
+def _demonstration(file: Hdf5File) -> dict[str, Any]:
+    """Settings of a demonstration; {} for other files."""
+    settings = file.json("demonstration", {})
+    return settings if isinstance(settings, dict) else {}
 
 
 def _check_objects(path: Path, task: str, objects: Mapping[str, np.ndarray]) -> None:
@@ -163,6 +158,3 @@ def _check_objects(path: Path, task: str, objects: Mapping[str, np.ndarray]) -> 
             f"{path} does not say where the objects were: it needs {', '.join(f'/objects/{n}' for n in sorted(wanted))}, "
             f"and has {', '.join(f'/objects/{n}' for n in objects) or 'none'}."
         )
-    for name, poses in objects.items():
-        if poses.ndim != 2 or poses.shape[1] != 7 or not len(poses) or not np.isfinite(poses[0]).all():
-            raise RecordingError(f"{path}: /objects/{name} holds no poses (T, 7), position m and quaternion xyzw.")

@@ -1,90 +1,107 @@
-"""ALOHA and AgileX logs: one HDF5 file a motion.
+"""Recordings as ALOHA and AgileX HDF5 files.
 
-The published layout: `/action`, `/observations/qpos`, `qvel`, `effort` and `images/<camera>`. Beside it,
-optional: `/timestamps` (T,) s, `/observations/usable` (T, n) and root attributes
-`rate` or `fps` (Hz), `joint_names`, `units`, `noise`, `quantum`, `command_hold`, `kind`.
-Source: collect_data.py of agilexrobotics/cobot_magic and record_episodes.py of tonyzhaozh/aloha.
+Beside the published layout (`recordings.hdf5`) there may be `/timestamps` (T,) s, `/observations/usable` (T, n) and root
+attributes `rate` or `fps` (Hz), `joint_names`, `units`, `noise`, `quantum`, `command_hold`, `kind`.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.recordings.frames import FrameSource, Hdf5Frames
+from embodiedreamer_gym.recordings.hdf5 import (
+    COMMAND,
+    EFFORT,
+    IMAGES,
+    LAYOUT_FLAGS,
+    POSITION,
+    VELOCITY,
+    Hdf5File,
+    open_hdf5,
+    text,
+    write_rows,
+)
 from embodiedreamer_gym.recordings.recording import Recording
+from embodiedreamer_gym.recordings.time_axis import check_hz
 
 ALOHA_JOINTS = tuple(
     f"{side}_{joint}" for side in ("left", "right") for joint in (*(f"joint{i}" for i in range(1, 7)), "gripper")
 )
 NORMALISED = (-0.2, 1.2)  # 0..1 and what a sensor's offset adds
-_SIGNALS = {"command": "action", "velocity": "observations/qvel", "effort": "observations/effort"}
-_POSITION = "observations/qpos"
-_IMAGES = "observations/images"
+SIGNALS = {"command": COMMAND, "velocity": VELOCITY, "effort": EFFORT}
+USABLE = "observations/usable"
 
 
-def read_aloha_hdf5(path: str | Path, rate: float | None = None, joints: Iterable[str] | None = None) -> Recording:
+@dataclass(frozen=True)
+class Hdf5Frames:
+    """Frames of one camera of a file, which is opened for each access, so nothing stays in memory."""
+
+    path: str
+    camera: str
+    length: int
+
+    def __len__(self) -> int:
+        return self.length
+
+    def __getitem__(self, index: int) -> np.ndarray:
+        if not -self.length <= index < self.length:
+            raise IndexError(f"frame {index} of {self.length} of {self.camera}")
+        index = int(index) % self.length
+        with open_hdf5(self.path) as file:
+            return next(file.frames(self.camera, index, index + 1))
+
+
+def read_aloha_hdf5(
+    path: str | Path, hz: float | None = None, joints: Iterable[str] | None = None, time_unit: str | None = None
+) -> Recording:
     """Recording of an ALOHA-style HDF5 file; images stay in the file until a frame is asked for.
 
-    rate: Hz, for files without `/timestamps`, in place of their attribute `rate`. joints: names, for files
-    without them; else 14 columns get the ALOHA names and others joint1, joint2, …. Without the attribute
-    `units` all joints are in rad, but of 14 joints the two grippers that stay within -0.2..1.2 in command and
-    position are normalised, "1". Velocity or effort that is zero throughout counts as absent; a file without
-    `/action` has no command.
+    hz: sampling rate, for files without `/timestamps`, in place of their attribute `rate`. joints: names, for files
+    without them; else 14 columns get the ALOHA names and others joint1, joint2, …. time_unit: of `/timestamps`, where
+    they are not seconds and do not show it. Without the attribute `units` all joints are in rad, but of 14 joints the two
+    grippers that stay within -0.2..1.2 in command and position are normalised, "1". Velocity or effort that is zero
+    throughout counts as absent; a file without `/action` has no command.
 
-    Raises: RecordingError where the file is missing, damaged or not of this layout.
+    Raises: RecordingError where the file is missing, damaged, too large or not of this layout.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise RecordingError(f"{path}: there is no such file")
-    try:
-        with h5py.File(path, "r") as file:
-            return _read(file, path, rate, None if joints is None else tuple(joints))
-    except RecordingError:
-        raise
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:  # what h5py raises
-        raise RecordingError(f"{path}: damaged, cut short or not an HDF5 file; record or copy it again") from error
-
-
-def _read(file: h5py.File, path: Path, rate: float | None, joints: tuple[str, ...] | None) -> Recording:
-    signals: dict[str, np.ndarray | None] = {"position": _signal(file, path, _POSITION)}
-    position = signals["position"]
-    if position is None:
-        raise RecordingError(f"{path}: the dataset /{_POSITION} is missing; the file has {_contents(file)}")
-    for name, key in _SIGNALS.items():
-        array = _signal(file, path, key)
-        if array is not None and array.shape != position.shape:
-            raise RecordingError(
-                f"{path}: /{key} has shape {array.shape}, /{_POSITION} {position.shape}; they must agree"
-            )
-        signals[name] = array if name == "command" or array is None or np.any(array) else None
-    attributes = dict(file.attrs)
-    given = _listed(attributes.get("joint_names"), path, "joint_names")
-    names = tuple(str(joint) for joint in given) if given else joints or default_joints(position.shape[1])
-    if len(names) != position.shape[1]:
-        raise RecordingError(f"{path}: {len(names)} joint names for {position.shape[1]} columns of /{_POSITION}")
-    optional: dict[str, Any] = {
-        name: _text(attributes[name]) for name in ("command_hold", "kind") if name in attributes
-    }
-    for name in ("noise", "quantum"):
-        if name in attributes:
-            optional[name] = np.asarray(attributes[name], dtype=float)
-    if "observations/usable" in file:
-        optional["usable"] = _dataset(file, "observations/usable")[:].astype(bool)
+    with open_hdf5(path) as file:
+        signals: dict[str, Any] = {"position": file.signal(POSITION).astype(float)}
+        position = signals["position"]
+        for name, key in SIGNALS.items():
+            array = file.signal(key).astype(float) if key in file else None
+            if array is not None and array.shape != position.shape:
+                raise file.error(f"/{key} has shape {array.shape}, /{POSITION} {position.shape}; they must agree")
+            signals[name] = array if name == "command" or array is None or np.any(array) else None
+        names = file.strings("joint_names") or (default_joints(position.shape[1]) if joints is None else tuple(joints))
+        if len(names) != position.shape[1]:
+            raise file.error(f"{len(names)} joint names for {position.shape[1]} columns of /{POSITION}")
+        attributes = file.file.attrs
+        optional: dict[str, Any] = {
+            name: text(attributes[name]) for name in ("command_hold", "kind") if name in attributes
+        }
+        optional |= {name: np.asarray(attributes[name], float) for name in ("noise", "quantum") if name in attributes}
+        if USABLE in file:
+            optional["usable"] = file.read(USABLE).astype(bool)
+        time, notes = file.times(position, time_unit) or (_even_times(file, len(position), hz), ())
+        frames = {
+            camera: Hdf5Frames(str(file.path.resolve()), camera, int(data.shape[0]))
+            for camera, data in file.cameras().items()
+        }
+        units = file.strings("units") or _units(names, signals)
     return Recording(
-        name=path.stem,
+        name=Path(path).stem,
         joints=names,
-        time=_time(file, path, len(position), rate),
-        units=tuple(str(u) for u in _listed(attributes.get("units"), path, "units")) or _units(names, signals),
-        frames=_frames(file, path),
+        time=time,
+        units=units,
+        frames=frames,
         source=str(path),
-        **signals,  # pyright: ignore[reportArgumentType]
+        notes=notes,
+        **signals,
         **optional,
     )
 
@@ -95,109 +112,38 @@ def default_joints(count: int) -> tuple[str, ...]:
 
 
 def _units(names: tuple[str, ...], signals: Mapping[str, np.ndarray | None]) -> tuple[str, ...]:
-    """Units of a file that says none: "1" for the grippers of 14 joints where within 0..1, else rad."""
+    """Units of a file that states none: "1" for the grippers of 14 joints where within 0..1, else rad."""
     units = ["rad"] * len(names)
     if len(names) == len(ALOHA_JOINTS):
         for column in (c for c in (6, 13) if "gripper" in names[c].lower()):
-            found = [x[:, column] for x in (signals["position"], signals["command"]) if x is not None]
-            if all(np.all((x >= NORMALISED[0]) & (x <= NORMALISED[1])) for x in found):
+            values = [x[:, column] for x in (signals["position"], signals["command"]) if x is not None]
+            if all(np.all((x >= NORMALISED[0]) & (x <= NORMALISED[1])) for x in values):
                 units[column] = "1"
     return tuple(units)
 
 
-def _time(file: h5py.File, path: Path, count: int, rate: float | None) -> np.ndarray:
-    for key in ("timestamps", "timestamp"):
-        if key in file:
-            time = np.ravel(_dataset(file, key)[()]).astype(float)
-            if time.size != count:
-                raise RecordingError(f"{path}: /{key} has {time.size} times for {count} rows of /{_POSITION}")
-            return time
-    known = [float(np.ravel(np.asarray(file.attrs[key]))[0]) for key in ("rate", "fps") if key in file.attrs]
-    hertz = rate if rate is not None else (known[0] if known else None)
-    if hertz is None:
-        raise RecordingError(f"{path}: it has no /timestamps; give the sampling rate with `--rate HZ` (rate=HZ)")
-    if not (np.isfinite(hertz) and hertz > 0):
-        raise RecordingError(f"{path}: the sampling rate is {hertz:g} Hz; it must be above 0")
-    return np.arange(count) / hertz
-
-
-def _dataset(file: h5py.File, key: str) -> h5py.Dataset:
-    node = file[key]
-    if not isinstance(node, h5py.Dataset):
-        raise RecordingError(f"{file.filename}: /{key} is a group, but a dataset is expected")
-    return node
-
-
-def _signal(file: h5py.File, path: Path, key: str) -> np.ndarray | None:
-    if key not in file:
-        return None
-    data = _dataset(file, key)
-    if data.ndim != 2 or not (np.issubdtype(data.dtype, np.number)):
-        raise RecordingError(
-            f"{path}: /{key} is {data.dtype} of shape {data.shape}; numbers of shape (T, n) are expected"
-        )
-    return data[:].astype(float)
-
-
-def _contents(file: h5py.File) -> str:
-    found: list[str] = []
-    file.visititems(lambda name, node: found.append(f"/{name}") if isinstance(node, h5py.Dataset) else None)
-    return ", ".join(found[:12]) or "no dataset at all"
-
-
-def _text(value: Any) -> str:
-    return value.decode() if isinstance(value, bytes) else str(value)
-
-
-def _listed(value: Any, path: Path, name: str) -> list[Any]:
-    """A list attribute: an array of strings, or JSON."""
-    if value is None:
-        return []
-    if isinstance(value, (str, bytes)):
-        try:
-            value = json.loads(value)
-        except ValueError as error:
-            raise RecordingError(f"{path}: the attribute {name} is neither a list of strings nor JSON") from error
-    if isinstance(value, (dict, str, int, float)):
-        raise RecordingError(f"{path}: the attribute {name} must be a list of strings")
-    return [_text(item) for item in np.ravel(value).tolist()]
-
-
-def _frames(file: h5py.File, path: Path) -> dict[str, FrameSource]:
-    group = file.get(_IMAGES)
-    if not isinstance(group, h5py.Group):
-        return {}
-    frames: dict[str, FrameSource] = {}
-    for camera, data in group.items():
-        raw = isinstance(data, h5py.Dataset) and data.ndim == 4 and data.shape[3] == 3 and data.dtype == np.uint8
-        coded = isinstance(data, h5py.Dataset) and data.ndim in (1, 2)
-        if not raw and not coded:
-            what = f"{data.dtype} of shape {data.shape}" if isinstance(data, h5py.Dataset) else "a group"
-            raise RecordingError(
-                f"{path}: /{_IMAGES}/{camera} is {what}; uint8 (T, H, W, 3) or one JPEG per row is expected"
-            )
-        frames[camera] = Hdf5Frames(str(path.resolve()), f"{_IMAGES}/{camera}", int(data.shape[0]))
-    return frames
+def _even_times(file: Hdf5File, count: int, hz: float | None) -> np.ndarray:
+    """Times (T,) s of a file without stamps, from a rate that the caller or the file states."""
+    hz = file.hz() if hz is None else check_hz(hz, str(file.path))
+    if hz is None:
+        raise file.error("it has no /timestamps; give the sampling rate with `--rate HZ` (hz=HZ)")
+    return np.arange(count) / hz
 
 
 def write_aloha_hdf5(recording: Recording, path: str | Path) -> None:
     """Write a recording in the ALOHA layout, float64, frames raw and one at a time; it reads back equal."""
     with h5py.File(path, "w") as file:
         file["timestamps"] = recording.time
-        file[_POSITION] = recording.position
-        for name, key in _SIGNALS.items():
+        file[POSITION] = recording.position
+        for name, key in SIGNALS.items():
             if getattr(recording, name) is not None:
                 file[key] = getattr(recording, name)
         if not recording.usable.all():
-            file["observations/usable"] = recording.usable
+            file[USABLE] = recording.usable
         for camera, frames in recording.frames.items():
-            first = frames[0]
-            data = file.create_dataset(
-                f"{_IMAGES}/{camera}", (len(frames), *first.shape), np.uint8, chunks=(1, *first.shape)
-            )
-            for index in range(len(frames)):
-                data[index] = frames[index]
-        file.attrs.update({"sim": False, "compress": False})  # ACT's loader indexes both
+            rows = ({f"{IMAGES}/{camera}": frames[index]} for index in range(len(frames)))
+            write_rows(file, len(frames), rows)
+        file.attrs.update(LAYOUT_FLAGS)
         file.attrs["joint_names"] = list(recording.joints)
         file.attrs["units"] = list(recording.units)
         file.attrs["noise"], file.attrs["quantum"] = recording.noise, recording.quantum

@@ -46,12 +46,12 @@ def time_base(recording: Recording) -> Iterator[Finding]:
             f"about {lost} samples are missing in {int(gap.sum())} gaps, the longest {step.max():.3f} s at "
             f"{recording.time[int(step.argmax())] - recording.time[0]:.2f} s",
         )
-    if recording.rate < LOWEST_RATE:
+    if recording.hz < LOWEST_RATE:
         yield Finding(
             "warning",
             "low-rate",
             (),
-            f"{recording.rate:.1f} Hz is below 30 Hz: delays and friction will hardly be told apart",
+            f"{recording.hz:.1f} Hz is below 30 Hz: delays and friction will hardly be told apart",
         )
 
 
@@ -88,7 +88,7 @@ def clipped(
         for sign, limit in ((1, high), (-1, -low)):
             x, u = sign * recording.position[:, j], sign * tracking.expected[:, j]
             ends = list(_pressed(recording.time, x >= x.max() - near, u - x.max(), beyond))
-            if sum(_followed(x, u, run, recording.rate) for run in ends) > 1 and _mostly_follows(x, u):
+            if sum(_followed(x, u, run, recording.hz) for run in ends) > 1 and _mostly_follows(x, u):
                 for run in ends:
                     mask[run, j] = True
             if np.isfinite(limit):
@@ -113,9 +113,9 @@ def _pressed(time: np.ndarray, pinned: np.ndarray, over: np.ndarray, beyond: flo
             yield run
 
 
-def _followed(x: np.ndarray, u: np.ndarray, run: slice, rate: float) -> bool:
+def _followed(x: np.ndarray, u: np.ndarray, run: slice, hz: float) -> bool:
     """Whether a joint was near its command 0.1 s before and after a stretch, and the command turned in it."""
-    before, after = run.start - max(1, round(0.1 * rate)), run.stop - 1 + max(1, round(0.1 * rate))
+    before, after = run.start - max(1, round(0.1 * hz)), run.stop - 1 + max(1, round(0.1 * hz))
     if before < 0 or after >= x.size:
         return False
     far = float(np.max(u[run] - x[run]))

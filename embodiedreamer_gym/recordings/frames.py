@@ -1,15 +1,17 @@
-"""Camera frames of a recording, read only when asked for."""
+"""Camera frames of a recording: what a source of frames offers, and images decoded within bounds."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import cv2
-import h5py
 import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
+
+MAX_EDGE = 8192  # pixels of a frame's longer side
+PNG = b"\x89PNG\r\n\x1a\n"
+JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers of the segments that hold height and width
 
 
 @runtime_checkable
@@ -25,43 +27,34 @@ class FrameSource(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Hdf5Frames:
-    """Frames of one HDF5 dataset; the file is opened for each access, so nothing stays in memory.
-
-    Raw (T, H, W, 3) uint8, or one JPEG per row: zero-padded (T, L) uint8, or rows of varying length.
-    A JPEG is decoded as the standard says, to RGB; a logger that handed RGB pixels to OpenCV's encoder (which
-    expects BGR) has swapped red and blue in its file, and they come out swapped.
-    """
-
-    path: str
-    dataset: str
-    length: int
-
-    def __len__(self) -> int:
-        return self.length
-
-    def __getitem__(self, index: int) -> np.ndarray:
-        if not -self.length <= index < self.length:
-            raise IndexError(f"frame {index} of {self.length} in {self.dataset}")
-        index = int(index) % self.length
-        try:
-            with h5py.File(self.path, "r") as file:
-                row = np.asarray(file[self.dataset][index])  # pyright: ignore[reportIndexIssue]
-        except (OSError, KeyError) as error:
-            raise RecordingError(f"{self.path}: frame {index} of {self.dataset} cannot be read") from error
-        if row.ndim == 3:
-            return np.ascontiguousarray(row, dtype=np.uint8)
-        return decode(row, f"{self.path}: frame {index} of {self.dataset}")
-
-
 def decode(buffer: np.ndarray, where: str) -> np.ndarray:
-    """RGB image of one JPEG or PNG byte buffer.
+    """RGB image (H, W, 3) uint8 of one JPEG or PNG byte buffer; zeros may follow the image.
 
-    Raises: RecordingError where it is neither; `where` says which one it is.
+    A JPEG is decoded as the standard says, to RGB; a logger that handed RGB pixels to OpenCV's encoder (which expects
+    BGR) has swapped red and blue in its file, and they come out swapped.
+    where: which image it is, for messages.
+    Raises: RecordingError where it is neither, or larger than MAX_EDGE on a side.
     """
-    raw = np.frombuffer(buffer.tobytes(), np.uint8) if buffer.dtype != np.uint8 else buffer
-    image = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
+    data = buffer.tobytes()
+    size = _image_size(data)
+    if size is not None and max(size) > MAX_EDGE:
+        raise RecordingError(f"{where} claims {size[0]} x {size[1]} pixels; at most {MAX_EDGE} are read")
+    try:
+        image = None if size is None else cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error:
+        image = None
     if image is None:
         raise RecordingError(f"{where} is not a JPEG or PNG image; write raw uint8 frames or JPEG buffers")
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def _image_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height that the header of a JPEG or PNG states; None for other data."""
+    if data.startswith(PNG):
+        return int.from_bytes(data[16:20]), int.from_bytes(data[20:24])
+    place = 2 if data.startswith(b"\xff\xd8") else len(data)
+    while place + 9 <= len(data) and data[place] == 0xFF:
+        if data[place + 1] in JPEG_SIZES:
+            return int.from_bytes(data[place + 7 : place + 9]), int.from_bytes(data[place + 5 : place + 7])
+        place += 1 if data[place + 1] == 0xFF else 2 + int.from_bytes(data[place + 2 : place + 4])
+    return None

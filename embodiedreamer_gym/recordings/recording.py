@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, overload
@@ -19,6 +20,8 @@ EFFORT_UNITS = ("N m", "A", "unknown")
 FEWEST_SAMPLES = 10
 LARGEST = 1e9  # beyond it a value in rad, m or N m is a damaged log
 LONGEST_STEP = 10.0  # s; a longer one means the times are not in seconds
+SHORTEST_STEP = 1e-6  # s
+MOST_MISSING = (20, 100_000)  # samples lost in gaps: so many times those there are, and so many more
 
 
 def _empty() -> np.ndarray:
@@ -35,7 +38,8 @@ class Recording:
     noise and quantum (n,): sensor sd and encoder step, estimated where not given (0: none found).
     command_hold: how the controller got from one command to the next, "linear", "hold" or "unknown".
     kind: kind of motion, by default the name without its number. usable (T, n) bool: samples a physics fit
-    may use. frames: camera name -> frames read on demand. source: the file it was read from.
+    may use. frames: camera name -> frames read on demand. source: the file it was read from. notes: what the reader
+    converted, one sentence each.
 
     Raises: RecordingError, naming file, joint and sample, where a field is not as described.
     """
@@ -56,6 +60,7 @@ class Recording:
     usable: np.ndarray = field(default_factory=_empty)
     frames: Mapping[str, FrameSource] = field(default_factory=dict)
     source: str = ""
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         self._set("joints", tuple(str(joint) for joint in self.joints))
@@ -82,7 +87,7 @@ class Recording:
     def __repr__(self) -> str:
         has = [name for name in ("command", "velocity", "effort") if getattr(self, name) is not None]
         parts = [f"{self.time.size} samples", f"{len(self.joints)} joints", f"{self.duration:.2f} s"]
-        parts += [f"{self.rate:.1f} Hz", "position" + "".join(f"+{name}" for name in has)]
+        parts += [f"{self.hz:.1f} Hz", "position" + "".join(f"+{name}" for name in has)]
         parts += [f"cameras: {', '.join(self.frames)}"] if self.frames else []
         return f"Recording({self.name!r}, kind {self.kind!r}, {', '.join(parts)})"
 
@@ -92,9 +97,15 @@ class Recording:
         return float(self.time[-1] - self.time[0])
 
     @property
-    def rate(self) -> float:
+    def hz(self) -> float:
         """Samples per second, from the median step, Hz."""
         return float(1 / np.median(np.diff(self.time)))
+
+    @property
+    def rate(self) -> float:
+        """Deprecated: use `hz`."""
+        warnings.warn("Recording.rate is deprecated; use Recording.hz", DeprecationWarning, stacklevel=2)
+        return self.hz
 
     @property
     def sigma(self) -> np.ndarray:
@@ -168,8 +179,15 @@ class Recording:
             raise self._error(
                 f"time {word} at row {row} (counted from 0): {self.time[row]} s after {self.time[row - 1]} s"
             )
-        if np.median(step) > LONGEST_STEP:
-            raise self._error(f"the median time step is {np.median(step):g} s; times must be in seconds")
+        usual = float(np.median(step))
+        if not SHORTEST_STEP <= usual <= LONGEST_STEP:
+            raise self._error(f"the median time step is {usual:g} s; times must be in seconds")
+        if self.duration / usual > MOST_MISSING[0] * self.time.size + MOST_MISSING[1]:
+            row = int(step.argmax())
+            raise self._error(
+                f"there is a gap of {step[row]:g} s after row {row} (counted from 0), at {usual:g} s from sample to sample; "
+                "was the clock set, or are these two motions? Cut the log there"
+            )
 
     def _check_shape(self, name: str, array: np.ndarray) -> None:
         if array.shape != (self.time.size, len(self.joints)):

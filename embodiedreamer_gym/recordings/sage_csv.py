@@ -7,15 +7,26 @@ list in the order of joint_list.txt, positions in rad. Source: github.com/isaac-
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 
 import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
+from embodiedreamer_gym.recordings.csv_text import (
+    MAX_COLUMNS,
+    NO_NUMBER,
+    check_header,
+    json_numbers,
+    line_end_notes,
+    lines_of,
+    open_text,
+    table,
+)
 from embodiedreamer_gym.recordings.recording import Recording
+from embodiedreamer_gym.recordings.time_axis import find_clock
 
 CONTROL, STATE, JOINTS = "control.csv", "state_motor.csv", "joint_list.txt"
+Signals = dict[str, np.ndarray]
 
 
 def is_sage_folder(path: str | Path) -> bool:
@@ -23,75 +34,83 @@ def is_sage_folder(path: str | Path) -> bool:
     return (Path(path) / STATE).is_file() or (Path(path) / CONTROL).is_file()
 
 
-def read_sage_csv(folder: str | Path, command_hold: str = "unknown") -> Recording:
+def read_sage_csv(folder: str | Path, command_hold: str = "unknown", time_unit: str | None = None) -> Recording:
     """Recording of a SAGE folder at the times of its states.
 
-    Commands at other times are held from the latest one before, or interpolated for command_hold "linear".
+    Commands at other times are held from the latest one before, or interpolated for command_hold "linear". time_unit: of
+    the timestamps, where they are not microseconds and do not show it.
 
-    Raises: RecordingError where a file is missing or not of this form.
+    Raises: RecordingError where a file is missing, too large or not of this form.
     """
     folder = Path(folder)
     for name in (STATE, CONTROL, JOINTS):
         if not (folder / name).is_file():
             raise RecordingError(f"{folder}: a SAGE log needs {name}, which is missing")
-    joints = tuple(line.strip() for line in (folder / JOINTS).read_text(encoding="utf-8").splitlines() if line.strip())
-    state_time, state = _read(folder / STATE, ("positions", "velocities", "torques"), len(joints))
-    control_time, control = _read(folder / CONTROL, ("positions",), len(joints))
-    command = _aligned(control_time, control["positions"], state_time, command_hold == "linear")
+    with open_text(folder / JOINTS) as file:
+        joints = tuple(line.strip() for line in lines_of(file, folder / JOINTS) if line.strip())
+    if not 0 < len(joints) <= MAX_COLUMNS:
+        raise RecordingError(f"{folder / JOINTS}: it names {len(joints)} joints; 1 to {MAX_COLUMNS} are read")
+    stamps, state, notes = _read(folder / STATE, ("positions", "velocities", "torques"), len(joints))
+    control_stamps, control, _ = _read(folder / CONTROL, ("positions",), len(joints))
+    clock = find_clock(stamps, state["positions"], str(folder / STATE), time_unit, default="us")
+    time, control_time = clock.seconds(stamps), clock.seconds(control_stamps)
+    if control_time[-1] < time[0] or control_time[0] > time[-1]:
+        raise RecordingError(f"{folder}: {CONTROL} and {STATE} share no time; they must have one clock and one unit")
     return Recording(
         name=folder.resolve().name,
         joints=joints,
-        time=state_time,
+        time=time,
         position=state["positions"],
-        command=command,
+        command=_resample(control_time, control["positions"], time, command_hold == "linear"),
         velocity=state.get("velocities"),
         effort=state.get("torques"),
         command_hold=command_hold,
         source=str(folder),
+        notes=notes + clock.notes,
     )
 
 
-def _read(path: Path, columns: tuple[str, ...], count: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times (T,) s and signals (T, n); all but the first column are left out where absent or zero."""
-    with path.open(encoding="utf-8", newline="") as file:
-        reader = csv.DictReader(file)
-        have = reader.fieldnames or []
-        missing = [name for name in ("timestamp", columns[0]) if name not in have]
+def _read(path: Path, columns: tuple[str, ...], count: int) -> tuple[np.ndarray, Signals, tuple[str, ...]]:
+    """Time stamps (T,), signals (T, n) and notes; all but the first column are left out where absent or zero."""
+    with open_text(path) as file:
+        rows = csv.reader(lines_of(file, path))
+        header = next(rows, [])
+        missing = [name for name in ("timestamp", columns[0]) if name not in header]
         if missing:
-            raise RecordingError(f"{path}: no column {missing[0]} in the header {','.join(have)!r}")
-        rows = list(reader)
-    if not rows:
-        raise RecordingError(f"{path}: there is no row below the header")
-    time = np.array([_seconds(row["timestamp"], path, number) for number, row in enumerate(rows, 2)])
-    late = np.flatnonzero(~(np.diff(time, prepend=-np.inf) > 0))  # a NaN is not greater either
+            raise RecordingError(f"{path}: no column {missing[0]} in the header {','.join(header)[:60]!r}")
+        check_header(header, path)
+        present = [name for name in columns if name in header]
+
+        def parse(row: list[str], line: int) -> list[float]:
+            cells = dict(zip(header, row, strict=False))
+            try:
+                values = [float(cells.get("timestamp", ""))]
+            except ValueError as error:
+                raise RecordingError(f"{path}: line {line} has no time in microseconds") from error
+            for name in present:
+                values += _numbers(cells.get(name), count, path, name, line)
+            return values
+
+        values = table(rows, 2, 1 + count * len(present), path, parse)
+        notes = line_end_notes(file)
+    late = np.flatnonzero(~(np.diff(values[:, 0], prepend=-np.inf) > 0))  # a NaN is not greater either
     if late.size:
         raise RecordingError(f"{path}: time is not finite, repeats or runs backwards at row {late[0]} (counted from 0)")
-    signals = {
-        name: np.array([_numbers(row[name], count, path, name, number) for number, row in enumerate(rows, 2)])
-        for name in columns
-        if name in have
-    }
-    return time, {name: x for name, x in signals.items() if name == columns[0] or np.any(x)}
+    signals = {name: values[:, 1 + count * i : 1 + count * (i + 1)] for i, name in enumerate(present)}
+    return values[:, 0], {name: x for name, x in signals.items() if name == columns[0] or np.any(x)}, notes
 
 
-def _seconds(text: str | None, path: Path, number: int) -> float:
+def _numbers(text: str | None, count: int, path: Path, name: str, line: int) -> list[float]:
     try:
-        return float(text or "") * 1e-6
-    except ValueError as error:
-        raise RecordingError(f"{path}: line {number} has no time in microseconds") from error
-
-
-def _numbers(text: str | None, count: int, path: Path, name: str, number: int) -> list[float]:
-    try:
-        values = [float(value) for value in json.loads(text or "")]
-    except (ValueError, TypeError) as error:
-        raise RecordingError(f"{path}: {name} on line {number} is not a list of numbers") from error
+        values = json_numbers(text)
+    except NO_NUMBER as error:
+        raise RecordingError(f"{path}: {name} on line {line} is not a list of numbers") from error
     if len(values) != count:
-        raise RecordingError(f"{path}: {len(values)} {name} on line {number} for {count} joints of {JOINTS}")
+        raise RecordingError(f"{path}: {len(values)} {name} on line {line} for {count} joints of {JOINTS}")
     return values
 
 
-def _aligned(time: np.ndarray, command: np.ndarray, at: np.ndarray, linear: bool) -> np.ndarray:
+def _resample(time: np.ndarray, command: np.ndarray, at: np.ndarray, linear: bool) -> np.ndarray:
     """Command (T, n) at other times: linear, or the latest before; the first one before that."""
     if time.shape == at.shape and np.array_equal(time, at):
         return command

@@ -32,10 +32,10 @@ class Motion:
 def smooth_motion(recording: Recording, signal: np.ndarray | None = None) -> Motion:
     """Smooth a signal (T, n) of a recording (default: its position) by a local cubic over 0.12 s.
 
-    Source: Savitzky and Golay, Analytical Chemistry 36, 1964; on an even grid at the recording's rate.
+    Source: Savitzky and Golay, Analytical Chemistry 36, 1964; on an even grid at the recording's sampling rate.
     """
     signal = recording.position if signal is None else signal
-    dt, (window, order) = 1.0 / recording.rate, _window(recording)
+    dt, (window, order) = 1.0 / recording.hz, _window(recording)
     grid = recording.time[0] + np.arange(max(round(recording.duration / dt) + 1, window)) * dt
     even = np.stack([np.interp(grid, recording.time, x) for x in signal.T], axis=1)
     parts = []
@@ -50,7 +50,7 @@ def smooth_motion(recording: Recording, signal: np.ndarray | None = None) -> Mot
 def smoothing_gain(recording: Recording, derivative: int = 0) -> float:
     """Sd of the smoothed signal, or of a derivative, where the signal's own white noise has sd 1."""
     window, order = _window(recording)
-    weights = savgol_coeffs(window, order, deriv=derivative, delta=1.0 / recording.rate)
+    weights = savgol_coeffs(window, order, deriv=derivative, delta=1.0 / recording.hz)
     return float(np.linalg.norm(np.asarray(weights)))
 
 
@@ -61,4 +61,4 @@ def smoothing_half(recording: Recording) -> int:
 
 def _window(recording: Recording) -> tuple[int, int]:
     """Samples (odd) and order of the local polynomial."""
-    return 2 * max(2, round(SMOOTHED_OVER * recording.rate / 2)) + 1, 3
+    return 2 * max(2, round(SMOOTHED_OVER * recording.hz / 2)) + 1, 3

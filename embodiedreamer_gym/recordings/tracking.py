@@ -29,7 +29,7 @@ class Tracking:
 
 def track(recording: Recording, command: np.ndarray) -> Tracking:
     """Delay each joint's command by what brings it closest to the position, offset apart."""
-    delays = np.unique(np.linspace(0, LONGEST_DELAY, 1 + min(15, max(1, round(LONGEST_DELAY * recording.rate)))))
+    delays = np.unique(np.linspace(0, LONGEST_DELAY, 1 + min(15, max(1, round(LONGEST_DELAY * recording.hz)))))
     expected = np.empty_like(recording.position)
     for j, (x, u) in enumerate(zip(recording.position.T, command.T, strict=True)):
         shifted = [np.interp(recording.time - delay, recording.time, u) for delay in delays]
@@ -46,7 +46,7 @@ def track(recording: Recording, command: np.ndarray) -> Tracking:
 
 def samples(recording: Recording, seconds: float) -> int:
     """How many samples cover this time, at least 2."""
-    return max(2, round(seconds * recording.rate) + 1)
+    return max(2, round(seconds * recording.hz) + 1)
 
 
 def trailing_range(x: np.ndarray, count: int) -> np.ndarray:

@@ -112,7 +112,7 @@ class _Track:
         if stage == "sensor":
             self.position = signal
         out = np.array(signal, float)
-        memory = [effect.start(out[:, 0], p, 1.0 / self.recording.rate) for effect, p in laws]
+        memory = [effect.start(out[:, 0], p, 1.0 / self.recording.hz) for effect, p in laws]
         for k in range(out.shape[1]):
             joint, x = self._joint(k, torque), out[:, k]
             for i, (effect, p) in enumerate(laws):

@@ -15,12 +15,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
-import h5py
 import numpy as np
 
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.motions import MOTIONS, Motion, Span, span_of, teleoperation
 from embodiedreamer_gym.recordings import Recording, Recordings, save_recording
+from embodiedreamer_gym.recordings.hdf5 import COMMAND, EFFORT, LAYOUT_FLAGS, POSITION, VELOCITY, new_hdf5
 from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
 from embodiedreamer_gym.standin.effect_sizes import draw_values, strength_of
 from embodiedreamer_gym.standin.robot import StandIn
@@ -192,10 +192,10 @@ def write_agilex(recording: Recording, path: str | Path) -> None:
 
     Source: collect_data.py of agilexrobotics/cobot_magic.
     """
-    with h5py.File(path, "w") as file:
-        file.attrs["sim"], file.attrs["compress"] = False, False
-        data = {"action": recording.command, "observations/qpos": recording.position}
-        data |= {"observations/qvel": recording.velocity, "observations/effort": recording.effort}
+    with new_hdf5(path) as file:
+        file.attrs.update(LAYOUT_FLAGS)
+        data = {COMMAND: recording.command, POSITION: recording.position}
+        data |= {VELOCITY: recording.velocity, EFFORT: recording.effort}
         data["base_action"] = np.zeros((len(recording.time), 2))
         for key, array in data.items():
             if array is not None:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from glob import glob
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.recordings.hdf5 import POSITION, open_hdf5
 from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, Condition, Episode
+
+ADVICE = "film or copy it again"
 
 
 def load_episode(path: str | Path, camera: str = "head") -> Episode:
@@ -23,26 +24,21 @@ def load_episode(path: str | Path, camera: str = "head") -> Episode:
     Raises: VisionError where something is missing or does not fit.
     """
     path = Path(path)
-    if not path.is_file():
-        raise VisionError(f"{path}: there is no such file.")
-    try:
-        with h5py.File(path, "r") as file:
-            frames, rgb, classes = (
-                _read(file, f"observations/{key}", path)
-                for key in (f"images/{camera}", f"sim/{camera}/rgb", f"sim/{camera}/classes")
+    with open_hdf5(path, VisionError, ADVICE) as file:
+        real, simulated = f"observations/images/{camera}", f"observations/sim/{camera}"
+        frames, rgb, classes = (file.read(key) for key in (real, f"{simulated}/rgb", f"{simulated}/classes"))
+        depth, parts, projections, clean = (
+            file.read(key) if key in file else None
+            for key in (
+                *(f"{simulated}/{name}" for name in ("depth", "parts", "projections")),
+                f"observations/clean/{camera}",
             )
-            depth, parts, projections = (
-                None if (data := file.get(f"observations/sim/{camera}/{key}")) is None else np.asarray(data)
-                for key in ("depth", "parts", "projections")
-            )
-            depth = None if depth is None else depth.astype(np.float32)
-            clean = file.get(f"observations/clean/{camera}")
-            clean = None if clean is None else np.asarray(clean)
-            look = json.loads(str(file.attrs["look"])).get("name", "") if "look" in file.attrs else ""
-            names = tuple(json.loads(str(file.attrs["class_names"]))) if "class_names" in file.attrs else CLASS_NAMES
-    except (OSError, ValueError) as error:
-        raise VisionError(_damaged(path)) from error
-    return Episode(path.stem, frames, Condition(rgb, classes, depth, parts, projections), clean, names, str(look))
+        )
+        depth = None if depth is None else depth.astype(np.float32)
+        look = file.json("look", {})
+        names = file.strings("class_names") or CLASS_NAMES
+    style = str(look.get("name", "")) if isinstance(look, dict) else ""
+    return Episode(path.stem, frames, Condition(rgb, classes, depth, parts, projections), clean, names, style)
 
 
 def load_episodes(patterns: Sequence[str | Path], camera: str = "head") -> list[Episode]:
@@ -77,22 +73,6 @@ def load_scene(path: str | Path) -> tuple[np.ndarray | None, dict[str, np.ndarra
 
     Raises: VisionError for a file that cannot be read.
     """
-    try:
-        with h5py.File(path, "r") as file:
-            joints, things = file.get("observations/qpos"), file.get("objects")
-            names = list(things) if isinstance(things, h5py.Group) else None
-            poses = None if names is None else {name: _read(file, f"objects/{name}", Path(path))[0] for name in names}
-            return _read(file, "observations/qpos", Path(path))[0] if joints is not None else None, poses
-    except (OSError, ValueError) as error:
-        raise VisionError(_damaged(path)) from error
-
-
-def _damaged(path: str | Path) -> str:
-    return f"{path}: damaged, cut short or not an HDF5 file; film or copy it again."
-
-
-def _read(file: h5py.File, key: str, path: Path) -> np.ndarray:
-    data = file.get(key)
-    if not isinstance(data, h5py.Dataset):
-        raise VisionError(f"{path}: the dataset /{key} is missing; film the episode, or prepare a real one first.")
-    return np.asarray(data)
+    with open_hdf5(path, VisionError, ADVICE) as file:
+        poses = {name: rows[0] for name, rows in file.object_poses().items()} if "objects" in file else None
+        return file.signal(POSITION)[0] if POSITION in file else None, poses

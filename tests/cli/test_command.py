@@ -299,7 +299,7 @@ def test_a_stand_ins_log_is_of_ones_choice(tmp_path: Path, capsys) -> None:
     assert set(truth["effects"]) == {"payload", "coulomb_friction"}
     logs = load_recordings(out / "train", out / "test")
     assert {r.kind for r in logs} == {"teleoperation"} and all(r.command is None for r in logs)
-    assert all(abs(r.rate - 50) < 5 and abs(r.duration - 3) < 0.1 for r in logs)
+    assert all(abs(r.hz - 50) < 5 and abs(r.duration - 3) < 0.1 for r in logs)
     assert np.allclose(logs[0].quantum, 0.002) and logs[0].noise.max() > 5e-4
     assert np.diff(logs[0].time).std() > 0.001
     capsys.readouterr()

@@ -35,7 +35,7 @@ def test_logs_to_diagnosis_to_environment(tmp_path: Path) -> None:
     """HDF5 logs of a stand-in pair with a hidden effect, diagnosed, give an environment that errs as `compare` says."""
     case = aloha_case("coulomb_friction", "left", np.random.default_rng(7), "strong", episodes=4, seconds=8.0)
     model = er.RobotModel.load(case.write(tmp_path))
-    train, test = (er.load_recordings(tmp_path / part / "*.hdf5", rate=30.0) for part in ("train", "test"))
+    train, test = (er.load_recordings(tmp_path / part / "*.hdf5", hz=30.0) for part in ("train", "test"))
     found = er.diagnose(model, train, test, max_effects=1)
     assert found.best == "coulomb_friction" and all(j.startswith("left") for j in found.joints["coulomb_friction"])
     found.model.save(tmp_path / "B.json")

@@ -43,7 +43,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         path = folder / f".attempt_{number}.hdf5"
         numbers = np.full((3, 14), number, np.float32)
         frames = [np.full((24, 32, 3), 20 * number, np.uint8)] * 3
-        write_aloha_episode(path, numbers, numbers, {"head": frames}, "put it there", rate=30,
+        write_aloha_episode(path, numbers, numbers, {"head": frames}, "put it there", hz=30,
                             attributes={"demonstration": {**wanted.settings(), "attempt": number}})  # fmt: skip
         return path
 
@@ -59,7 +59,7 @@ def attempts(folder: Path) -> list[int]:
 
 def test_an_episode_is_what_happened(real: Path) -> None:
     episodes = open_episodes(real)
-    assert episodes.cameras == REAL.cameras and episodes.rate == 30 and episodes.frame_size("head") == (16, 12)
+    assert episodes.cameras == REAL.cameras and episodes.hz == 30 and episodes.frame_size("head") == (16, 12)
     assert "cup" in episodes.task(0) and 60 < episodes.lengths[0] < module.STEPS
     with h5py.File(real / "episode_1.hdf5") as file:
         said, objects = dict(file.attrs), {name: data[()] for name, data in file["objects"].items()}
@@ -196,7 +196,7 @@ def test_a_lerobot_set(quick: list[int], tmp_path: Path, monkeypatch: pytest.Mon
     assert record_lerobot(QUICK, 2, tmp_path / "set") == 3
     assert quick == [] and [path.name for path in tmp_path.iterdir()] == ["set"]
     episodes = open_episodes(tmp_path / "set")
-    assert attempts(tmp_path / "set") == [1, 4] and episodes.task(0) == "put it there" and episodes.rate == 30
+    assert attempts(tmp_path / "set") == [1, 4] and episodes.task(0) == "put it there" and episodes.hz == 30
     assert abs(episodes.frames(1, "head").mean() - 80) < 2
     names = json.loads((tmp_path / "set/meta/info.json").read_text())["features"]["action"]["names"]
     assert names[0] == "left_joint1"

@@ -91,7 +91,7 @@ def test_only_the_frames_are_new(demos: Path, tmp_path: Path, quick: list[str]) 
     assert regenerate(demos, tmp_path, editor=editor) == Regenerated(1, 0, ())
     old, new = open_episodes(demos), open_episodes(tmp_path)
     assert np.array_equal(old.states(0), new.states(0)) and np.array_equal(old.actions(0), new.actions(0))
-    assert new.cameras == ("head",) and new.frame_size("head") == (128, 96) and new.rate == old.rate
+    assert new.cameras == ("head",) and new.frame_size("head") == (128, 96) and new.hz == old.hz
     assert new.names == ("episode_0_0",) and new.task(0) == "grab the paper cup"
     with h5py.File(tmp_path / "episode_0_0.hdf5") as one, h5py.File(demos / "episode_0.hdf5") as two:
         assert np.array_equal(one["objects/cup"], two["objects/cup"]) and one.attrs["task"] == "GrabPaperCup"

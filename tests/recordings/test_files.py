@@ -74,7 +74,7 @@ def test_an_interrupted_write_leaves_the_old_file(tmp_path, make, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(files, "write_plain_csv", stop)
-    with pytest.raises(RecordingError, match=r"cannot be written .No space left"):
+    with pytest.raises(RecordingError, match="cannot be written: No space left"):
         save_recording(make(), path)
     assert path.read_bytes() == before and os.listdir(tmp_path) == ["a.csv"]
 

@@ -14,7 +14,7 @@ def test_a_recording_fills_in_what_is_not_given(make):
     assert recording.kind == "sine"
     assert recording.usable.shape == (600, 4) and recording.usable.all()
     assert recording.noise.shape == recording.quantum.shape == recording.sigma.shape == (4,)
-    assert recording.rate == pytest.approx(50) and recording.duration == pytest.approx(599 / 50)
+    assert recording.hz == pytest.approx(50) and recording.duration == pytest.approx(599 / 50)
     assert repr(recording) == (
         "Recording('sine_01', kind 'sine', 600 samples, 4 joints, 11.98 s, 50.0 Hz, position+command+effort)"
     )

@@ -31,7 +31,7 @@ def sage(folder, rows=20, shift=0.0, effort=0.0, joints=("Pitch", "Jaw"), state=
 def test_a_folder_is_one_recording(tmp_path):
     recording = read_sage_csv(sage(tmp_path / "ramp_3", effort=1.0))
     assert recording.joints == ("Pitch", "Jaw") and recording.name == "ramp_3" and recording.kind == "ramp"
-    assert recording.rate == pytest.approx(50) and recording.time[1] == pytest.approx(0.02)
+    assert recording.hz == pytest.approx(50) and recording.time[1] == pytest.approx(0.02)
     assert recording.command[:, 0].tolist() == list(range(20)) and recording.command[3, 1] == -3
     assert recording.velocity is None and recording.effort[0].tolist() == [1.0, 1.0]
 

@@ -60,7 +60,7 @@ def test_strength_and_sensor_can_be_chosen():
     assert strong == pytest.approx(faint * 2.5 / 0.3)
     other = {"held_out": ("hold_poses", "staircase"), "rate": 50.0, "quantum": 0.01}
     coarse = draw_case(None, "pendulum1", rng(), seconds=SECONDS, **other)
-    assert coarse.train[0].rate == pytest.approx(50.0)
+    assert coarse.train[0].hz == pytest.approx(50.0)
     assert [r.kind for r in coarse.test] == ["hold_poses", "staircase"]
 
 
@@ -90,7 +90,7 @@ def test_motions_rate_and_signals_can_be_chosen(plain):
     assert [r.kind for r in (*case.train, *case.test)] == ["staircase", "hold_poses", "multisine"]
     log = case.train[0]
     assert log.command is None and log.velocity is None and log.effort is not None
-    assert log.rate == pytest.approx(50.0)
+    assert log.hz == pytest.approx(50.0)
     assert np.ptp(case.test[1].position) < 0.3 < np.ptp(plain.train[0].position)
     assert draw_case(None, "pendulum1", rng(), seconds=SECONDS, with_effort=False).train[0].effort is None
     with pytest.raises(ModelError, match="no motion 'dance'; there are multisine"):
@@ -108,7 +108,7 @@ def test_the_same_robot_can_make_one_more_recording(plain):
     motion = MOTIONS["staircase"](plain_span(), rng(5), SECONDS)
     one, other = (draw_case(e, "pendulum1", rng(), "strong", seconds=SECONDS) for e in (None, "torque_bias"))
     first, second = (case.record(motion, "extra") for case in (one, other))
-    assert (first.name, first.kind, first.rate) == ("extra", "staircase", pytest.approx(100.0))
+    assert (first.name, first.kind, first.hz) == ("extra", "staircase", pytest.approx(100.0))
     np.testing.assert_array_equal(first.command, second.command)
     assert np.abs(first.position - second.position).max() > 2e-3  # the effect is still there
 

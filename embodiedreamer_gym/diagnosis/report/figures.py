@@ -109,7 +109,7 @@ def _worst_window(comparison: Comparison, joint: int) -> tuple[int, slice]:
     errors, usable = comparison.errors(0), comparison.signals.usable
     for run, recording in enumerate(comparison.recordings):
         square = np.where(usable[run][:, joint], errors[run][:, joint], 0.0) ** 2
-        size = min(len(square), max(2, round(WINDOW * recording.rate)))
+        size = min(len(square), max(2, round(WINDOW * recording.hz)))
         total = np.convolve(square, np.ones(size), mode="valid") / size
         start = int(np.argmax(total))
         if total[start] > best:

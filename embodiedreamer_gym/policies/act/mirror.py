@@ -41,9 +41,9 @@ class MirroredEpisodes:
         return 2 * len(self._episodes)
 
     @property
-    def rate(self) -> float:
+    def hz(self) -> float:
         """Steps per second, Hz."""
-        return self._episodes.rate
+        return self._episodes.hz
 
     @property
     def objects(self) -> Mapping[str, int]:

@@ -41,7 +41,7 @@ class Episodes(Protocol):
         ...
 
     @property
-    def rate(self) -> float:
+    def hz(self) -> float:
         """Steps per second, Hz."""
         ...
 

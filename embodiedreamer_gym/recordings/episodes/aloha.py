@@ -1,38 +1,25 @@
-"""Episodes of ALOHA and AgileX HDF5 files, one file an episode.
-
-Source: collect_data.py of agilexrobotics/cobot_magic, record_sim_episodes.py of tonyzhaozh/act.
-"""
+"""Episodes of ALOHA and AgileX HDF5 files, one file an episode."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import h5py
 import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.recordings.episodes.episode_set import (
-    LARGEST_EDGE,
-    MOST_NUMBERS,
-    EpisodeSet,
-    check_numbers,
-)
-from embodiedreamer_gym.recordings.frames import decode
+from embodiedreamer_gym.recordings.episodes.episode_set import SAME_HZ, EpisodeSet, check_numbers
+from embodiedreamer_gym.recordings.hdf5 import COMMAND, IMAGES, MASKS, POSITION, Hdf5File, open_hdf5, text
+from embodiedreamer_gym.recordings.time_axis import check_hz
 
-SAME_RATE = 0.02  # by which the rates of files may differ: clocks jitter
-STATE, ACTION, IMAGES = "observations/qpos", "action", "observations/images"
-MASKS, CLASSES = "observations/masks", "class_names"  # beside the images; names of the numbers in them, a JSON list
+CLASSES = "class_names"  # attribute: JSON list of the names of the numbers in the masks
 NO_OBJECTS = ("background", "table", "robot")
 
 
 @dataclass(frozen=True)
 class _File:
-    """What is known of a file: its length, sizes of its numbers, cameras with width and height, task and rate."""
+    """One file: number of steps, sizes of state and action, cameras with width and height, task, Hz, object numbers."""
 
     path: Path
     length: int
@@ -40,41 +27,43 @@ class _File:
     action_size: int
     cameras: dict[str, tuple[int, int]]
     task: str
-    rate: float | None
+    hz: float | None
     objects: dict[str, int]
 
 
 class AlohaEpisodes(EpisodeSet):
     """Episodes of HDF5 files: raw frames, or JPEG buffers that are zero-padded or of varying length.
 
-    rate: Hz, where the files do not say it (`rate`, `fps`, `control_hz` or `/timestamps`).
+    hz: control rate, Hz, where the files do not state it (`rate`, `fps`, `control_hz` or `/timestamps`).
     Raises: RecordingError where a file is damaged or of another layout, or the files disagree with each other.
     """
 
-    def __init__(self, paths: Sequence[Path], rate: float | None = None) -> None:
-        if rate is not None and not 0 < rate < np.inf:
-            raise RecordingError(f"the rate is {rate:g} Hz; it must be above 0")
+    def __init__(self, paths: Sequence[Path], hz: float | None = None) -> None:
+        self.source = str(paths[0] if len(paths) == 1 else Path(paths[0]).parent)
+        self._hz = None if hz is None else check_hz(hz, self.source)
         self._files = [_inspect(Path(path)) for path in paths]
         first = self._files[0]
         for other in self._files[1:]:
             _agree(first, other)
-        self.source = str(paths[0] if len(paths) == 1 else Path(paths[0]).parent)
         self.cameras = tuple(first.cameras)
         self.state_size, self.action_size = first.state_size, first.action_size
         self.lengths = tuple(file.length for file in self._files)
         self.names = tuple(file.path.stem for file in self._files)
         self.objects = first.objects
-        self._rate = rate or next((file.rate for file in self._files if file.rate is not None), None)
+        if self._hz is None:
+            self._hz = next((file.hz for file in self._files if file.hz is not None), None)
 
     @property
-    def rate(self) -> float:
+    def hz(self) -> float:
         """Steps per second, Hz.
 
-        Raises: RecordingError where neither the files nor the caller said it.
+        Raises: RecordingError where neither the files nor the caller stated it.
         """
-        if self._rate is None:
-            raise RecordingError(f"{self.source} does not say its rate; give it, as open_episodes(path, rate=30)")
-        return self._rate
+        if self._hz is None:
+            raise RecordingError(
+                f"{self.source} does not state its control rate; give it, as open_episodes(path, hz=30)"
+            )
+        return self._hz
 
     def task(self, episode: int) -> str:
         """The task in words, of the attribute `instruction`, else `task`; "" without them."""
@@ -82,155 +71,92 @@ class AlohaEpisodes(EpisodeSet):
 
     def states(self, episode: int) -> np.ndarray:
         """Joint positions (T, n), float32."""
-        return self._numbers(episode, STATE)
+        return self._numbers(episode, POSITION)
 
     def actions(self, episode: int) -> np.ndarray:
         """Actions (T, m), float32."""
-        return self._numbers(episode, ACTION)
+        return self._numbers(episode, COMMAND)
 
     def frame_size(self, camera: str) -> tuple[int, int]:
         """Width and height of a camera's frames, pixels."""
         return self._files[0].cameras[camera]
 
     def _numbers(self, episode: int, key: str) -> np.ndarray:
-        path = self._files[episode].path
-        with _opened(path) as file:
-            return check_numbers(_dataset(file, path, key)[()], f"{path}: /{key}")
+        with open_hdf5(self._files[episode].path) as file:
+            return _numbers(file, key)
 
     def _read_masks(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
-        path = self._files[episode].path
-        with _opened(path) as file:
-            return _dataset(file, path, f"{MASKS}/{camera}")[start:stop]
+        with open_hdf5(self._files[episode].path) as file:
+            return file.read(f"{MASKS}/{camera}", start, stop)
 
     def _read_frames(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
         path, key = self._files[episode].path, f"{IMAGES}/{camera}"
-        with _opened(path) as file:
-            rows = _dataset(file, path, key)[start:stop]
-        if rows.ndim == 4:
-            return rows
         width, height = self.frame_size(camera)
-        frames = np.empty((stop - start, height, width, 3), np.uint8)
-        for number, row in enumerate(rows):
-            frame = decode(np.asarray(row), f"{path}: frame {start + number} of /{key}")
-            if frame.shape != frames.shape[1:]:
-                raise RecordingError(
-                    f"{path}: frame {start + number} of /{key} is {frame.shape[1]} x {frame.shape[0]}, "
-                    f"others are {width} x {height}; all must have one size"
-                )
-            frames[number] = frame
+        with open_hdf5(path) as file:
+            file.check_bytes(key, (stop - start) * height * width * 3)
+            if file.dataset(key).ndim == 4:
+                return file.read(key, start, stop)
+            frames = np.empty((stop - start, height, width, 3), np.uint8)
+            for number, frame in enumerate(file.frames(camera, start, stop)):
+                if frame.shape != frames.shape[1:]:
+                    raise file.error(
+                        f"frame {start + number} of /{key} is {frame.shape[1]} x {frame.shape[0]}, "
+                        f"others are {width} x {height}; all must have one size"
+                    )
+                frames[number] = frame
         return frames
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[h5py.File]:
-    """An HDF5 file; whatever h5py finds wrong with it becomes one sentence."""
-    if not path.is_file():
-        raise RecordingError(f"{path}: there is no such file")
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except RecordingError:
-        raise
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError) as error:  # what h5py raises
-        raise RecordingError(f"{path}: damaged, cut short or not an HDF5 file; record or copy it again") from error
-
-
-def _dataset(file: h5py.File, path: Path, key: str) -> h5py.Dataset:
-    """A dataset that lies in this very file."""
-    data = file.get(key)
-    if not isinstance(data, h5py.Dataset) or data.shape is None:
-        raise RecordingError(f"{path}: the dataset /{key} is missing; the ALOHA layout needs it")
-    if data.file.filename != file.filename or data.external or data.is_virtual:
-        raise RecordingError(f"{path}: /{key} points to another file; copy its numbers into this one")
-    return data
+def _numbers(file: Hdf5File, key: str) -> np.ndarray:
+    return check_numbers(file.signal(key), f"{file.path}: /{key}")
 
 
 def _inspect(path: Path) -> _File:
-    """Everything that can be wrong with a file, short of its frames' content."""
-    with _opened(path) as file:
-        sizes = {}
-        for key in (STATE, ACTION):
-            data = _dataset(file, path, key)
-            if (data.size or 0) > MOST_NUMBERS:
-                raise RecordingError(f"{path}: /{key} claims the shape {data.shape}; that is no episode")
-            sizes[key] = check_numbers(data[()], f"{path}: /{key}").shape
-        length = sizes[STATE][0]
-        if length == 0 or sizes[ACTION][0] != length:
-            raise RecordingError(
-                f"{path}: /{ACTION} has {sizes[ACTION][0]} steps, /{STATE} {length}; they must agree and be at least one"
+    """Check all of a file but the content of its frames."""
+    with open_hdf5(path) as file:
+        state, action = _numbers(file, POSITION), _numbers(file, COMMAND)
+        length = len(state)
+        if length == 0 or len(action) != length:
+            raise file.error(
+                f"/{COMMAND} has {len(action)} steps, /{POSITION} {length}; they must agree and be at least one"
             )
-        cameras = {name: _frame_size(file, path, name, length) for name in _camera_names(file, path)}
-        return _File(path, length, sizes[STATE][1], sizes[ACTION][1], cameras, _task(file), _rate(file, path, length),
-                     _objects(file, path, cameras, length))  # fmt: skip
-
-
-def _camera_names(file: h5py.File, path: Path) -> list[str]:
-    group = file.get(IMAGES)
-    if group is None:
-        return []
-    if not isinstance(group, h5py.Group):
-        raise RecordingError(f"{path}: /{IMAGES} is no group of one dataset per camera")
-    return list(group)
-
-
-def _frame_size(file: h5py.File, path: Path, camera: str, length: int) -> tuple[int, int]:
-    """Width and height of a camera's frames, of which there are as many as steps."""
-    key = f"{IMAGES}/{camera}"
-    data = _dataset(file, path, key)
-    raw = data.ndim == 4 and data.shape[3] == 3 and data.dtype == np.uint8
-    coded = (data.ndim == 2 and data.dtype == np.uint8) or (
-        data.ndim == 1 and h5py.check_vlen_dtype(data.dtype) is not None
-    )
-    if not raw and not coded:
-        raise RecordingError(
-            f"{path}: /{key} is {data.dtype} of shape {data.shape}; uint8 (T, H, W, 3) or one JPEG per row is expected"
+        cameras = {}
+        for camera, data in file.cameras().items():
+            if data.shape[0] != length:
+                raise file.error(
+                    f"/{IMAGES}/{camera} has {data.shape[0]} frames for {length} steps; frames are missing"
+                )
+            height, width = (data.shape[1:] if data.ndim == 4 else next(file.frames(camera, 0, 1)).shape)[:2]
+            cameras[camera] = (int(width), int(height))
+        hz = file.hz()
+        if hz is None and length > 1 and (times := file.times(state)) is not None:
+            hz = check_hz(1.0 / float(np.median(np.diff(times[0]))), str(path))
+        task = file.file.attrs.get("instruction", file.file.attrs.get("task", ""))
+        return _File(
+            path, length, state.shape[1], action.shape[1], cameras, text(task), hz, _objects(file, cameras, length)
         )
-    if data.shape[0] != length:
-        raise RecordingError(f"{path}: /{key} has {data.shape[0]} frames for {length} steps; frames are missing")
-    shape = data.shape[1:] if raw else decode(np.asarray(data[0]), f"{path}: frame 0 of /{key}").shape
-    if not 0 < min(shape[:2]) <= max(shape[:2]) <= LARGEST_EDGE:
-        raise RecordingError(f"{path}: /{key} has frames of {shape[1]} x {shape[0]}; 1 to {LARGEST_EDGE} are allowed")
-    return int(shape[1]), int(shape[0])
 
 
-def _objects(file: h5py.File, path: Path, cameras: dict[str, tuple[int, int]], length: int) -> dict[str, int]:
-    """Objects by their number in the masks; none where a camera has no masks, or their numbers no names."""
+def _objects(file: Hdf5File, cameras: Mapping[str, tuple[int, int]], length: int) -> dict[str, int]:
+    """Number of each object in the masks; none where a camera has no masks, or their numbers no names."""
     try:
-        names = json.loads(str(file.attrs.get(CLASSES, "[]")))
-    except ValueError:
+        names = file.json(CLASSES, [])
+    except RecordingError:
         names = []
     if not cameras or not isinstance(names, list) or any(f"{MASKS}/{camera}" not in file for camera in cameras):
         return {}
     for camera, (width, height) in cameras.items():
-        data = _dataset(file, path, f"{MASKS}/{camera}")
+        data = file.dataset(f"{MASKS}/{camera}")
         if data.shape != (length, height, width) or data.dtype != np.uint8:
-            raise RecordingError(
-                f"{path}: /{MASKS}/{camera} is {data.dtype} of shape {data.shape}; uint8 {(length, height, width)} is expected"
+            raise file.error(
+                f"/{MASKS}/{camera} is {data.dtype} of shape {data.shape}; uint8 {(length, height, width)} is expected"
             )
     return {str(name): number for number, name in enumerate(names) if name not in NO_OBJECTS}
 
 
-def _numbered(objects: Mapping[str, int]) -> str:
-    """Objects with their numbers in the masks."""
+def _list(objects: Mapping[str, int]) -> str:
+    """Objects with their numbers in the masks, as text."""
     return ", ".join(f"{name} ({number})" for name, number in objects.items()) or "nothing"
-
-
-def _task(file: h5py.File) -> str:
-    found = file.attrs.get("instruction", file.attrs.get("task", ""))
-    return found.decode(errors="replace") if isinstance(found, bytes) else str(found)
-
-
-def _rate(file: h5py.File, path: Path, length: int) -> float | None:
-    """Hz, as an attribute or as times say it."""
-    given: Any = next((file.attrs[key] for key in ("rate", "fps", "control_hz") if key in file.attrs), None)
-    if given is None and length > 1 and isinstance(file.get("timestamps"), h5py.Dataset):
-        given = 1.0 / max(float(np.median(np.diff(np.ravel(_dataset(file, path, "timestamps")[()])))), 1e-9)
-    if given is None:
-        return None
-    rate = float(np.ravel(given)[0])
-    if not 0 < rate < np.inf:
-        raise RecordingError(f"{path}: the rate is {rate:g} Hz; it must be above 0")
-    return rate
 
 
 def _agree(one: _File, other: _File) -> None:
@@ -240,9 +166,9 @@ def _agree(one: _File, other: _File) -> None:
         ("a state size of", one.state_size, other.state_size),
         ("the cameras", ", ".join(one.cameras) or "none", ", ".join(other.cameras) or "none"),
         ("frames of", list(one.cameras.values()), list(other.cameras.values())),
-        ("masks of", _numbered(one.objects), _numbered(other.objects)),
+        ("masks of", _list(one.objects), _list(other.objects)),
     ):
         if a != b:
             raise RecordingError(f"{other.path} has {what} {b}, {one.path.name} {a}; all episodes must have the same")
-    if one.rate is not None and other.rate is not None and abs(one.rate - other.rate) > SAME_RATE * one.rate:
-        raise RecordingError(f"{other.path} runs at {other.rate:.4g} Hz, {one.path.name} at {one.rate:.4g} Hz")
+    if one.hz is not None and other.hz is not None and abs(one.hz - other.hz) > SAME_HZ * one.hz:
+        raise RecordingError(f"{other.path} runs at {other.hz:.4g} Hz, {one.path.name} at {one.hz:.4g} Hz")

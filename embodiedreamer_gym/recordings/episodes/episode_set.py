@@ -1,23 +1,24 @@
-"""What every set of episodes offers, whichever files it lies in."""
+"""The interface of a set of episodes, whatever its files, and the checks that its readers and writers share."""
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
 
-MOST_NUMBERS = 10**8  # of one episode's states; a file that claims more lies about its shape
-LARGEST_EDGE = 8192  # pixels
+SAME_HZ = 0.02  # relative difference of control rates that count as one: clocks jitter
+Frames = Mapping[str, Iterable[np.ndarray]]  # camera -> frames (H, W, 3) uint8
 
 
 class EpisodeSet(ABC):
-    """Episodes of one robot with the frames of its cameras; what is asked for is read, and nothing is kept.
+    """Episodes of one robot with the frames of its cameras; only what is asked for is read, and nothing is kept.
 
     cameras: names, none for a set without frames; state_size n, action_size m; lengths: steps of each episode; names: of
-    the episodes; objects: of each object that the masks of all cameras tell apart, its number in them (none without masks).
+    the episodes; objects: name of each object -> its number in the masks of all cameras (none without masks).
     The action of a step is the one that follows its state and frame.
     """
 
@@ -31,15 +32,21 @@ class EpisodeSet(ABC):
 
     @property
     @abstractmethod
-    def rate(self) -> float:
+    def hz(self) -> float:
         """Steps per second, Hz.
 
-        Raises: RecordingError where neither the files nor the caller said it.
+        Raises: RecordingError where neither the files nor the caller stated it.
         """
+
+    @property
+    def rate(self) -> float:
+        """Deprecated: use `hz`."""
+        warnings.warn("EpisodeSet.rate is deprecated; use EpisodeSet.hz", DeprecationWarning, stacklevel=2)
+        return self.hz
 
     @abstractmethod
     def task(self, episode: int) -> str:
-        """The task in words; "" where the files do not say it."""
+        """The task in words; "" where the files do not state it."""
 
     @abstractmethod
     def states(self, episode: int) -> np.ndarray:
@@ -51,7 +58,7 @@ class EpisodeSet(ABC):
 
     @abstractmethod
     def _read_frames(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
-        """Frames start .. stop - 1 of a camera that there is, at least one."""
+        """Frames start .. stop - 1 of an existing camera, at least one."""
 
     @abstractmethod
     def frame_size(self, camera: str) -> tuple[int, int]:
@@ -60,7 +67,7 @@ class EpisodeSet(ABC):
     def frames(self, episode: int, camera: str, start: int = 0, stop: int | None = None) -> np.ndarray:
         """Frames start .. stop - 1 of a camera, (k, H, W, 3) uint8 RGB; only these are read.
 
-        Raises: RecordingError for a camera or steps that there are not, and for frames that cannot be read.
+        Raises: RecordingError for a camera or steps that do not exist, and for frames that cannot be read.
         """
         start, stop = self._window(episode, camera, start, stop)
         if start == stop:
@@ -69,7 +76,7 @@ class EpisodeSet(ABC):
         return self._read_frames(episode, camera, start, stop)
 
     def masks(self, episode: int, camera: str, start: int = 0, stop: int | None = None) -> np.ndarray:
-        """Masks (k, H, W) uint8 of the same frames: at each pixel the number of what is there.
+        """Masks (k, H, W) uint8 of the same frames: at each pixel the number of its object or class.
 
         Raises: RecordingError as `frames`, and where there are no masks.
         """
@@ -78,11 +85,11 @@ class EpisodeSet(ABC):
         return self._read_masks(episode, camera, *self._window(episode, camera, start, stop))
 
     def _read_masks(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
-        """Masks of frames that there are."""
+        """Masks of existing frames."""
         raise NotImplementedError
 
     def _window(self, episode: int, camera: str, start: int, stop: int | None) -> tuple[int, int]:
-        """First and last but one of the steps that are asked for."""
+        """Checked start and stop of the steps that are asked for."""
         if camera not in self.cameras:
             raise RecordingError(
                 f"{self.source} has no camera '{camera}'; it has {', '.join(self.cameras) or 'no frames at all'}"
@@ -116,3 +123,32 @@ def check_numbers(values: np.ndarray, where: str) -> np.ndarray:
     if len(bad):
         raise RecordingError(f"{where} is not finite at step {bad[0][0]}, column {bad[0][1]}; leave that episode out")
     return values
+
+
+def check_frame(frame: np.ndarray, shape: tuple[int, ...], where: str) -> None:
+    """Raises: RecordingError for a frame that is not (H, W, 3) uint8, or not of this shape."""
+    if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
+        raise RecordingError(f"{where}: a frame is {frame.dtype} of shape {frame.shape}; (H, W, 3) uint8 is expected")
+    if frame.shape != shape:
+        raise RecordingError(f"{where}: the frames have several sizes; all must have one")
+
+
+def frame_rows(frames: Frames, count: int, where: str) -> Iterator[dict[str, np.ndarray]]:
+    """One frame of each camera at a time, `count` times.
+
+    Raises: RecordingError where a camera has fewer frames, or more.
+    """
+    sources = {camera: iter(source) for camera, source in frames.items()}
+    for step in range(count):
+        row = {}
+        for camera, source in sources.items():
+            frame = next(source, None)
+            if frame is None:
+                raise RecordingError(
+                    f"{where}: camera {camera} has {step} frames for {count} steps; frames are missing"
+                )
+            row[camera] = np.asarray(frame)
+        yield row
+    for camera, source in sources.items():
+        if next(source, None) is not None:
+            raise RecordingError(f"{where}: camera {camera} has more than {count} frames, one per step")

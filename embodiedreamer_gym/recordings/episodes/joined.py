@@ -8,16 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.recordings.episodes.episode_set import EpisodeSet
+from embodiedreamer_gym.io.deprecation import renamed_arguments
+from embodiedreamer_gym.recordings.episodes.episode_set import SAME_HZ, EpisodeSet
 from embodiedreamer_gym.recordings.episodes.opening import open_episodes
-
-SAME_RATE = 0.02  # by which rates may differ: clocks jitter
 
 
 class JoinedEpisodes(EpisodeSet):
     """The episodes of several sets, one set after the other, named `<set>/<episode>`; nothing is copied.
 
-    names: of the sets, numbers where None; cameras: those to be seen, all where None, in which the sets must agree.
+    names: of the sets, numbers where None; cameras: those that are used, all where None; the sets must agree in them.
     Raises: RecordingError without a set, or where they differ in cameras, sizes or rate.
     """
 
@@ -43,19 +42,19 @@ class JoinedEpisodes(EpisodeSet):
         self.source = " and ".join(one.source for one in sets)
 
     @property
-    def rate(self) -> float:
+    def hz(self) -> float:
         """Steps per second, Hz.
 
-        Raises: RecordingError where a set does not say it, or they differ.
+        Raises: RecordingError where a set does not state it, or they differ.
         """
-        rates = [one.rate for one in self._sets]
-        if max(rates) - min(rates) > SAME_RATE * rates[0]:
-            told = ", ".join(f"{one.source} {rate:.4g} Hz" for one, rate in zip(self._sets, rates, strict=True))
-            raise RecordingError(f"the sets run at different rates, {told}; join sets of one rate")
+        rates = [one.hz for one in self._sets]
+        if max(rates) - min(rates) > SAME_HZ * rates[0]:
+            text = ", ".join(f"{one.source} {hz:.4g} Hz" for one, hz in zip(self._sets, rates, strict=True))
+            raise RecordingError(f"the sets run at different rates, {text}; join sets of one rate")
         return rates[0]
 
     def task(self, episode: int) -> str:
-        """The task in words; "" where the files do not say it."""
+        """The task in words; "" where the files do not state it."""
         one, number = self._places[episode]
         return one.task(number)
 
@@ -82,15 +81,16 @@ class JoinedEpisodes(EpisodeSet):
         return one.frames(number, camera, start, stop)
 
 
+@renamed_arguments(rate="hz")
 def mixed(
-    *sets: EpisodeSet | str | os.PathLike[str], rate: float | None = None, cameras: Sequence[str] | None = None
+    *sets: EpisodeSet | str | os.PathLike[str], hz: float | None = None, cameras: Sequence[str] | None = None
 ) -> EpisodeSet:
-    """Sets of episodes, or the folders of such, as one: the recorded ones and those generated from them, say.
+    """Several sets of episodes, or folders of such, as one: recorded and generated ones, for example.
 
-    rate: Hz, of HDF5 files that do not say it; cameras: as of `JoinedEpisodes`.
+    hz: control rate, Hz, of HDF5 files that do not state it; cameras: as of `JoinedEpisodes`.
     Raises: RecordingError where one cannot be opened, or they do not fit together.
     """
-    opened = [one if isinstance(one, EpisodeSet) else open_episodes(one, rate) for one in sets]
+    opened = [one if isinstance(one, EpisodeSet) else open_episodes(one, hz) for one in sets]
     return opened[0] if len(opened) == 1 and cameras is None else JoinedEpisodes(opened, cameras=cameras)
 
 

@@ -13,14 +13,15 @@ import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.recordings.episodes.episode_set import EpisodeSet, check_numbers
-from embodiedreamer_gym.recordings.episodes.extra import needed
+from embodiedreamer_gym.recordings.episodes.extras import load_extra
 from embodiedreamer_gym.recordings.episodes.lerobot_info import ACTION, STATE, inside, read_info
 from embodiedreamer_gym.recordings.episodes.video import VideoReader
+from embodiedreamer_gym.recordings.hdf5 import MAX_NUMBERS
 
 
 @dataclass(frozen=True)
 class _Place:
-    """Where an episode lies: its table, and of each camera the video and the second it begins at."""
+    """Files of an episode: its table, and each camera's video with the second at which the episode begins."""
 
     length: int
     task: str
@@ -37,7 +38,7 @@ class LeRobotEpisodes(EpisodeSet):
     def __init__(self, folder: str | Path) -> None:
         self._folder = Path(folder).absolute()  # a relative path might look like another protocol to ffmpeg
         self._info = info = read_info(self._folder)
-        self._parquet, self._arrow = needed("pyarrow.parquet"), needed("pyarrow")
+        self._parquet, self._arrow = load_extra("pyarrow.parquet"), load_extra("pyarrow")
         self._videos = VideoReader() if info.cameras else None
         self._places = self._read_places()
         self.source = str(self._folder)
@@ -57,9 +58,9 @@ class LeRobotEpisodes(EpisodeSet):
         self.__init__(state["folder"])
 
     @property
-    def rate(self) -> float:
+    def hz(self) -> float:
         """Steps per second, Hz."""
-        return self._info.rate
+        return self._info.hz
 
     def task(self, episode: int) -> str:
         """The task in words."""
@@ -79,8 +80,8 @@ class LeRobotEpisodes(EpisodeSet):
 
     def _read_frames(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
         path, begin = self._places[episode].videos[camera]
-        times = begin + np.arange(start, stop) / self.rate
-        return self._videos.read(path, times, self.rate, self.frame_size(camera))  # pyright: ignore[reportOptionalMemberAccess]
+        times = begin + np.arange(start, stop) / self.hz
+        return self._videos.read(path, times, self.hz, self.frame_size(camera))  # pyright: ignore[reportOptionalMemberAccess]
 
     def _numbers(self, episode: int, key: str, width: int) -> np.ndarray:
         """One signal (T, width) of an episode."""
@@ -100,19 +101,22 @@ class LeRobotEpisodes(EpisodeSet):
         values = flat.to_numpy(zero_copy_only=False).reshape(place.length, width)
         return check_numbers(values, f"{place.table}: {key} of episode {episode}")
 
-    def _table(self, path: Path, columns: list[str] | None, filters: Any = None) -> Any:
-        """Columns of a table; whatever pyarrow finds wrong with it becomes one sentence."""
+    def _table(self, path: Path, columns: list[str], filters: Any = None) -> Any:
+        """Columns of a table; whatever pyarrow finds wrong with it becomes one sentence. filters: of its rows."""
         try:
-            known = self._parquet.read_schema(path).names
-            missing = [name for name in columns or () if name not in known]
-            if missing:
-                raise RecordingError(f"{path}: the column {missing[0]} is missing")
+            with self._parquet.ParquetFile(path) as file:
+                missing = [name for name in columns if name not in file.schema_arrow.names]
+                if missing:
+                    raise RecordingError(f"{path}: the column {missing[0]} is missing")
+                _check_size(file.metadata, columns, path)
             return self._parquet.read_table(path, columns=columns, filters=filters, partitioning=None)
-        except (self._arrow.ArrowException, OSError) as error:
+        except (self._arrow.ArrowException, OSError, ValueError, OverflowError, MemoryError) as error:
+            if isinstance(error, RecordingError):
+                raise
             raise RecordingError(f"{path}: damaged, cut short or not a parquet table; copy it again") from error
 
     def _read_places(self) -> list[_Place]:
-        """Where the episodes lie, of meta/episodes."""
+        """The files of all episodes, from meta/episodes."""
         paths = sorted((self._folder / "meta" / "episodes").glob("*/*.parquet"))
         videos = [key for key, _, _ in self._info.cameras.values()]
         columns = ["episode_index", "length", "tasks", "data/chunk_index", "data/file_index"]
@@ -128,16 +132,16 @@ class LeRobotEpisodes(EpisodeSet):
         return [self._place(row) for row in rows]
 
     def _place(self, row: dict[str, Any]) -> _Place:
-        """Where one episode lies.
+        """The files of one episode, from its row of meta/episodes.
 
-        Raises: RecordingError where one of its files is missing.
+        Raises: RecordingError where one of them is missing, or a value is impossible.
         """
         info, number = self._info, row["episode_index"]
         for key, value in row.items():
             kind = int | float if key.endswith("from_timestamp") else int
-            if key != "tasks" and not (isinstance(value, kind) and (key == "length") <= value < 2**40):
+            if key != "tasks" and not (isinstance(value, kind) and (key == "length") <= value < 2**31):
                 raise RecordingError(
-                    f"{self._folder}: {key} of episode {number} is {value!r} in meta/episodes; it cannot be"
+                    f"{self._folder}: {key} of episode {number} is {value!r} in meta/episodes; that is impossible"
                 )
         table = inside(self._folder, info.data_path, row["data/chunk_index"], row["data/file_index"])
         videos = {}
@@ -149,7 +153,20 @@ class LeRobotEpisodes(EpisodeSet):
             if not path.is_file():
                 raise RecordingError(f"{path} is missing, which holds episode {number}; copy the whole set again")
         tasks = row["tasks"]
-        return _Place(int(row["length"]), str(tasks[0]) if tasks else "", table, videos)
+        task = tasks[0] if isinstance(tasks, list) and tasks else tasks
+        return _Place(int(row["length"]), str(task or ""), table, videos)
+
+
+def _check_size(metadata: Any, columns: list[str], path: Path) -> None:
+    """Raises: RecordingError for a table whose columns claim more than can be read."""
+    numbers = sum(
+        group.column(i).num_values
+        for group in map(metadata.row_group, range(metadata.num_row_groups))
+        for i in range(metadata.num_columns)
+        if any(group.column(i).path_in_schema.startswith(name) for name in columns)
+    )
+    if max(numbers, metadata.num_rows) > MAX_NUMBERS:
+        raise RecordingError(f"{path}: it claims {numbers} numbers; at most {MAX_NUMBERS} are read")
 
 
 def _sizes(column: Any) -> list[int]:

@@ -1,8 +1,7 @@
-"""What `meta/info.json` of a LeRobot set says, held to what may be believed."""
+"""`meta/info.json` of a LeRobot set, checked: types, sizes, and paths that stay inside the folder."""
 
 from __future__ import annotations
 
-import json
 import re
 import string
 from dataclasses import dataclass
@@ -10,21 +9,24 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.recordings.episodes.episode_set import LARGEST_EDGE
+from embodiedreamer_gym.io.files import read_json
+from embodiedreamer_gym.recordings.frames import MAX_EDGE
+from embodiedreamer_gym.recordings.hdf5 import MAX_NUMBERS
+from embodiedreamer_gym.recordings.time_axis import ALLOWED_HZ
 
 VERSION = "v3.0"
 STATE, ACTION, IMAGES = "observation.state", "action", "observation.images."
 FIELDS = ("chunk_index", "file_index", "video_key")
-SPEC = re.compile(r"0?\d?d?")  # of a number in a path; more could fill the memory
+SPEC = re.compile(r"0?\d?d?")  # format of a number in a path; wider ones could fill the memory
 MOST_COLUMNS = 4096
 CONVERT = "python -m lerobot.scripts.convert_dataset_v21_to_v30"
 
 
 @dataclass(frozen=True)
 class Info:
-    """A set in numbers: rate in Hz; cameras: name -> key, width and height; templates of its paths."""
+    """hz: frames per second; counts of the set; cameras: name -> key, width and height; templates of its paths."""
 
-    rate: float
+    hz: float
     episodes: int
     frames: int
     state_size: int
@@ -37,15 +39,12 @@ class Info:
 def read_info(folder: Path) -> Info:
     """Read meta/info.json of a set.
 
-    Raises: RecordingError where it is missing, of another version, or says what cannot be.
+    Raises: RecordingError where it is missing, of another version, or holds impossible values.
     """
     path = folder / "meta" / "info.json"
     if not path.is_file():
         raise RecordingError(f"{folder}: meta/info.json is missing; a LeRobot set has it")
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise RecordingError(f"{path} is no readable JSON: {error}") from error
+    data = read_json(path, RecordingError)
     data = data if isinstance(data, dict) else {}
     version = str(data.get("codebase_version"))
     if not version.startswith("v3."):
@@ -55,11 +54,11 @@ def read_info(folder: Path) -> Info:
     features = data.get("features")
     if not isinstance(features, dict) or not all(isinstance(value, dict) for value in features.values()):
         raise RecordingError(f"{path}: features must be an object of objects")
-    rate = data.get("fps")
-    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 < rate < 1e6:
-        raise RecordingError(f"{path}: fps must be a number above 0, not {rate!r}")
+    fps = data.get("fps")
+    if isinstance(fps, bool) or not isinstance(fps, int | float) or not ALLOWED_HZ[0] <= fps <= ALLOWED_HZ[1]:
+        raise RecordingError(f"{path}: fps must be a number above 0, not {_short(fps)}")
     return Info(
-        float(rate), _count(path, data, "total_episodes"), _count(path, data, "total_frames"),
+        float(fps), _count(path, data, "total_episodes"), _count(path, data, "total_frames"),
         _width(path, features, STATE), _width(path, features, ACTION), _cameras(path, features),
         _template(path, data, "data_path"), _template(path, data, "video_path") if data.get("video_path") else "",
     )  # fmt: skip
@@ -79,8 +78,8 @@ def inside(folder: Path, template: str, chunk: int, file: int, key: str = "") ->
 
 def _count(path: Path, data: dict[str, Any], key: str) -> int:
     value = data.get(key)
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise RecordingError(f"{path}: {key} must be a whole number of at least 1, not {value!r}")
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MAX_NUMBERS:
+        raise RecordingError(f"{path}: {key} must be a whole number of 1 to {MAX_NUMBERS}, not {_short(value)}")
     return value
 
 
@@ -88,7 +87,7 @@ def _shape(path: Path, key: str, feature: dict[str, Any], length: int) -> list[i
     shape = feature.get("shape")
     whole = isinstance(shape, list) and all(isinstance(n, int) and not isinstance(n, bool) and n > 0 for n in shape)
     if not isinstance(shape, list) or not whole or len(shape) != length:
-        raise RecordingError(f"{path}: the shape of {key} must be {length} whole numbers, not {shape!r}")
+        raise RecordingError(f"{path}: the shape of {key} must be {length} whole numbers, not {_short(shape)}")
     return shape
 
 
@@ -104,7 +103,7 @@ def _width(path: Path, features: dict[str, dict[str, Any]], key: str) -> int:
 
 def _cameras(path: Path, features: dict[str, dict[str, Any]]) -> dict[str, tuple[str, int, int]]:
     """Key, width and height of each colour camera; depth videos are left out."""
-    found = {}
+    cameras = {}
     for key, feature in features.items():
         if feature.get("dtype") == "image":
             raise RecordingError(f"{path}: the frames of {key} lie in the tables as images; videos are read")
@@ -115,14 +114,14 @@ def _cameras(path: Path, features: dict[str, dict[str, Any]]) -> dict[str, tuple
         channels, height, width = shape if first else (shape[2], *shape[:2])
         if channels != 3:
             continue
-        if max(height, width) > LARGEST_EDGE:
-            raise RecordingError(f"{path}: {key} claims {width} x {height} pixels; at most {LARGEST_EDGE} are read")
-        found[key.removeprefix(IMAGES)] = (key, width, height)
-    return found
+        if max(height, width) > MAX_EDGE:
+            raise RecordingError(f"{path}: {key} claims {width} x {height} pixels; at most {MAX_EDGE} are read")
+        cameras[key.removeprefix(IMAGES)] = (key, width, height)
+    return cameras
 
 
 def _template(path: Path, data: dict[str, Any], key: str) -> str:
-    """A path with places for numbers, and nothing else that Python's format knows."""
+    """A path with fields for numbers, and no other of Python's format fields."""
     text = data.get(key)
     try:
         parts = list(string.Formatter().parse(text)) if isinstance(text, str) else [("", "?", "", None)]
@@ -130,5 +129,13 @@ def _template(path: Path, data: dict[str, Any], key: str) -> str:
         parts = [("", "?", "", None)]
     for _, name, spec, conversion in parts:
         if name is not None and (name not in FIELDS or conversion or not SPEC.fullmatch(spec or "")):
-            raise RecordingError(f"{path}: {key} must be a path with {{chunk_index}} and {{file_index}}, not {text!r}")
+            raise RecordingError(
+                f"{path}: {key} must be a path with {{chunk_index}} and {{file_index}}, not {_short(text)}"
+            )
     return str(text)
+
+
+def _short(value: object) -> str:
+    """A value as text of at most about 80 characters."""
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections import OrderedDict
 from collections.abc import Iterator
@@ -12,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.recordings.episodes.extra import needed
+from embodiedreamer_gym.recordings.episodes.extras import load_extra
+from embodiedreamer_gym.recordings.frames import MAX_EDGE
+from embodiedreamer_gym.recordings.hdf5 import MAX_BYTES
 
 PIXELS = "yuv420p"
 GROUP = 2  # frames from one key frame to the next, as LeRobot has it: any frame is near one
@@ -20,18 +23,18 @@ CODECS: dict[str, dict[str, str]] = {  # one thread: the same bytes on every mac
     "libx264": {"g": str(GROUP), "crf": "20", "threads": "1", "bf": "0", "rc-lookahead": "0"},
     "libsvtav1": {"g": str(GROUP), "crf": "30", "preset": "12", "svtav1-params": "fast-decode=0:lp=1"},
 }
-AHEAD = 8  # frames that are decoded and left out rather than sought anew
+AHEAD = 8  # frames that are decoded and skipped rather than found by a new search
 OPEN = 6  # videos that are kept open
-NEAR = 0.25  # of a frame's duration, within which a frame must be of its time
+NEAR = 0.25  # of a frame's duration, by which its time may differ from the requested one
 
 
 def check_video(size: tuple[int, int], codec: str = "libx264") -> None:
-    """Raise what speaks against videos of a size (width, height) by a codec.
+    """Check that frames of a size (width, height) can be encoded by a codec.
 
-    Raises: RecordingError for a codec that there is not, or a size that it cannot take; MissingExtraError without av.
+    Raises: RecordingError for an unknown codec, or a size that it cannot encode; MissingExtraError without av.
     """
     for name in ("av", "pyarrow"):
-        needed(name)
+        load_extra(name)
     if codec not in CODECS:
         raise RecordingError(f"codec {codec!r} is none of {', '.join(CODECS)}")
     if size[0] % 2 or size[1] % 2:
@@ -39,30 +42,30 @@ def check_video(size: tuple[int, int], codec: str = "libx264") -> None:
 
 
 class VideoWriter:
-    """Writes frames (H, W, 3) uint8 into an mp4 file; frame k stands at k / rate seconds.
+    """Writes frames (H, W, 3) uint8 into an mp4 file; frame k is shown at k / hz seconds.
 
-    count: frames so far; bytes: of them that are encoded.
+    count: frames so far; bytes: encoded so far.
     Raises: as `check_video`.
     """
 
-    def __init__(self, path: Path, rate: int, size: tuple[int, int], codec: str = "libx264") -> None:
+    def __init__(self, path: Path, hz: int, size: tuple[int, int], codec: str = "libx264") -> None:
         check_video(size, codec)
         if codec == "libsvtav1":
-            os.environ.setdefault("SVT_LOG", "1")  # errors alone; it would print a page for each video
-        self._av = needed("av")
+            os.environ.setdefault("SVT_LOG", "1")  # errors only; otherwise it prints a page for each video
+        self._av = load_extra("av")
         self.count, self.bytes = 0, 0
         path.parent.mkdir(parents=True, exist_ok=True)
         self._container = self._av.open(str(path), "w")
-        self._stream = self._container.add_stream(codec, rate=rate, options=dict(CODECS[codec]))
+        self._stream = self._container.add_stream(codec, rate=hz, options=dict(CODECS[codec]))
         self._stream.width, self._stream.height = size
         self._stream.pix_fmt = PIXELS
-        self._tick = Fraction(1, rate)
-        self._converter = needed("av.video.reformatter").VideoReformatter()
+        self._tick = Fraction(1, hz)
+        self._converter = load_extra("av.video.reformatter").VideoReformatter()
 
     def add(self, pixels: np.ndarray) -> None:
         """Write the next frame."""
         frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
-        frame = self._converter.reformat(frame, format=PIXELS, threads=1)  # a converter of each frame's own is slow
+        frame = self._converter.reformat(frame, format=PIXELS, threads=1)  # a new converter for each frame is slow
         frame.pts, frame.time_base = self.count, self._tick
         packets = self._stream.encode(frame)
         self._container.mux(packets)
@@ -75,13 +78,13 @@ class VideoWriter:
 
 
 class VideoReader:
-    """Reads frames of videos by their times; videos stay open, so that the next frames need no search.
+    """Reads frames of videos by their times; videos stay open, so that consecutive frames need no search.
 
     Raises: MissingExtraError without av.
     """
 
     def __init__(self) -> None:
-        needed("av")
+        load_extra("av")
         self._open: OrderedDict[Path, _Decoder] = OrderedDict()
         self._process = os.getpid()
 
@@ -91,23 +94,24 @@ class VideoReader:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__()
 
-    def read(self, path: Path, times: np.ndarray, rate: float, size: tuple[int, int]) -> np.ndarray:
-        """Frames (k, H, W, 3) uint8 at rising times (k,), s; size: width and height they must have.
+    def read(self, path: Path, times: np.ndarray, hz: float, size: tuple[int, int]) -> np.ndarray:
+        """Frames (k, H, W, 3) uint8 at increasing times (k,), s; hz: frames per second; size: width and height of the frames.
 
         Raises: RecordingError where the video cannot be read, ends too early, has no frame at a time or another size.
         """
-        frames = np.empty((len(times), size[1], size[0], 3), np.uint8)
+        shape = (len(times), size[1], size[0], 3)
+        if math.prod(shape) > MAX_BYTES:
+            raise RecordingError(
+                f"{path}: {len(times)} frames of {size[0]} x {size[1]} do not fit into memory; read fewer"
+            )
+        frames = np.empty(shape, np.uint8)
         if self._process != os.getpid():  # a decoder does not survive a fork
             self._open, self._process = OrderedDict(), os.getpid()
         try:
-            decoder = self._open.pop(path, None) or _Decoder(path)
+            decoder = self._open.pop(path, None) or _Decoder(path, size)
             for number, time in enumerate(times):
-                pixels = decoder.at(float(time), rate)
-                if pixels.shape != frames.shape[1:]:
-                    raise RecordingError(f"{path}: the frames are {pixels.shape[1]} x {pixels.shape[0]}, "
-                                         f"not {size[0]} x {size[1]} as meta/info.json says")  # fmt: skip
-                frames[number] = pixels
-        except (needed("av").FFmpegError, OSError, IndexError) as error:
+                frames[number] = decoder.at(float(time), hz)
+        except (load_extra("av").FFmpegError, OSError, IndexError, OverflowError, MemoryError) as error:
             raise RecordingError(f"{path}: damaged, cut short or not a video; copy it again") from error
         self._open[path] = decoder
         while len(self._open) > OPEN:
@@ -116,43 +120,53 @@ class VideoReader:
 
 
 class _Decoder:
-    """One open video and where it stands."""
+    """One open video and the frame that was decoded last. size: width and height that the frames must have."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._container = needed("av").open(str(path), format="mp4")  # not a playlist of somebody else's choice
+    def __init__(self, path: Path, size: tuple[int, int]) -> None:
+        self._path, self._size = path, size
+        self._container = load_extra("av").open(str(path), format="mp4")  # not a playlist, which could name other files
         self._stream = self._container.streams.video[0]
-        self._tick = float(self._stream.time_base)
-        self._stream.codec_context.thread_count = 1  # others would make the first frame after a search wait
-        self._converter = needed("av.video.reformatter").VideoReformatter()
+        codec = self._stream.codec_context
+        self._check_size(codec)
+        codec.options = {"max_pixels": str(MAX_EDGE**2)}
+        self._tick = float(self._stream.time_base or 0) or 1.0
+        codec.thread_count = 1  # more threads delay the first frame after a search
+        self._converter = load_extra("av.video.reformatter").VideoReformatter()
         self._frames: Iterator[Any] = iter(())
-        self._here: Any = None  # the frame decoded last
+        self._last: Any = None
 
-    def at(self, time: float, rate: float) -> np.ndarray:
+    def at(self, time: float, hz: float) -> np.ndarray:
         """Pixels (H, W, 3) of the frame at a time, s."""
-        margin = NEAR / rate
-        if self._here is None or not -margin <= time - self._when(self._here) <= AHEAD / rate:
+        margin = NEAR / hz
+        if self._last is None or not -margin <= time - self._when(self._last) <= AHEAD / hz:
             self._seek(time, margin)
-        while self._here is not None and self._when(self._here) < time - margin:
-            self._here = next(self._frames, None)
-        if self._here is None:
+        while self._last is not None and self._when(self._last) < time - margin:
+            self._last = next(self._frames, None)
+        if self._last is None:
             raise RecordingError(f"{self._path}: it ends before {time:.3f} s; frames are missing")
-        if self._when(self._here) > time + margin:
+        if self._when(self._last) > time + margin:
             raise RecordingError(f"{self._path}: there is no frame at {time:.3f} s; frames are missing")
-        return self._converter.reformat(self._here, format="rgb24", threads=1).to_ndarray()
+        self._check_size(self._last)
+        return self._converter.reformat(self._last, format="rgb24", threads=1).to_ndarray()
 
     def close(self) -> None:
         self._container.close()
+
+    def _check_size(self, one: Any) -> None:
+        """Raises: RecordingError for a frame or codec of another size."""
+        if (one.width, one.height) != self._size:
+            raise RecordingError(f"{self._path}: the frames are {one.width} x {one.height}, "
+                                 f"not {self._size[0]} x {self._size[1]} as meta/info.json says")  # fmt: skip
 
     def _when(self, frame: Any) -> float:
         return frame.pts * self._tick
 
     def _seek(self, time: float, margin: float) -> None:
-        """Stand at the key frame before a time, or at the first frame."""
+        """Decode the key frame before a time, or the first frame."""
         for target in (time, 0.0):
             ticks = max(round(target / self._tick) - 1, 0)
             self._container.seek(ticks, stream=self._stream, backward=True)
             self._frames = (frame for frame in self._container.decode(self._stream) if frame.pts is not None)
-            self._here = next(self._frames, None)
-            if self._here is not None and self._when(self._here) <= time + margin:
+            self._last = next(self._frames, None)
+            if self._last is not None and self._when(self._last) <= time + margin:
                 return

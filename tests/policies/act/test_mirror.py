@@ -38,7 +38,7 @@ class TwoArms(Tiny):
 
 def test_arms_change_places_and_pictures_are_flipped() -> None:
     plain, both = TwoArms(), MirroredEpisodes(TwoArms(), NUMBERS, CAMERAS)
-    assert (len(both), both.lengths, both.rate, dict(both.objects)) == (4, (3, 4, 3, 4), 30.0, {"cup": 3})
+    assert (len(both), both.lengths, both.hz, dict(both.objects)) == (4, (3, 4, 3, 4), 30.0, {"cup": 3})
     assert len(set(both.names)) == 4
     for i in range(2):
         assert np.array_equal(both.states(i), plain.states(i)) and np.array_equal(both.actions(i), plain.actions(i))

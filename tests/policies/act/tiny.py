@@ -13,7 +13,7 @@ CONFIG = ActConfig(3, 2, ("head",), SIZE, chunk=4, widths=(8, 8), width=16, head
 class Tiny:
     """Episodes of an arm whose first action is the square's column, the second ramps up with time."""
 
-    rate = 30.0
+    hz = 30.0
 
     def __init__(self, lengths=(7, 5, 9), cameras=("head",), size=SIZE, seed=0) -> None:
         rng = np.random.default_rng(seed)

@@ -21,7 +21,7 @@ def test_what_is_written_is_read(aloha, numbers, seen, images: str) -> None:
     episodes = open_episodes(aloha(images=images))
     assert (len(episodes), episodes.lengths, episodes.names) == (2, (9, 12), ("episode_0", "episode_1"))
     assert (episodes.cameras, episodes.state_size, episodes.action_size) == (("head", "left_wrist"), 14, 14)
-    assert episodes.rate == 30.0 and episodes.task(1) == "task 1" and episodes.frame_size("head") == (16, 12)
+    assert episodes.hz == 30.0 and episodes.task(1) == "task 1" and episodes.frame_size("head") == (16, 12)
     for number, length in enumerate(episodes.lengths):
         state, action = numbers(length, seed=number)
         assert np.array_equal(episodes.states(number), state) and episodes.states(number).dtype == np.float32
@@ -48,11 +48,11 @@ def test_a_set_of_act_itself(tmp_path: Path) -> None:
     assert episodes.cameras == ("cam_high",) and episodes.frame_size("cam_high") == (10, 8)
     assert np.abs(episodes.frames(0, "cam_high").mean((1, 2, 3)) - [0, 40, 80]).max() < 2
     assert episodes.task(0) == ""
-    with pytest.raises(RecordingError, match="does not say its rate; give it"):
-        _ = episodes.rate
-    assert open_episodes(tmp_path, rate=50).rate == 50
+    with pytest.raises(RecordingError, match="does not state its control rate; give it"):
+        _ = episodes.hz
+    assert open_episodes(tmp_path, hz=50).hz == 50
     with pytest.raises(RecordingError, match="must be above 0"):
-        open_episodes(tmp_path, rate=-1)
+        open_episodes(tmp_path, hz=-1)
 
 
 def test_times_and_a_task_without_words(tmp_path: Path) -> None:
@@ -61,7 +61,7 @@ def test_times_and_a_task_without_words(tmp_path: Path) -> None:
         file["timestamps"] = np.arange(4) / 25
         file.attrs["task"] = "PutCupOnMat"
     episodes = open_episodes(tmp_path / "a.h5")
-    assert episodes.rate == pytest.approx(25) and episodes.task(0) == "PutCupOnMat"
+    assert episodes.hz == pytest.approx(25) and episodes.task(0) == "PutCupOnMat"
     assert (episodes.state_size, episodes.action_size, episodes.cameras) == (3, 2, ())
     with pytest.raises(RecordingError, match="no camera 'head'; it has no frames at all"):
         episodes.frames(0, "head")

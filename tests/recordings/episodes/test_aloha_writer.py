@@ -29,7 +29,7 @@ def test_the_layout_of_agilex(aloha) -> None:
 def test_jpeg_buffers_are_padded_with_zeros(tmp_path: Path, numbers) -> None:
     rng = np.random.default_rng(0)
     frames = [np.zeros((64, 64, 3), np.uint8), rng.integers(0, 255, (64, 64, 3)).astype(np.uint8)] * 2
-    write_aloha_episode(tmp_path / "a.hdf5", *numbers(4), {"head": iter(frames)}, rate=30, images="jpeg")
+    write_aloha_episode(tmp_path / "a.hdf5", *numbers(4), {"head": iter(frames)}, hz=30, images="jpeg")
     with h5py.File(tmp_path / "a.hdf5") as file:
         codes, lengths = file["observations/images/head"][()], file["compress_len"][()]
         assert bool(file.attrs["compress"]) and lengths.shape == (1, 4) and codes.dtype == np.uint8
@@ -49,7 +49,7 @@ def test_more_that_is_known(tmp_path: Path, numbers) -> None:
         assert np.array_equal(file["objects/cup"], cup) and not file.attrs["sim"]
         assert (file.attrs["side"], file.attrs["camera"], file.attrs["instruction"]) == ("left", '{"fx": 1.0}', "do it")
     recording = load_recordings(tmp_path)[0]
-    assert recording.joints == ("a", "b") and recording.rate == pytest.approx(30) and recording.effort is None
+    assert recording.joints == ("a", "b") and recording.hz == pytest.approx(30) and recording.effort is None
     assert np.array_equal(recording.velocity, states[:, 2:4])
 
 
@@ -87,10 +87,10 @@ def test_what_cannot_be(tmp_path: Path, numbers) -> None:
         AlohaWriter(tmp_path, 30, "png")
     states, actions = numbers(4)
     with pytest.raises(RecordingError, match="/action has 4 steps for 3 states"):
-        write_aloha_episode(tmp_path / "a.hdf5", states[:3], actions, {}, rate=30)
+        write_aloha_episode(tmp_path / "a.hdf5", states[:3], actions, {}, hz=30)
     states[1, 2] = np.inf
     with pytest.raises(RecordingError, match="states is not finite at step 1, column 2"):
-        write_aloha_episode(tmp_path / "a.hdf5", states, actions, {}, rate=30)
+        write_aloha_episode(tmp_path / "a.hdf5", states, actions, {}, hz=30)
     (tmp_path / "old.hdf5").touch()
     with pytest.raises(RecordingError, match="holds episodes already"):
         AlohaWriter(tmp_path, 30)

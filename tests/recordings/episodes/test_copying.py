@@ -15,10 +15,10 @@ def test_there_and_back(aloha, tmp_path: Path, seen) -> None:
     pytest.importorskip("av", reason="LeRobot sets need av")
     pytest.importorskip("pyarrow", reason="LeRobot sets need pyarrow")
     first, told = open_episodes(aloha()), []
-    with LeRobotWriter(tmp_path / "lerobot", first.rate) as writer:
+    with LeRobotWriter(tmp_path / "lerobot", first.hz) as writer:
         copy_episodes(first, writer, tell=told.append)
     second = open_episodes(tmp_path / "lerobot")
-    with AlohaWriter(tmp_path / "back", second.rate) as writer:
+    with AlohaWriter(tmp_path / "back", second.hz) as writer:
         copy_episodes(second, writer, count=1)
     third = open_episodes(tmp_path / "back")
     assert told == [1, 2] and len(second) == 2 and len(third) == 1

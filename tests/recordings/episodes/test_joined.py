@@ -16,7 +16,7 @@ def test_it_is_its_parts(aloha: Callable[..., Path], seen) -> None:
     parts = [open_episodes(aloha((5, 7), "a")), open_episodes(aloha((4,), "b"))]
     joined = JoinedEpisodes(parts, ["real", "dreamed"])
     assert joined.names == ("real/episode_0", "real/episode_1", "dreamed/episode_0")
-    assert joined.lengths == (5, 7, 4) and len(joined) == 3 and joined.rate == 30
+    assert joined.lengths == (5, 7, 4) and len(joined) == 3 and joined.hz == 30
     assert joined.cameras == parts[0].cameras and (joined.state_size, joined.action_size) == (14, 14)
     assert "3 episodes, 16 steps" in repr(joined) and joined.frame_size("head") == (16, 12)
     number = 0
@@ -41,9 +41,9 @@ def test_folders_are_opened(aloha: Callable[..., Path]) -> None:
         mixed(a, a / "none")
 
 
-def write(folder: Path, numbers, rate: float = 30, size: tuple[int, int] = (16, 12), **sizes: int) -> Path:
+def write(folder: Path, numbers, hz: float = 30, size: tuple[int, int] = (16, 12), **sizes: int) -> Path:
     """One episode with one camera."""
-    with AlohaWriter(folder, rate) as writer:
+    with AlohaWriter(folder, hz) as writer:
         frames = [np.zeros((size[1], size[0], 3), np.uint8)] * 3
         writer.add_episode(*numbers(3, **sizes), {"head": frames})
     return folder
@@ -70,7 +70,7 @@ def test_sets_that_do_not_fit(tmp_path: Path, numbers) -> None:
         with pytest.raises(RecordingError, match=said):
             mixed(base, write(tmp_path / name, numbers, **options))
     with pytest.raises(RecordingError, match="different rates"):
-        print(mixed(base, write(tmp_path / "fast", numbers, rate=50)).rate)
+        print(mixed(base, write(tmp_path / "fast", numbers, hz=50)).hz)
     with pytest.raises(RecordingError, match="no episodes to join"):
         mixed()
     with pytest.raises(RecordingError, match="different names"):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import MissingExtraError, RecordingError
-from embodiedreamer_gym.recordings.episodes import LeRobotWriter, extra, open_episodes
+from embodiedreamer_gym.recordings.episodes import LeRobotWriter, extras, open_episodes
 
 pytest.importorskip("av", reason="LeRobot sets need av: pip install 'embodiedreamer-gym[data]'")
 parquet = pytest.importorskip("pyarrow.parquet", reason="LeRobot sets need pyarrow")
@@ -169,7 +169,7 @@ def test_without_the_extra(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     def absent(name: str) -> None:
         raise ImportError(name)
 
-    monkeypatch.setattr(extra.importlib, "import_module", absent)
+    monkeypatch.setattr(extras.importlib, "import_module", absent)
     with pytest.raises(MissingExtraError, match=r"pip install 'embodiedreamer-gym\[data\]'"):
         open_episodes(folder)
     shutil.rmtree(folder)

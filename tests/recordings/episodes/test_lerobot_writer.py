@@ -32,7 +32,7 @@ def written(tmp_path: Path, numbers, shots) -> Path:
 
 def test_it_reads_back(written: Path, numbers, seen) -> None:
     episodes = open_episodes(written)
-    assert (episodes.lengths, episodes.rate, episodes.cameras) == ((9, 12, 5), 30.0, ("head", "wrist"))
+    assert (episodes.lengths, episodes.hz, episodes.cameras) == ((9, 12, 5), 30.0, ("head", "wrist"))
     assert [episodes.task(k) for k in range(3)] == ["task 0", "task 1", "task 0"]
     assert episodes.names == ("episode_0", "episode_1", "episode_2") and episodes.frame_size("wrist") == SIZE
     for number, length in enumerate(episodes.lengths):
@@ -145,7 +145,7 @@ def test_what_cannot_be(tmp_path: Path, numbers) -> None:
         LeRobotWriter(tmp_path / "set", 29.97)
     with pytest.raises(RecordingError, match="codec 'hevc' is none of"):
         LeRobotWriter(tmp_path / "set", 30, codec="hevc")
-    with pytest.raises(RecordingError, match="is there already"):
+    with pytest.raises(RecordingError, match="exists already"):
         LeRobotWriter(tmp_path, 30)
     with pytest.raises(RecordingError, match="there is no episode to write"), LeRobotWriter(tmp_path / "set", 30):
         pass

@@ -19,7 +19,7 @@ MASKS = np.random.default_rng(1).integers(0, 5, (5, 6, 8), np.uint8)
 def write(path: Path, masks: np.ndarray | None = MASKS, names: tuple[str, ...] = NAMES) -> Path:
     path.parent.mkdir(exist_ok=True)
     rest = np.zeros((5, 3))
-    write_aloha_episode(path, rest, rest, {"head": FRAMES}, rate=30, masks=None if masks is None else {"head": masks},
+    write_aloha_episode(path, rest, rest, {"head": FRAMES}, hz=30, masks=None if masks is None else {"head": masks},
                         classes=names)  # fmt: skip
     return path
 

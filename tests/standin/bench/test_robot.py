@@ -18,7 +18,7 @@ def test_logs_are_recordings_of_free_motion_that_a_user_could_calibrate_with() -
     commands = [np.asarray(log.command) for log in found]
     for log, command in zip(found, commands, strict=True):
         assert log.joints == load_nominal().joints and log.units == load_nominal().units
-        assert (log.kind, log.command_hold, log.rate) == ("episode", "linear", pytest.approx(30.0))
+        assert (log.kind, log.command_hold, log.hz) == ("episode", "linear", pytest.approx(30.0))
         assert log.position.shape == command.shape == (31, 14)
     assert np.ptp(commands[0] - commands[1]) > 0.05
     again = logs(FAULTS, count=1, seconds=1.0)

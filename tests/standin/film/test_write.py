@@ -69,7 +69,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.position, signals()["observations/qpos"])
     np.testing.assert_array_equal(log.command, signals()["action"])
     np.testing.assert_array_equal(log.frames["head"][4], given[4][0].noisy)
-    assert log.rate == pytest.approx(30.0) and [p.name for p in tmp_path.iterdir()] == ["cup_000.hdf5"]
+    assert log.hz == pytest.approx(30.0) and [p.name for p in tmp_path.iterdir()] == ["cup_000.hdf5"]
 
 
 def test_the_same_episode_is_the_same_file(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The libraries of LeRobot's format, which are an extra."""
+"""pyarrow and av, which LeRobot's format needs and an extra brings."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 from embodiedreamer_gym.errors import MissingExtraError
 
 
-def needed(name: str) -> Any:
-    """Return a module of pyarrow or av.
+def load_extra(name: str) -> Any:
+    """Import a module of pyarrow or av.
 
     Raises: MissingExtraError with the line that installs it.
     """
