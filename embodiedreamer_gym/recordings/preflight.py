@@ -1,4 +1,4 @@
-"""Preflight: what is wrong with a recording, said before a fit swallows it."""
+"""Preflight: checks of a recording before a fit uses it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from embodiedreamer_gym.recordings.tracking import runs, track
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Preflight:
-    """Findings about a recording, the gravest first, and the recording with the bad samples marked unusable.
+    """Findings about a recording, errors first, and the recording with the bad samples marked unusable.
 
-    excluded: joint -> samples a fit will not use, those marked before included.
+    excluded: joint -> number of samples that a fit will not use, including those marked before.
     """
 
     recording: Recording
@@ -39,7 +39,7 @@ class Preflight:
     def table(self) -> str:
         """The findings and the excluded samples as text, one line each."""
         lines = [repr(self.recording)]
-        lines += [f"  {f.severity:<8}{f.code:<16}{f.message}" for f in self.findings] or ["  nothing to remark"]
+        lines += [f"  {f.severity:<8}{f.code:<16}{f.message}" for f in self.findings] or ["  no findings"]
         total = len(self.recording.time)
         lines += [
             f"  excluded {joint}: {count} of {total} samples ({count / total:.0%})"
@@ -55,7 +55,8 @@ def preflight(recording: Recording, limits: Mapping[str, tuple[float, float]] | 
     limits: joint -> (lower, upper) in the joint's unit; a joint may be left out.
     """
     limits = dict(limits or {})
-    findings = [*checks.time_base(recording), *checks.channels(recording)]
+    findings = [Finding("info", "converted", (), note) for note in recording.notes]
+    findings += [*checks.time_base(recording), *checks.channels(recording)]
     bad = ~recording.usable
     if recording.command is not None:
         tracking = track(recording, recording.command)
@@ -83,9 +84,9 @@ def _touches(recording: Recording, mask: np.ndarray, code: str, what: str) -> li
     """One finding for each joint of a contact mask (T, n)."""
     findings = []
     for j in np.flatnonzero(mask.any(axis=0)):
-        joint, found = recording.joints[j], list(runs(mask[:, j]))
-        first = recording.time[found[0].start] - recording.time[0]
-        last = recording.time[found[-1].stop - 1] - recording.time[0]
-        message = f"{joint} {what}, {len(found)} times from {first:.2f} s to {last:.2f} s: its arm is left out then"
+        joint, stretches = recording.joints[j], list(runs(mask[:, j]))
+        first = recording.time[stretches[0].start] - recording.time[0]
+        last = recording.time[stretches[-1].stop - 1] - recording.time[0]
+        message = f"{joint} {what}, {len(stretches)} times from {first:.2f} s to {last:.2f} s: its arm is left out then"
         findings.append(Finding("warning", code, (joint,), message))
     return findings

@@ -142,7 +142,7 @@ def test_aloha_episodes_are_agilex_files_without_time_stamps(tmp_path):
         assert file["observations/qpos"].shape == file["action"].shape == (31, 14)
         assert "timestamps" not in file
         assert not file.attrs["sim"]
-    (log,) = load_recordings(tmp_path / "train" / "*.hdf5", rate=30.0)
+    (log,) = load_recordings(tmp_path / "train" / "*.hdf5", hz=30.0)
     assert log.units == (("rad",) * 6 + ("1",)) * 2
     np.testing.assert_allclose(log.position, case.train[0].position, atol=1e-6)
 
