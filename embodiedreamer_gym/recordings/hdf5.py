@@ -118,7 +118,7 @@ class Hdf5File:
 
         Raises: RecordingError where it is no rate.
         """
-        values = [self.file.attrs[name] for name in HZ_ATTRIBUTES if name in self.file.attrs]
+        values: list[Any] = [self.file.attrs[name] for name in HZ_ATTRIBUTES if name in self.file.attrs]
         return check_hz(np.ravel(values[0])[0], str(self.path)) if values else None
 
     def json(self, name: str, default: Any = None) -> Any:

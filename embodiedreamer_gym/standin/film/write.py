@@ -41,6 +41,14 @@ def write_episode(path: Path, signals: Mapping[str, np.ndarray], pictures: Itera
     signals: arrays (T, ...) by dataset; attributes: mappings and lists are stored as JSON.
     Raises: RecordingError when it cannot be written.
     """
+    rows = (_datasets(*pair) for pair in pictures)
+    packing = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
+    with new_hdf5(path) as file:
+        for key, array in signals.items():
+            file[key] = array
+        write_rows(file, len(signals["action"]), rows, lambda key: {} if key == IMAGES else packing)
+        file.attrs.update(LAYOUT_FLAGS)
+        write_attributes(file, attributes, ("joint_names", "units"))
 
 
 def is_filmed(path: Path, settings: Mapping[str, Any]) -> bool:
