@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
@@ -15,22 +14,15 @@ from embodiedreamer_gym.demo import DATA, TRUTH
 from embodiedreamer_gym.errors import EmbodieDreamerError
 
 
-@pytest.fixture(scope="module")
-def told(tmp_path_factory) -> tuple[Path, str]:
-    """The folder of a demo run as a command where MuJoCo cannot be imported, and what it printed."""
-    folder = tmp_path_factory.mktemp("demo") / "deep" / "report"
-    code = (
-        "import sys; sys.modules['mujoco'] = None\n"
-        "from embodiedreamer_gym.cli.command import main\n"
-        f"sys.exit(main(['demo', '--quiet', '--out', {str(folder)!r}]))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=290)
-    assert done.returncode == 0, done.stderr
-    return folder, done.stdout
+@pytest.fixture
+def told(shared_demo, tmp_path, capsys) -> tuple[Path, str]:
+    """The folder of the demo, run with the shared diagnosis, and what it printed."""
+    folder = tmp_path / "deep" / "report"
+    assert cli.main(["demo", "--quiet", "--out", str(folder)]) == 0
+    return folder, capsys.readouterr().out
 
 
-@pytest.mark.slow
-def test_the_error_falls_to_the_noise_and_the_truth_comes_last(told) -> None:
+def test_the_error_falls_to_the_noise_the_truth_comes_last_and_the_files_work(told) -> None:
     folder, text = told
     found = json.loads((folder / "diagnosis.json").read_text())
     truth = json.loads(TRUTH.read_text())
@@ -47,10 +39,6 @@ def test_the_error_falls_to_the_noise_and_the_truth_comes_last(told) -> None:
     assert places == sorted(places)
     assert max(len(line) for line in text.splitlines() if str(folder) not in line) <= 110
 
-
-@pytest.mark.slow
-def test_what_it_leaves_behind_works(told) -> None:
-    folder, _ = told
     better = RobotModel.load(folder / "better.json")
     comparison = compare(better, load_recordings(folder / "test"))
     error = json.loads((folder / "diagnosis.json").read_text())["error"]["with_effect"]

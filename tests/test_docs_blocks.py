@@ -72,6 +72,7 @@ BLOCKS = [b for d in DOCUMENTS if (ROOT / d).exists() for b in blocks_of(d, (ROO
 COMMANDS = [(b, words) for b in BLOCKS if b.language != "python" for words in command_lines(b)]
 
 
+@pytest.mark.usefixtures("shared_demo")
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_python_blocks_run(document: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (ROOT / document).exists(), f"{document} is missing"

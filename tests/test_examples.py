@@ -32,7 +32,7 @@ SAYS = {
         "states as recorded: True",
     ),
 }
-SLOW = ("02_find_the_missing_effect.py",)
+SLOW = ("10_train_a_policy.py",)
 
 
 def test_each_example_is_known_and_short() -> None:
@@ -44,6 +44,7 @@ def test_each_example_is_known_and_short() -> None:
         assert "\n" not in (ast.get_docstring(ast.parse(text)) or "\n"), f"{name}: say its idea in one line"
 
 
+@pytest.mark.usefixtures("shared_demo")
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in SAYS])
 def test_an_example_runs(name: str, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
