@@ -14,6 +14,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 NAME = "embodiedreamer_gym"
+PIP = (sys.executable, "-m", "pip")
+
+pytestmark = pytest.mark.slow
 
 
 def run(*command: str | Path, cwd: Path) -> str:
@@ -25,47 +28,54 @@ def run(*command: str | Path, cwd: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel, built from a copy so that no build folder is left in the source tree.
-
-    Without build isolation (no network); `make install` has built the project in isolation before.
-    """
-    source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the source tree, so that no build folder is left in it."""
+    folder = tmp_path_factory.mktemp("source")
     for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
+        shutil.copy(ROOT / name, folder)
     for name in (NAME, "tests", "benchmarks", "examples"):
-        if (ROOT / name).is_dir():
-            shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
-    run(
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "-q",
-        "--no-deps",
-        "--no-build-isolation",
-        "-w",
-        out,
-        source,
-        cwd=out,
-    )
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, built without isolation (no network); `make install` has built the project in isolation before."""
+    out = tmp_path_factory.mktemp("wheel")
+    run(*PIP, "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", out, source, cwd=out)
     return next(out.glob("*.whl"))
 
 
 @pytest.fixture(scope="module")
-def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A new environment: the wheel, and the third parties of this one (torch alone takes a minute)."""
-    place = tmp_path_factory.mktemp("installed")
+def sdist(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The source distribution, built like the wheel."""
+    out = tmp_path_factory.mktemp("sdist")
+    run(sys.executable, "-m", "build", "--sdist", "--no-isolation", "-o", out, source, cwd=out)
+    return next(out.glob("*.tar.gz"))
+
+
+def environment_with(distribution: Path, place: Path) -> Path:
+    """The Python of a new environment: the distribution, and the third parties of this one (torch takes a minute)."""
     run(sys.executable, "-m", "venv", "--without-pip", place / "venv", cwd=place)
     python = place / "venv" / "bin" / "python"
-    pip = (sys.executable, "-m", "pip", "--python", python)
-    run(*pip, "install", "-q", "--no-deps", "--no-index", wheel, cwd=place)
-    site = run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=place).strip()
-    # After the wheel on the path, and not read for .pth files: an editable installation stays out of sight.
-    Path(site, "third_parties.pth").write_text(sysconfig.get_path("purelib") + "\n")
-    where = run(python, "-c", f"import {NAME}; print({NAME}.__file__)", cwd=place).strip()
-    assert Path(where).is_relative_to(site)
+    site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=place).strip())
+    # After the distribution on the path, and not read for .pth files: an editable installation stays out of sight.
+    (site / "third_parties.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    options = ("-q", "--no-deps", "--no-index", "--no-build-isolation")
+    run(*PIP, "--python", python, "install", *options, distribution, cwd=place)
+    location = run(python, "-c", f"import {NAME}; print({NAME}.__file__)", cwd=place).strip()
+    assert Path(location).is_relative_to(site)
     return python
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return environment_with(wheel, tmp_path_factory.mktemp("installed"))
+
+
+@pytest.fixture(scope="module")
+def installed_from_source(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return environment_with(sdist, tmp_path_factory.mktemp("installed_from_source"))
 
 
 def test_the_wheel_holds_every_file_and_nothing_else(wheel: Path) -> None:
@@ -94,7 +104,6 @@ for name in names:
     assert loaded, "the wheel holds no robot"
 
 
-@pytest.mark.slow
 def test_it_makes_an_environment(installed: Path) -> None:
     """Without a display, a network or the source tree: 100 steps with pictures, and some of each other task."""
     code = f"""
@@ -129,3 +138,12 @@ with BulletPlant(model) as plant:
     assert numpy.isfinite(plant.measured).all()
 """
     run(installed, "-c", code, cwd=installed.parent)
+
+
+@pytest.mark.parametrize("kind", ["installed", "installed_from_source"])
+def test_the_demo_runs_outside_the_checkout(kind: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    """What `make demo` runs, from the wheel and from the source distribution."""
+    command = request.getfixturevalue(kind).parent / "embodiedreamer"
+    text = run(command, "demo", "--quiet", "--out", "report", cwd=tmp_path)
+    assert "hidden: stribeck_friction    named: stribeck_friction" in text
+    assert (tmp_path / "report" / "better.json").is_file() and (tmp_path / "report" / "index.html").is_file()

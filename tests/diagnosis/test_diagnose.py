@@ -113,6 +113,7 @@ def test_the_better_model_survives_its_file_and_does_as_well(friction, tmp_path)
     assert without.error > 2 * again.error
 
 
+@pytest.mark.slow
 def test_an_effect_outside_the_catalogue_is_unknown_and_a_users_own_is_found(model) -> None:
     class Wind(SignalLaw):
         """A torque that swings with time."""
@@ -201,6 +202,7 @@ def test_the_special_case_goes_before_the_richer_law() -> None:
     assert len(tie) == 2
 
 
+@pytest.mark.slow
 def test_two_effects_are_named_on_their_joints(model) -> None:
     """A delay of the command and dry friction of the elbow, one after the other, and the error ends at the noise."""
     truth = model.with_effect("command_delay").with_effect("coulomb_friction")

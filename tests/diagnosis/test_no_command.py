@@ -62,6 +62,7 @@ def test_a_current_is_compared_with_a_scale_of_its_own(tmp_path) -> None:
     assert labels == ["speed [rad/s]", "angle [rad]", "torque [N m]", "time [s]"]
 
 
+@pytest.mark.slow
 def test_the_command_line_reads_columns_of_currents(tmp_path, capsys) -> None:
     """A csv with <joint>.current and no command goes all the way to a page."""
     _, train, test, _ = case("coulomb_friction", tmp_path)
