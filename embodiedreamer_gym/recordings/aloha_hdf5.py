@@ -14,18 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from embodiedreamer_gym.recordings.hdf5 import (
-    COMMAND,
-    EFFORT,
-    IMAGES,
-    LAYOUT_FLAGS,
-    POSITION,
-    VELOCITY,
-    Hdf5File,
-    open_hdf5,
-    text,
-    write_rows,
-)
+from embodiedreamer_gym.recordings import hdf5
 from embodiedreamer_gym.recordings.recording import Recording
 from embodiedreamer_gym.recordings.time_axis import check_hz
 
@@ -33,7 +22,7 @@ ALOHA_JOINTS = tuple(
     f"{side}_{joint}" for side in ("left", "right") for joint in (*(f"joint{i}" for i in range(1, 7)), "gripper")
 )
 NORMALISED = (-0.2, 1.2)  # 0..1 and what a sensor's offset adds
-SIGNALS = {"command": COMMAND, "velocity": VELOCITY, "effort": EFFORT}
+SIGNALS = {"command": hdf5.COMMAND, "velocity": hdf5.VELOCITY, "effort": hdf5.EFFORT}
 USABLE = "observations/usable"
 
 
@@ -52,7 +41,7 @@ class Hdf5Frames:
         if not -self.length <= index < self.length:
             raise IndexError(f"frame {index} of {self.length} of {self.camera}")
         index = int(index) % self.length
-        with open_hdf5(self.path) as file:
+        with hdf5.open_hdf5(self.path) as file:
             return next(file.frames(self.camera, index, index + 1))
 
 
@@ -69,20 +58,20 @@ def read_aloha_hdf5(
 
     Raises: RecordingError where the file is missing, damaged, too large or not of this layout.
     """
-    with open_hdf5(path) as file:
-        signals: dict[str, Any] = {"position": file.signal(POSITION).astype(float)}
+    with hdf5.open_hdf5(path) as file:
+        signals: dict[str, Any] = {"position": file.signal(hdf5.POSITION).astype(float)}
         position = signals["position"]
         for name, key in SIGNALS.items():
             array = file.signal(key).astype(float) if key in file else None
             if array is not None and array.shape != position.shape:
-                raise file.error(f"/{key} has shape {array.shape}, /{POSITION} {position.shape}; they must agree")
+                raise file.error(f"/{key} has shape {array.shape}, /{hdf5.POSITION} {position.shape}; they must agree")
             signals[name] = array if name == "command" or array is None or np.any(array) else None
         names = file.strings("joint_names") or (default_joints(position.shape[1]) if joints is None else tuple(joints))
         if len(names) != position.shape[1]:
-            raise file.error(f"{len(names)} joint names for {position.shape[1]} columns of /{POSITION}")
+            raise file.error(f"{len(names)} joint names for {position.shape[1]} columns of /{hdf5.POSITION}")
         attributes = file.file.attrs
         optional: dict[str, Any] = {
-            name: text(attributes[name]) for name in ("command_hold", "kind") if name in attributes
+            name: hdf5.text(attributes[name]) for name in ("command_hold", "kind") if name in attributes
         }
         optional |= {name: np.asarray(attributes[name], float) for name in ("noise", "quantum") if name in attributes}
         if USABLE in file:
@@ -122,7 +111,7 @@ def _units(names: tuple[str, ...], signals: Mapping[str, np.ndarray | None]) -> 
     return tuple(units)
 
 
-def _even_times(file: Hdf5File, count: int, hz: float | None) -> np.ndarray:
+def _even_times(file: hdf5.Hdf5File, count: int, hz: float | None) -> np.ndarray:
     """Times (T,) s of a file without stamps, from a rate that the caller or the file states."""
     hz = file.hz() if hz is None else check_hz(hz, str(file.path))
     if hz is None:
@@ -134,16 +123,16 @@ def write_aloha_hdf5(recording: Recording, path: str | Path) -> None:
     """Write a recording in the ALOHA layout, float64, frames raw and one at a time; it reads back equal."""
     with h5py.File(path, "w") as file:
         file["timestamps"] = recording.time
-        file[POSITION] = recording.position
+        file[hdf5.POSITION] = recording.position
         for name, key in SIGNALS.items():
             if getattr(recording, name) is not None:
                 file[key] = getattr(recording, name)
         if not recording.usable.all():
             file[USABLE] = recording.usable
         for camera, frames in recording.frames.items():
-            rows = ({f"{IMAGES}/{camera}": frames[index]} for index in range(len(frames)))
-            write_rows(file, len(frames), rows)
-        file.attrs.update(LAYOUT_FLAGS)
+            rows = ({f"{hdf5.IMAGES}/{camera}": frames[index]} for index in range(len(frames)))
+            hdf5.write_rows(file, len(frames), rows)
+        file.attrs.update(hdf5.LAYOUT_FLAGS)
         file.attrs["joint_names"] = list(recording.joints)
         file.attrs["units"] = list(recording.units)
         file.attrs["noise"], file.attrs["quantum"] = recording.noise, recording.quantum

@@ -7,6 +7,7 @@ Source: collect_data.py of agilexrobotics/cobot_magic and record_episodes.py of 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,8 +26,8 @@ POSITION, COMMAND = "observations/qpos", "action"
 VELOCITY, EFFORT = "observations/qvel", "observations/effort"
 IMAGES, MASKS = "observations/images", "observations/masks"
 SUFFIXES = (".hdf5", ".h5")
-MAX_NUMBERS = 20_000_000  # of one signal: 14 joints at 100 Hz for four hours
-MAX_BYTES = 3 * 2**29  # of the arrays that are read into memory at once
+MAX_NUMBERS = 10_000_000  # of one signal: 14 joints at 100 Hz for two hours
+MAX_BYTES = 3 * 2**29  # that are read into memory while a file is open
 MAX_CHUNK_BYTES = 2**29  # of a chunk or a row, which HDF5 decompresses as a whole
 HZ_ATTRIBUTES = ("rate", "fps", "control_hz")
 LAYOUT_FLAGS = {"sim": False, "compress": False}  # attributes that ACT's loader indexes
@@ -39,7 +40,7 @@ class Hdf5File:
     """
 
     def __init__(self, file: h5py.File, path: Path) -> None:
-        self.file, self.path = file, path
+        self.file, self.path, self._bytes = file, path, 0
 
     def __contains__(self, key: str) -> bool:
         return key in self.file
@@ -61,27 +62,28 @@ class Hdf5File:
         if data.file.filename != self.file.filename or data.external or data.is_virtual:
             raise self.error(f"/{key} points to another file; copy its numbers into this one")
         chunk = data.chunks or data.shape[1:]
-        if max(_product(chunk), _product(data.shape[1:])) * data.dtype.itemsize > MAX_CHUNK_BYTES:
+        if max(math.prod(chunk), math.prod(data.shape[1:])) * data.dtype.itemsize > MAX_CHUNK_BYTES:
             raise self.error(f"/{key} claims the shape {data.shape} in chunks of {chunk}, more than fits into memory")
         return data
 
     def read(self, key: str, start: int = 0, stop: int | None = None) -> np.ndarray:
-        """Rows start .. stop - 1 of a dataset of numbers; all of it where there are no rows.
+        """Rows start .. stop - 1 of a dataset of numbers.
 
-        Raises: RecordingError for other types, and where the rows would take more than MAX_BYTES.
+        Raises: RecordingError for other types, and where this file's reads would exceed MAX_BYTES together.
         """
         data = self.dataset(key)
-        rows = slice(start, stop).indices(data.shape[0])[:2] if data.shape else (0, 1)
-        self.check_bytes(key, max(rows[1] - rows[0], 0) * _product(data.shape[1:]) * data.dtype.itemsize)
-        if not (np.issubdtype(data.dtype, np.number) or data.dtype == bool):
+        if data.dtype.kind not in "biufc":
             raise self.error(f"/{key} is {data.dtype} of shape {data.shape}; numbers are expected")
-        return np.asarray(data[rows[0] : rows[1]] if data.shape else data[()])
+        rows = range(data.shape[0] if data.shape else 1)[start:stop]
+        self.reserve(key, len(rows) * math.prod(data.shape[1:]) * data.dtype.itemsize)
+        return np.asarray(data[rows.start : rows.stop] if data.shape else data[()])
 
-    def check_bytes(self, key: str, count: int) -> None:
-        """Raises: RecordingError where so many bytes are too many to be read at once."""
-        if count > MAX_BYTES:
+    def reserve(self, key: str, count: int) -> None:
+        """Count bytes that are about to be read. Raises: RecordingError where they exceed MAX_BYTES together."""
+        self._bytes += count
+        if self._bytes > MAX_BYTES:
             raise self.error(
-                f"/{key} claims {count / 2**30:.1f} GB; at most {MAX_BYTES / 2**30:.1f} GB are read at once"
+                f"/{key} claims {count / 2**30:.1f} GB; at most {MAX_BYTES / 2**30:.1f} GB of a file are read at once"
             )
 
     def signal(self, key: str) -> np.ndarray:
@@ -92,7 +94,7 @@ class Hdf5File:
         data = self.dataset(key)
         if data.ndim != 2 or data.dtype.kind not in "iuf":
             raise self.error(f"/{key} is {data.dtype} of shape {data.shape}; numbers of shape (T, n) are expected")
-        if _product(data.shape) > MAX_NUMBERS:
+        if math.prod(data.shape) > MAX_NUMBERS:
             raise self.error(f"/{key} claims the shape {data.shape}; at most {MAX_NUMBERS} numbers are read")
         return self.read(key)
 
@@ -119,7 +121,11 @@ class Hdf5File:
         Raises: RecordingError where it is no rate.
         """
         values: list[Any] = [self.file.attrs[name] for name in HZ_ATTRIBUTES if name in self.file.attrs]
-        return check_hz(np.ravel(values[0])[0], str(self.path)) if values else None
+        return (
+            check_hz(values[0] if np.size(values[0]) != 1 else np.ravel(values[0])[0], str(self.path))
+            if values
+            else None
+        )
 
     def json(self, name: str, default: Any = None) -> Any:
         """An attribute that holds JSON.
@@ -131,7 +137,7 @@ class Hdf5File:
         try:
             return json.loads(text(self.file.attrs[name]))
         except (ValueError, RecursionError) as error:
-            raise self.error(f"the attribute {name} is no readable JSON") from error
+            raise self.error(f"the attribute {name} is neither a list of strings nor JSON") from error
 
     def strings(self, name: str) -> tuple[str, ...]:
         """An attribute that is an array of strings, or a JSON list; () where it is missing.
@@ -140,10 +146,7 @@ class Hdf5File:
         """
         value = self.file.attrs.get(name, ())
         if isinstance(value, str | bytes):
-            try:
-                value = json.loads(value)
-            except (ValueError, RecursionError) as error:
-                raise self.error(f"the attribute {name} is neither a list of strings nor JSON") from error
+            value = self.json(name)
         if not isinstance(value, list | tuple | np.ndarray) or np.ndim(np.array(value, object)) != 1:
             raise self.error(f"the attribute {name} must be a list of strings")
         return tuple(text(item) for item in value)
@@ -206,7 +209,7 @@ def open_hdf5(
     """Open an HDF5 file for reading; whatever h5py finds wrong with it inside the block becomes one sentence.
 
     error: class of the error; advice: what to do about a damaged file.
-    Raises: `error` where the file is missing, damaged or not of the layout.
+    Raises: `error` where the file is missing, damaged or not of the layout; errors inside the block get the file's name.
     """
     path = Path(path)
     if not path.is_file():
@@ -215,9 +218,9 @@ def open_hdf5(
         with h5py.File(path, "r") as file:
             yield Hdf5File(file, path)
     except EmbodieDreamerError as reason:
-        if isinstance(reason, error):
+        if isinstance(reason, error) and str(path) in str(reason):
             raise
-        raise error(str(reason)) from reason
+        raise error(f"{path}: {reason}" if str(path) not in str(reason) else str(reason)) from reason
     except (OSError, RuntimeError, LookupError, ValueError, TypeError, MemoryError, OverflowError) as reason:
         raise error(f"{path}: damaged, cut short or not an HDF5 file; {advice}") from reason
 
@@ -276,10 +279,3 @@ def jpeg(frame: np.ndarray, quality: int = 95) -> np.ndarray:
 def text(value: Any) -> str:
     """An attribute as text, strings and bytes alike."""
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
-
-
-def _product(shape: Iterable[int]) -> int:
-    result = 1
-    for length in shape:
-        result *= int(length)
-    return result

@@ -23,22 +23,23 @@ def load_episode(path: str | Path, camera: str = "head") -> Episode:
     of a real clip, `/observations/masks/<camera>` are the objects' masks, which count instead of the simulator's.
     Raises: VisionError where something is missing or does not fit.
     """
-    path = Path(path)
+    path, simulated = Path(path), f"observations/sim/{camera}"
     with open_hdf5(path, VisionError, ADVICE) as file:
-        real, simulated = f"observations/images/{camera}", f"observations/sim/{camera}"
-        frames, rgb, classes = (file.read(key) for key in (real, f"{simulated}/rgb", f"{simulated}/classes"))
-        depth, parts, projections, clean = (
-            file.read(key) if key in file else None
-            for key in (
-                *(f"{simulated}/{name}" for name in ("depth", "parts", "projections")),
-                f"observations/clean/{camera}",
-            )
+        frames, rgb, classes = (
+            file.read(key) for key in (f"observations/images/{camera}", f"{simulated}/rgb", f"{simulated}/classes")
         )
+        optional = (
+            *(f"{simulated}/{name}" for name in ("depth", "parts", "projections")),
+            f"observations/clean/{camera}",
+        )
+        depth, parts, projections, clean = (file.read(key) if key in file else None for key in optional)
         depth = None if depth is None else depth.astype(np.float32)
+        if classes.dtype != np.uint8 or (parts is not None and parts.dtype != np.uint8):
+            raise VisionError("classes and parts must be uint8.")
         look = file.json("look", {})
         names = file.strings("class_names") or CLASS_NAMES
-    style = str(look.get("name", "")) if isinstance(look, dict) else ""
-    return Episode(path.stem, frames, Condition(rgb, classes, depth, parts, projections), clean, names, style)
+        style = str(look.get("name", "")) if isinstance(look, dict) else ""
+        return Episode(path.stem, frames, Condition(rgb, classes, depth, parts, projections), clean, names, style)
 
 
 def load_episodes(patterns: Sequence[str | Path], camera: str = "head") -> list[Episode]:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.recordings import load_recordings, save_recording
+from embodiedreamer_gym.recordings import csv_text, load_recordings, save_recording
 from embodiedreamer_gym.recordings.plain_csv import read_plain_csv
 
 
@@ -79,6 +79,15 @@ BAD = {
     "unit": ({"notes": "# units: deg\n"}, "one of rad, m, 1"),
     "units": ({"notes": "# units: [rad\n"}, "neither a unit nor a JSON list"),
     "noise": ({"notes": "# noise: small\n"}, "not a JSON list of numbers"),
+    "huge noise": ({"notes": f"# noise: [1{'0' * 400}]\n"}, "not a JSON list of numbers"),
+    "deep noise": ({"notes": f"# noise: {'[' * 9000}\n"}, "not a JSON list of numbers"),
+    "huge": ({"extra": {4: f"0.08,1{'0' * 400},1"}}, "command of a is inf at row 4"),
+    "long": ({"extra": {4: "1," * 600_000}}, "a line has 1000000 characters or more"),
+    "quote": ({"extra": {4: '0.08,"1' + "2" * 200_000}}, "it is no readable csv: field larger than"),
+    "wide": (
+        {"header": "time" + "".join(f",j{k}.position" for k in range(5000))},
+        "the header has 5001 columns; at most",
+    ),
 }
 
 
@@ -88,6 +97,12 @@ def test_bad_files_are_named_in_one_sentence(tmp_path, case):
     with pytest.raises(RecordingError, match=message) as caught:
         read_plain_csv(written(tmp_path / "bad.csv", **given))
     assert "bad.csv: " in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_table_of_too_many_numbers_is_refused_while_it_is_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(csv_text, "MAX_NUMBERS", 20)
+    with pytest.raises(RecordingError, match=r"a\.csv: it holds more than 20 numbers"):
+        read_plain_csv(written(tmp_path / "a.csv"))
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,8 @@ BAD = {
         {"control": {3: 'CONTROL,1.0,"[1,1]"'}},
         "time is not finite, repeats or runs backwards at row 2",
     ),
+    "huge": ({"control": {3: f'CONTROL,40000.0,"[1{"0" * 400}, 1]"'}}, "positions on line 4 is not a list of numbers"),
+    "deep": ({"control": {3: f'CONTROL,40000.0,"{"[" * 9000}"'}}, "positions on line 4 is not a list of numbers"),
     "header": (
         {"control": {0: "type,time,positions"}},
         "no column timestamp in the header 'type,time,positions'",
@@ -107,3 +109,21 @@ def test_a_published_log_reads_like_its_conversion(shared_data):
         step = 2 * np.pi / 4096
         assert converted.quantum[:5] == pytest.approx(np.full(5, step), rel=1e-3)
         assert np.all(converted.noise < step)
+
+
+@pytest.mark.parametrize("name", ["control.csv", "state_motor.csv", "joint_list.txt"])
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"type,timestamp,positions\nX,0,\xff\n", "it is not UTF-8 text"),
+        (b"x" * 2_000_000, "a line has 1000000 characters or more"),
+        (b"", "names 0 joints|no column timestamp"),
+        (b'"' + b"x" * 200_000, "no readable csv|names 1 joints|no column|for 1 joints"),
+    ],
+)
+def test_a_damaged_file_is_named(tmp_path, name, content, message):
+    folder = sage(tmp_path / "a")
+    (folder / name).write_bytes(content)
+    with pytest.raises(RecordingError, match=message) as caught:
+        load_recordings(folder)
+    assert (name in str(caught.value) or "for 1 joints" in str(caught.value)) and "\n" not in str(caught.value)

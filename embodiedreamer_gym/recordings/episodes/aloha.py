@@ -93,9 +93,9 @@ class AlohaEpisodes(EpisodeSet):
         path, key = self._files[episode].path, f"{IMAGES}/{camera}"
         width, height = self.frame_size(camera)
         with open_hdf5(path) as file:
-            file.check_bytes(key, (stop - start) * height * width * 3)
             if file.dataset(key).ndim == 4:
                 return file.read(key, start, stop)
+            file.reserve(key, (stop - start) * height * width * 3)
             frames = np.empty((stop - start, height, width, 3), np.uint8)
             for number, frame in enumerate(file.frames(camera, start, stop)):
                 if frame.shape != frames.shape[1:]:

@@ -12,20 +12,9 @@ import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
+from embodiedreamer_gym.recordings import hdf5
 from embodiedreamer_gym.recordings.episodes.aloha import CLASSES
 from embodiedreamer_gym.recordings.episodes.episode_set import Frames, check_frame, check_numbers, frame_rows
-from embodiedreamer_gym.recordings.hdf5 import (
-    COMMAND,
-    EFFORT,
-    IMAGES,
-    MASKS,
-    POSITION,
-    VELOCITY,
-    jpeg,
-    new_hdf5,
-    write_attributes,
-    write_rows,
-)
 
 PACKING = {"raw": {}, "gzip": {"compression": "gzip", "compression_opts": 1}, "jpeg": {}}
 MASK_PACKING = {"compression": "gzip", "compression_opts": 4}
@@ -99,12 +88,12 @@ def write_aloha_episode(
     states, actions = check_numbers(np.asarray(states), "states"), check_numbers(np.asarray(actions), "actions")
     zeros, count = np.zeros_like(states), len(states)
     arrays = {
-        POSITION: states, COMMAND: actions, "base_action": np.zeros((count, BASE), np.float32),
-        VELOCITY: zeros if velocities is None else velocities,
-        EFFORT: zeros if efforts is None else efforts,
+        hdf5.POSITION: states, hdf5.COMMAND: actions, "base_action": np.zeros((count, BASE), np.float32),
+        hdf5.VELOCITY: zeros if velocities is None else velocities,
+        hdf5.EFFORT: zeros if efforts is None else efforts,
         **{f"objects/{name}": poses for name, poses in (objects or {}).items()},
     }  # fmt: skip
-    with new_hdf5(path) as file:
+    with hdf5.new_hdf5(path) as file:
         for key, array in arrays.items():
             if len(array) != count:
                 raise RecordingError(f"{path}: /{key} has {len(array)} steps for {count} states")
@@ -113,15 +102,15 @@ def write_aloha_episode(
         if images == "jpeg":
             _write_jpegs(file, count, rows)
         else:
-            write_rows(file, count, rows, lambda key: PACKING[images])
+            hdf5.write_rows(file, count, rows, lambda key: PACKING[images])
         for camera, source in (masks or {}).items():
-            key = f"{MASKS}/{camera}"
+            key = f"{hdf5.MASKS}/{camera}"
             mask_rows = ({key: row[camera]} for row in frame_rows({camera: source}, count, str(path)))
-            write_rows(file, count, mask_rows, lambda key: MASK_PACKING)
+            hdf5.write_rows(file, count, mask_rows, lambda key: MASK_PACKING)
         if masks:
-            write_attributes(file, {CLASSES: list(classes)})
+            hdf5.write_attributes(file, {CLASSES: list(classes)})
         file.attrs.update({"sim": True, "compress": images == "jpeg", "rate": float(hz), "instruction": task})
-        write_attributes(file, attributes or {})
+        hdf5.write_attributes(file, attributes or {})
 
 
 def _image_rows(frames: Frames, count: int, where: str) -> Iterator[dict[str, np.ndarray]]:
@@ -133,7 +122,7 @@ def _image_rows(frames: Frames, count: int, where: str) -> Iterator[dict[str, np
     for row in frame_rows(frames, count, where):
         for camera, frame in row.items():
             check_frame(frame, shapes.setdefault(camera, frame.shape), f"{where}: camera {camera}")
-        yield {f"{IMAGES}/{camera}": frame for camera, frame in row.items()}
+        yield {f"{hdf5.IMAGES}/{camera}": frame for camera, frame in row.items()}
 
 
 def _write_jpegs(file: h5py.File, count: int, rows: Iterable[Mapping[str, np.ndarray]]) -> None:
@@ -142,7 +131,7 @@ def _write_jpegs(file: h5py.File, count: int, rows: Iterable[Mapping[str, np.nda
     for step, row in enumerate(rows):
         lengths.append([])
         for key, frame in row.items():
-            code = jpeg(frame)
+            code = hdf5.jpeg(frame)
             if key not in file:
                 file.create_dataset(key, (count, JPEG_STEP), np.uint8, chunks=(1, JPEG_STEP), maxshape=(count, None))
             data: Any = file[key]
