@@ -13,7 +13,7 @@ targets=("$@")
 [ $# -gt 0 ] || targets=(demo test)
 limit=60  # s after the installation, for the first line of the demo's result
 
-mirror=${MIRROR:-$(grep -rhoE 'https?://[^ ]+/debian/?( |$)' /etc/apt/sources.list /etc/apt/sources.list.d 2>/dev/null | head -n 1)}
+mirror=${MIRROR:-$(grep -rhoE 'https?://[^ ]+/debian/?( |$)' /etc/apt --include='*.list' --include='*.sources' | head -n 1)}
 [ -n "$mirror" ] || { echo "no Debian mirror in apt's sources: set MIRROR" >&2; exit 2; }
 tree=${TREE:-$(mktemp -d)}
 cleanup() {
