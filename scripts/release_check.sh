@@ -30,7 +30,7 @@ mountpoint -q "$tree/proc" || mount -t proc proc "$tree/proc"
 mount --rbind /dev "$tree/dev" && mount --make-rslave "$tree/dev"
 for path in /etc/resolv.conf /etc/hosts /etc/ssl/certs ${EXTRA_PATHS:-}; do
     mkdir -p "$tree$(dirname "$path")"
-    cp -RLT "$path" "$tree$path"
+    cp -RLT --remove-destination "$path" "$tree$path"
 done
 rm -rf "$tree/project"
 git clone --quiet . "$tree/project"
