@@ -36,7 +36,7 @@ rm -rf "$tree/project"
 git clone --quiet . "$tree/project"
 
 inside() {
-    env -i PATH=/usr/bin:/bin HOME=/root LANG=C.UTF-8 "${pip_options[@]}" chroot "$tree" "$@"
+    chroot "$tree" /usr/bin/env -i PATH=/usr/bin:/bin HOME=/root LANG=C.UTF-8 "${pip_options[@]}" "$@"
 }
 mapfile -t pip_options < <(env | grep '^PIP_' || true)
 if inside sh -c 'command -v cc || command -v gcc || command -v clang'; then
