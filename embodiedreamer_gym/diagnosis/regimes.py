@@ -9,6 +9,7 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Drive
 
 REGIMES = ("hold", "slow", "fast", "reversal", "accelerating", "loaded")
+REGIME_HEADS = ("all", "hold", "slow", "fast", "reversal", "accel.", "loaded")  # of a table or a picture
 BESIDE = 0.05  # s before and after a change of direction that still belong to the reversal
 PAUSE = 0.5  # s; a joint that rests longer between two directions holds, it does not reverse
 CERTAIN = 4.0  # a speed of so many of its own standard deviations is a motion
