@@ -20,7 +20,7 @@ import numpy as np
 from embodiedreamer_gym.diagnosis import Diagnosis, add_effect, compare, diagnose
 from embodiedreamer_gym.diagnosis.candidates import refit
 from embodiedreamer_gym.diagnosis.experiment_design import propose_motion
-from embodiedreamer_gym.diagnosis.screening import grounds, screen
+from embodiedreamer_gym.diagnosis.screening import linearise, screen
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.motions import Motion
@@ -257,8 +257,8 @@ def brute_case(name: str, seeds: str, label: Label) -> dict[str, Any]:
             begun = time.perf_counter()
             problem, fit = fit_least_squares(model, train)
             calibrated = finish(problem, fit, 0.0).model
-            short, around = grounds(problem, fit, model)
-            screened = screen(CATALOGUE, around, short, np.ones(model.n))
+            short, points = linearise(problem, fit, model)
+            screened = screen(CATALOGUE, points, short, np.ones(model.n))
             refitted = [refit(calibrated, item, problem, train, test, False) for item in screened]
             row["named"] = min(refitted, key=lambda c: c.held_out.score).kind.name
     except Exception as error:

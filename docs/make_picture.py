@@ -6,7 +6,7 @@ from pathlib import Path
 
 from embodiedreamer_gym import RobotModel, diagnose, load_recordings
 from embodiedreamer_gym.demo import DATA
-from embodiedreamer_gym.diagnosis.report.figures import staircase
+from embodiedreamer_gym.diagnosis.report.result_figures import staircase
 
 OUT = Path(__file__).parent / "images" / "staircase.png"
 SIZE = (6.6, 3.1)  # in; narrower than in the report, so that its type is larger on the README's page

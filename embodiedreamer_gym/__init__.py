@@ -11,11 +11,20 @@ from typing import TYPE_CHECKING, Any
 from embodiedreamer_gym.envs import register_envs
 
 if TYPE_CHECKING:
-    from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose, where
+    from embodiedreamer_gym.diagnosis import (
+        Comparison,
+        Diagnosis,
+        ErrorBreakdown,
+        add_effect,
+        compare,
+        diagnose,
+        error_breakdown,
+        where,
+    )
     from embodiedreamer_gym.diagnosis.report import write_report
     from embodiedreamer_gym.effects import CATALOGUE
     from embodiedreamer_gym.errors import EmbodieDreamerError
-    from embodiedreamer_gym.phys_aligner import calibrate
+    from embodiedreamer_gym.phys_aligner import Calibration, calibrate
     from embodiedreamer_gym.recordings import (
         Recording,
         Recordings,
@@ -30,7 +39,11 @@ __version__ = "0.1.0"
 
 __all__ = [
     "CATALOGUE",
+    "Calibration",
+    "Comparison",
+    "Diagnosis",
     "EmbodieDreamerError",
+    "ErrorBreakdown",
     "Recording",
     "Recordings",
     "RobotModel",
@@ -40,6 +53,7 @@ __all__ = [
     "calibrate",
     "compare",
     "diagnose",
+    "error_breakdown",
     "load_recordings",
     "preflight",
     "save_recording",
@@ -49,11 +63,20 @@ __all__ = [
 ]
 
 _HOMES = {
-    "diagnosis": ("add_effect", "compare", "diagnose", "where"),
+    "diagnosis": (
+        "Comparison",
+        "Diagnosis",
+        "ErrorBreakdown",
+        "add_effect",
+        "compare",
+        "diagnose",
+        "error_breakdown",
+        "where",
+    ),
     "diagnosis.report": ("write_report",),
     "effects": ("CATALOGUE",),
     "errors": ("EmbodieDreamerError",),
-    "phys_aligner": ("calibrate",),
+    "phys_aligner": ("Calibration", "calibrate"),
     "recordings": ("Recording", "Recordings", "load_recordings", "preflight", "save_recording"),
     "robot": ("RobotModel", "built_in_robots"),
     "simulation": ("simulate",),

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
 
-from embodiedreamer_gym.diagnosis import Comparison, Diagnosis, compare, diagnose, where
+from embodiedreamer_gym.diagnosis import Comparison, Diagnosis, compare, diagnose, error_breakdown
 from embodiedreamer_gym.diagnosis.report import write_report
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.io.progress import Progress
@@ -68,7 +68,7 @@ def run(folder: str | Path = "demo_report", progress: Progress | None = None) ->
     print(_indent(_joints(compare(models, test, labels=["nominal", "calibrated", "better"][: len(models)]))))
     print()
     print(_indent(_bars([*found.steps, ("sensor noise", found.error["noise"] or 0.0)])))
-    page = write_report(folder, diagnosis=found, where=where(found.calibrated, test), recordings=test)
+    page = write_report(folder, diagnosis=found, breakdown=error_breakdown(found.calibrated, test), recordings=test)
 
     print("\nThe sealed truth is opened:")
     print(_indent(_revealed(found, json.loads(TRUTH.read_text(encoding="utf-8")))))

@@ -16,7 +16,7 @@ def main() -> None:
     print()
     print(er.compare([model, fit.model], test, labels=["before", "calibrated"]))
     print()
-    for finding in er.where(fit.model, test).findings:  # what is left, and what it goes with
+    for finding in er.error_breakdown(fit.model, test).findings:  # what is left, and what it correlates with
         print(f"- {finding}")
 
 

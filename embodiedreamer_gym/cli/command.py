@@ -21,7 +21,7 @@ from embodiedreamer_gym.cli.standin_film import add_film
 from embodiedreamer_gym.cli.vis import add_vis
 from embodiedreamer_gym.cli.vis_camera import add_camera
 from embodiedreamer_gym.demo import run as run_demo
-from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose, where
+from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose, error_breakdown
 from embodiedreamer_gym.diagnosis.report import write_report
 from embodiedreamer_gym.effects import CATALOGUE, load_effects
 from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
@@ -195,8 +195,8 @@ def _compare(a: argparse.Namespace, progress: Progress) -> None:
 def _where(a: argparse.Namespace, progress: Progress) -> None:
     _check_outputs(a)
     model = _model(a, a.model)
-    found = where(model, _recordings(a, model, a.recordings))
-    _answer(a, found, lambda: write_report(a.report, where=found))
+    found = error_breakdown(model, _recordings(a, model, a.recordings))
+    _answer(a, found, lambda: write_report(a.report, breakdown=found))
 
 
 def _calibrate(a: argparse.Namespace, progress: Progress) -> None:
@@ -216,11 +216,10 @@ def _diagnose(a: argparse.Namespace, progress: Progress) -> None:
     _check_outputs(a)
     model = _model(a, a.model)
     train, test = (_recordings(a, model, part, fit=True) for part in (a.train, a.test))
-    rng = np.random.default_rng(a.seed)
-    found = diagnose(model, train, test, jobs=a.jobs, rng=rng, progress=progress, journal=a.resume)
+    found = diagnose(model, train, test, jobs=a.jobs, seed=a.seed, progress=progress, refit_cache=a.resume)
     progress.close()
     _answer(a, found, lambda: write_report(
-        a.report, diagnosis=found, where=where(found.calibrated, test), recordings=test
+        a.report, diagnosis=found, breakdown=error_breakdown(found.calibrated, test), recordings=test
     ))  # fmt: skip
     if a.out:
         found.model.save(a.out)
@@ -233,10 +232,7 @@ def _add(a: argparse.Namespace, progress: Progress) -> None:
     train, test = (_recordings(a, richer, part, fit=True) for part in (a.train, a.test))
     found = add_effect(model, a.effect, train, test, progress=progress)
     progress.close()
-    print(f"{found.after}\n")
-    parts = {"calibration": found.after, "comparison": found.comparison}
-    data = {"effect": a.effect, **{key: part.as_dict() for key, part in parts.items()}}
-    _answer(a, found.comparison, lambda: write_report(a.report, **parts), data)
+    _answer(a, found, lambda: write_report(a.report, calibration=found.after, comparison=found.comparison))
     found.after.model.save(a.out)
 
 
@@ -254,7 +250,7 @@ def _excite(a: argparse.Namespace, progress: Progress) -> None:
     logs = _recordings(a, model, a.recordings, fit=True) if a.recordings else ()
     found = propose_motion(
         model, pair, logs, a.seconds, min(a.speed, 1.0), a.acceleration, a.reach, table=a.table,
-        rng=np.random.default_rng(a.seed), progress=progress,
+        seed=a.seed, progress=progress,
     )  # fmt: skip
     progress.close()
     _answer(a, found, lambda: a.report)

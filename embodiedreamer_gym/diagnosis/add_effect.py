@@ -1,18 +1,21 @@
-"""add_effect: a model with one more effect, refitted, before and after."""
+"""add_effect: a model without and with one more effect, both fitted, compared on held-out recordings."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, start_of
-from embodiedreamer_gym.diagnosis.compare import Comparison, compare
-from embodiedreamer_gym.diagnosis.screening import grounds, screen_effect
+from embodiedreamer_gym.diagnosis.compare import compare
+from embodiedreamer_gym.diagnosis.comparison import Comparison
+from embodiedreamer_gym.diagnosis.screening import linearise, screen_effect
 from embodiedreamer_gym.effects import find_effect
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
+from embodiedreamer_gym.io.tables import milli
 from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
@@ -33,13 +36,32 @@ class Addition:
     after: Calibration
     comparison: Comparison
 
+    @property
+    def warning(self) -> str:
+        """Sentence that says that the held-out error rose with the effect, "" where it did not."""
+        before, after = self.comparison.error
+        if not after > before:
+            return ""
+        sizes = " to ".join(milli(float(error), self.comparison.unit) for error in (before, after))
+        return f"The held-out error rose from {sizes}: {self.effect} makes this model worse."
+
+    def __str__(self) -> str:
+        return "\n\n".join(filter(None, [str(self.after), str(self.comparison), self.warning]))
+
+    def as_dict(self) -> dict[str, Any]:
+        """The result as JSON."""
+        parts = {"calibration": self.after.as_dict(), "comparison": self.comparison.as_dict()}
+        return {"effect": self.effect, **parts, "held_out_error_rose": bool(self.warning)}
+
 
 def add_effect(
     model: RobotModel, name: str, train: Sequence[Recording], test: Sequence[Recording],
     progress: ProgressCallback | None = None,
 ) -> Addition:  # fmt: skip
-    """Calibrate the model, add the effect of that name, fit everything again and compare on held-out recordings.
+    """Calibrate the model, add the effect of that name, fit all parameters again and compare on held-out recordings.
 
+    train, test: recordings to fit and, held out, to compare on.
+    progress: is called as the work advances.
     Raises: EffectError for an unknown effect, ModelError when the model has it already.
     """
     progress = progress_or_silence(progress)
@@ -51,13 +73,13 @@ def add_effect(
     problem, fit = fit_least_squares(model, train, progress=progress)
     before = finish(problem, fit, time.perf_counter() - begun)
     begun = time.perf_counter()
-    short, around = grounds(problem, fit, model)
-    found = screen_effect(kind, around, short, np.ones(model.n))
+    short, points = linearise(problem, fit, model)
+    screened = screen_effect(kind, points, short, np.ones(model.n))
     richer = before.model.with_effect(kind)
     new = Problem(richer, train, hold=problem.hold)
     after = finish(
         new,
-        minimise(new, start_of(new, found.start), ITERATIONS, progress=progress),
+        minimise(new, start_of(new, screened.start), ITERATIONS, progress=progress),
         time.perf_counter() - begun,
     )
     return Addition(name, before, after, compare([before.model, after.model], test))

@@ -1,4 +1,4 @@
-"""Second thoughts on several effects: one that was named first may not be needed any more, or be another after all."""
+"""Backward elimination: drop effects that later ones made redundant, resolve a tie, remove effects from idle joints."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
 
 
-def without_needless(
+def drop_redundant(
     steps: Sequence[Candidate], train: Sequence[Recording], test: Sequence[Recording]
 ) -> list[Candidate]:  # fmt: skip
-    """The steps less any but the last that the others do without: refitted, they score as well on held-out motion."""
+    """Remove each step but the last without which the others, refitted, score as well on held-out motion."""
     steps = list(steps)
     for early in steps[:-1]:
         last = steps[-1]
@@ -28,13 +28,13 @@ def without_needless(
     return steps
 
 
-def decided(
+def resolve_tie(
     before: HeldOut, rivals: Sequence[Candidate], steps: Sequence[Candidate], train: Sequence[Recording],
     test: Sequence[Recording],
 ) -> tuple[list[Candidate], list[Candidate]]:  # fmt: skip
-    """What the first effect is, where rivals tied for it and others have been added since: steps, and what still ties.
+    """Decide between candidates for the first effect, once others have been added: steps, and those that still tie.
 
-    before: the model without any. Each rival takes the first one's place beside the others and all is fitted again.
+    before: held-out error without any effect. Each rival replaces the first effect and all parameters are fitted again.
     """
     first, last = steps[0], steps[-1]
     options = [replace(last, kind=first.kind)]
@@ -49,10 +49,10 @@ def decided(
     return [renamed, *steps[1:-1], replace(best, kind=last.kind, rollouts=last.rollouts + spent)], close
 
 
-def placed(
+def prune_all(
     steps: Sequence[Candidate], train: Sequence[Recording], test: Sequence[Recording]
 ) -> list[Candidate]:  # fmt: skip
-    """The steps with each effect only on the joints that need it, now that all effects are in."""
+    """The steps with each effect only on the joints that need it, given all effects."""
     last = steps[-1]
     for kind in dict.fromkeys(step.kind for step in steps):
         last = prune(replace(last, kind=kind), train, test)
@@ -62,7 +62,7 @@ def placed(
 def _exchanged(
     last: Candidate, old: Candidate, new: Candidate | None, train: Sequence[Recording], test: Sequence[Recording]
 ) -> Candidate:  # fmt: skip
-    """The last step's model with another effect (or none) in place of an old one, fitted again."""
+    """The last step's model with one effect replaced by another or removed, fitted again."""
     effects: list[Effect] = []
     for effect in last.model.effects:
         if effect.name != old.kind.name:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
-from embodiedreamer_gym.diagnosis.refit_cache import Known
+from embodiedreamer_gym.diagnosis.refit_cache import CachedFit
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.effects import Effect
+from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, fit_at, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.starts import piecewise_start
@@ -19,9 +20,9 @@ from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
 ITERATIONS = 12
 TOLERANCE = 1e-3
-HIGHER = 1.35  # times the best size of a limit in the screening: the next start
-POLISH, POLISHED = 25, 1e-4
-TRIFLE = 0.08  # held-out score of a joint that is not worth naming it
+HIGHER_LIMIT = 1.35  # second start of a limit, relative to its best size in the screening
+FINAL_ITERATIONS, FINAL_TOLERANCE = 25, 1e-4
+NEGLIGIBLE_LOSS = 0.08  # of held-out score, below which an effect is removed from a joint
 RULES = ("linear", "hold")
 
 
@@ -44,40 +45,42 @@ class Candidate:
 
 def refit(
     base: RobotModel, screened: Screened, problem: Problem, train: Sequence[Recording], test: Sequence[Recording],
-    both_rules: bool, rival: float = np.inf, known: Known | None = None, by_pieces: bool = False,
+    both_rules: bool, rival: float = np.inf, cached: CachedFit | None = None, by_pieces: bool = False,
 ) -> Candidate:  # fmt: skip
-    """Fit base + effect from where the screening found it; under both rules between commands where none is known.
+    """Fit base + effect from the screening's start; under both rules between commands where none is known.
 
     problem: the base model's own, whose weights per joint and rule are kept, so that costs compare; rival: cost of another
-    refit, far above which this one is given up; known: where this refit ended once before; by_pieces: begin with fits to
-    pieces of the motion, also from nominal gains, where a fit to the whole would end in a wrong valley.
+    refit, far above which this one is given up; cached: where this refit ended once before; by_pieces: begin with fits to
+    pieces of the motion, also from nominal gains, where a fit to the whole would end in a local minimum.
     """
     trial = base.with_effect(screened.kind, screened.joints)
     options = RULES if both_rules and screened.kind.stage == "command" else (problem.hold,)
-    if known is not None:
-        options = (known.hold,)
-    found: list[Candidate] = []
-    starts = _starts(screened) if known is None else [screened.start]
+    if cached is not None:
+        options = (cached.hold,)
+    fits: list[Candidate] = []
+    starts = _starts(screened) if cached is None else [screened.start]
     for hold in options:
         new = Problem(trial, train, hold=hold)
         scaled = [start_of(new, start) for start in starts]
-        if by_pieces and known is None:
+        if by_pieces and cached is None:
             scaled = [piecewise_start(new, [*scaled, start_of(new, screened.start | screened.nominal)])]
         for x in scaled:
-            fit = fit_at(new, known.x) if known else minimise(new, x, ITERATIONS, TOLERANCE, rival=rival)
+            if cached and len(cached.x) != len(x):
+                raise CalibrationError(f"the refit cache does not fit {screened.kind.name}; give another file.")
+            fit = fit_at(new, cached.x) if cached else minimise(new, x, ITERATIONS, TOLERANCE, rival=rival)
             model = new.model_at(fit.x)
-            found.append(Candidate(screened.kind, model, new, fit, evaluate(model, test, hold), new.rollouts))
-    best = min(found, key=lambda c: c.fit.cost)
-    return replace(best, rollouts=sum({id(c.problem): c.problem.rollouts for c in found}.values()))
+            fits.append(Candidate(screened.kind, model, new, fit, evaluate(model, test, hold), new.rollouts))
+    best = min(fits, key=lambda c: c.fit.cost)
+    return replace(best, rollouts=sum({id(c.problem): c.problem.rollouts for c in fits}.values()))
 
 
 def _starts(screened: Screened) -> list[dict[ParameterKey, np.ndarray]]:
-    """Where the screening found an effect; a limit also a little higher, since its cost has more than one valley."""
+    """Starts of a refit: the screening's best; of a limit also a higher one, since its cost has several local minima."""
     higher = dict(screened.start)
     for p in screened.kind.parameters:
         if p.off == p.high:
             key = ParameterKey(p.name, screened.kind.name)
-            higher[key] = HIGHER * screened.start[key]
+            higher[key] = HIGHER_LIMIT * screened.start[key]
     same = all(higher[group] is values for group, values in screened.start.items())
     return [screened.start] if same else [screened.start, higher]
 
@@ -97,26 +100,25 @@ def prune(
 ) -> Candidate:  # fmt: skip
     """Keep the effect only on the joints (or arms) where switching it off costs held-out score, and refit.
 
-    A joint stays when switching it off alone loses more than `share` of what the dearest joint loses, both as it stands
-    and if all other parameters could answer (linearly); the latter alone counts where held-out motion feels no joint, as
-    of a limit that it does not reach. The smaller effect is taken unless it does worse on the held-out
-    recordings.
+    A joint stays when switching it off alone loses more than `share` of the largest loss of a joint, both with the other
+    parameters as they are and with them refitted (linearly); the latter alone counts where held-out motion depends on no
+    joint, as for a limit that it does not reach. The smaller effect is taken unless it does worse on held-out recordings.
     """
     kind, model = candidate.kind, candidate.model
     effect = next(e for e in model.effects if e.name == kind.name)
     places = sorted({place for values in effect.values.values() for place in values}, key=_order(model))
     if len(places) < 2:
         return candidate
-    losses, answered = [], []
+    losses, refitted_losses = [], []
     for place in places:
         values = {
             ParameterKey(p.name, kind.name): {place: float(model.parameter_off(p)[model.places(p).index(place)])}
             for p in kind.parameters if place in model.places(p)
         }  # fmt: skip
         off = evaluate(model.with_values(values), test, candidate.problem.hold)
-        answered.append(_answered_loss(candidate, place))
-        losses.append(min(off.score - candidate.held_out.score, answered[-1]))
-    keep = _dear(places, losses, share) or _dear(places, answered, share)
+        refitted_losses.append(_refitted_loss(candidate, place))
+        losses.append(min(off.score - candidate.held_out.score, refitted_losses[-1]))
+    keep = _above(places, losses, share) or _above(places, refitted_losses, share)
     spent = candidate.rollouts + len(places)
     if not keep or len(keep) == len(places):
         return replace(candidate, rollouts=spent)
@@ -127,21 +129,21 @@ def prune(
     fitted = new.model_at(fit.x)
     held_out = evaluate(fitted, test, new.hold)
     spent += new.rollouts
-    if held_out.score > candidate.held_out.score + TRIFLE * (len(places) - len(keep)):
+    if held_out.score > candidate.held_out.score + NEGLIGIBLE_LOSS * (len(places) - len(keep)):
         return replace(candidate, rollouts=spent)
     return Candidate(kind, fitted, new, fit, held_out, spent)
 
 
-def _dear(places: Sequence[str], losses: Sequence[float], share: float) -> list[str]:
-    """Places whose loss is no trifle, beside the dearest."""
-    return [p for p, loss in zip(places, losses, strict=True) if loss > max(share * max(losses), TRIFLE)]
+def _above(places: Sequence[str], losses: Sequence[float], share: float) -> list[str]:
+    """Places whose loss is not negligible beside the largest."""
+    return [p for p, loss in zip(places, losses, strict=True) if loss > max(share * max(losses), NEGLIGIBLE_LOSS)]
 
 
-def _answered_loss(candidate: Candidate, place: str) -> float:
-    """Loss of training score when the effect is switched off on one joint (or arm) and the other parameters answer.
+def _refitted_loss(candidate: Candidate, place: str) -> float:
+    """Loss of training score when the effect is off at one joint (or arm) and the others are refitted.
 
     Half the squared distance from off in units of the estimate's covariance, whose Hessian is that of the sum over
-    joints of log(1 + chi2). An effect that is off at a bound far away (a limit) looks dearer than it is.
+    joints of log(1 + chi2). It overestimates the loss of an effect that is off at a distant bound (a limit).
     """
     problem, fit = candidate.problem, candidate.fit
     keys = [row.key for row in problem.rows]
@@ -156,10 +158,10 @@ def _answered_loss(candidate: Candidate, place: str) -> float:
 
 
 def polish(candidate: Candidate, test: Sequence[Recording]) -> Candidate:
-    """Fit to the end what was only fitted well enough to be compared, so that no other effect has to mend it."""
+    """Continue a refit to a finer tolerance, so that no later effect makes up for it."""
     problem = candidate.problem
     spent = problem.rollouts
-    fit = minimise(problem, candidate.fit.x, POLISH, POLISHED)
+    fit = minimise(problem, candidate.fit.x, FINAL_ITERATIONS, FINAL_TOLERANCE)
     model = problem.model_at(fit.x)
     held_out = evaluate(model, test, problem.hold)
     return replace(

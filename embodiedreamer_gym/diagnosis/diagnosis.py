@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.candidates import Candidate
-from embodiedreamer_gym.diagnosis.compare import compare, trajectory_losses
+from embodiedreamer_gym.diagnosis.compare import compare
+from embodiedreamer_gym.diagnosis.comparison import GUESSED, gains_are_guessed
 from embodiedreamer_gym.diagnosis.held_out import HeldOut
-from embodiedreamer_gym.diagnosis.null_distribution import Null
-from embodiedreamer_gym.diagnosis.verdict import explained, total_explained
+from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution
+from embodiedreamer_gym.diagnosis.trajectory_error import trajectory_losses
+from embodiedreamer_gym.diagnosis.verdict import explained, rank_notes, total_explained
+from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.io.tables import MILLI, finite
 from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.recordings import Recording
@@ -24,24 +27,40 @@ LABELS = ("nominal", "calibrated", "with_effect", "noise")
 
 @dataclass(frozen=True)
 class Ranked:
-    """One refitted effect: mean held-out chi2, fall of the held-out score with its standard error, linear screening."""
+    """One effect that was refitted alone.
+
+    held_out_chi2: mean over joints of the held-out chi2.
+    gain, gain_error: fall of the held-out score, and its standard error.
+    screening: fall of the log residual in the linear screening.
+    note: why the effect is not named although it ranks before one that is, else "".
+    """
 
     effect: str
     held_out_chi2: float
     gain: float
     gain_error: float
     screening: float
+    note: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """What a model lacks.
 
-    verdict: "nothing_missing", "missing", "ambiguous" or "unknown"; effects: names, first found first (both of a
-    tie); joints: effect -> joints or arms it acts on; parameters: effect -> joint -> value, low, high, unit; error
-    (in `unit`: rad, or N m or A of logs without a command) and end_effector_mm: nominal, calibrated, with_effect (None
-    where none is named), noise; unexplained: joint -> share of its excess error that is left; chi2: held-out mean square
-    per joint in sensor noises, calibrated, with_effect, and of faultless robots (usual: median, most: 95 %); model: the better model; steps: (label, held-out error) of the staircase.
+    verdict: "nothing_missing", "missing", "ambiguous" or "unknown"; sentence: the same in words.
+    effects: names, first found first (both of a tie).
+    joints: effect -> joints or arms it acts on.
+    parameters: effect -> joint -> value, low, high, unit.
+    ranking: the effects that were refitted, best first.
+    error, end_effector_mm: nominal, calibrated, with_effect (None where none is named) and noise; error in `unit`.
+    unobservable: effects that these recordings cannot show.
+    unexplained: joint -> share of its excess error that is left.
+    steps: (label, held-out error) from nominal over calibrated to each added effect.
+    p_value: share of faultless robots that do as badly as the calibrated model.
+    unit: rad, or N m or A of recordings without a command.
+    chi2: held-out mean square per joint in sensor noises: calibrated, with_effect, and of faultless robots (usual:
+        median, most: 95 %).
+    model: the better model.
     """
 
     verdict: str
@@ -69,6 +88,18 @@ class Diagnosis:
         """Name of the effect found first, None where none is named."""
         return self.effects[0] if self.effects else None
 
+    @property
+    def gains_guessed(self) -> bool:
+        """Whether servo gains of the nominal model are the package's first guess."""
+        return gains_are_guessed(self.nominal)
+
+    def models_by_label(self) -> dict[str, RobotModel]:
+        """Nominal and calibrated model, and the one with the named effects."""
+        models = {"nominal": self.nominal, "calibrated": self.calibrated}
+        if self.effects:
+            models[f"with {', '.join(self.effects)}".replace("_", " ")] = self.model
+        return models
+
     def as_dict(self) -> dict[str, Any]:
         """The answer as JSON."""
         return {
@@ -77,15 +108,8 @@ class Diagnosis:
             "effects": list(self.effects),
             "joints": {k: list(v) for k, v in self.joints.items()},
             "parameters": self.parameters,
-            "ranking": [
-                {
-                    "effect": r.effect,
-                    "held_out_chi2": r.held_out_chi2,
-                    "gain": r.gain,
-                    "gain_error": r.gain_error,
-                }
-                for r in self.ranking
-            ],
+            "ranking": [{k: v for k, v in asdict(r).items() if k != "screening"} for r in self.ranking],
+            "gains_guessed": self.gains_guessed,
             "error": {"unit": self.unit, **self.error},
             "end_effector_mm": self.end_effector_mm,
             "unobservable": list(self.unobservable),
@@ -99,12 +123,15 @@ class Diagnosis:
 
     def __str__(self) -> str:
         lines = [self.sentence, "", f"{'held-out error':<34} {MILLI[self.unit]:>10}"]
-        lines += [f"  {label:<32} {error * 1e3:>10.3f}" for label, error in self.steps]
+        for label, error in self.steps:
+            note = f" ({GUESSED})" if label == "nominal" and self.gains_guessed else ""
+            lines.append(f"  {label + note:<32} {error * 1e3:>10.3f}")
         lines.append(f"  {'noise floor':<32} {(self.error['noise'] or 0) * 1e3:>10.3f}")
         if self.ranking:
             lines += ["", f"{'rank  effect':<36} {'held-out chi2/n':>16} {'gain (log)':>18}"]
             for k, r in enumerate(self.ranking, 1):
                 lines.append(f"{k:>4}  {r.effect:<30} {r.held_out_chi2:>16.2f} {r.gain:>10.2f} +- {r.gain_error:.2f}")
+                lines += [f"      not named: {r.note}"] if r.note else []
         for effect, rows in self.parameters.items():
             lines.append("")
             for joint, row in rows.items():
@@ -121,8 +148,8 @@ class Diagnosis:
 
 def summarise(
     *, verdict: str, model: RobotModel, calibrated: Calibration, final: Calibration, steps: Sequence[Candidate],
-    tie: Sequence[Candidate], closest: Candidate | None, base: HeldOut, held: HeldOut, null: Null,
-    p_value: float, ranking: Sequence[Ranked], unobservable: tuple[str, ...], test: Sequence[Recording],
+    tie: Sequence[Candidate], closest: Candidate | None, base: HeldOut, held: HeldOut, null: NullDistribution,
+    p_value: float, ranking: Sequence[Ranked], unobservable: tuple[str, ...], catalogue: Mapping[str, type[Effect]], test: Sequence[Recording],
     rollouts: int, seconds: float,
 ) -> Diagnosis:  # fmt: skip
     """Put a search's results into a Diagnosis."""
@@ -134,38 +161,39 @@ def summarise(
     if named:
         models["with_effect"] = better
     comparison = compare(list(models.values()), test, labels=list(models))
-    found: dict[str, float] = dict(zip(models, comparison.error.tolist(), strict=True))
-    error: dict[str, float | None] = {label: found.get(label) for label in LABELS} | {"noise": comparison.noise}
+    errors: dict[str, float] = dict(zip(models, comparison.error.tolist(), strict=True))
+    error: dict[str, float | None] = {label: errors.get(label) for label in LABELS} | {"noise": comparison.noise}
     millimetres: dict[str, float] = dict(zip(models, comparison.end_effector_mm.tolist(), strict=True))
     millimetres["noise"] = np.nan if comparison.signals.by_effort else _noise_mm(model, test)
     share = explained(base, held if named else base, null.chi2)
     unexplained = {
         joint: float(1.0 - s) for joint, s in zip(model.joints, share, strict=True) if np.isfinite(s) and 1.0 - s > 0.1
     }
-    stairs = [("nominal", found["nominal"]), ("calibrated", found["calibrated"])]
+    stages = [("nominal", errors["nominal"]), ("calibrated", errors["calibrated"])]
     if named:
         between = compare([c.model for c in steps[:-1]], test).error.tolist() if len(steps) > 1 else []
-        stairs += [(f"+ {c.kind.name}", e) for c, e in zip(steps, [*between, found["with_effect"]], strict=True)]
+        stages += [(f"+ {c.kind.name}", e) for c, e in zip(steps, [*between, errors["with_effect"]], strict=True)]
     parameters = {c.kind.name: _parameters(better, c.kind.name) for c in steps} if named else {}
+    notes = rank_notes([r.effect for r in ranking], [r.gain for r in ranking], effects, catalogue)
     return Diagnosis(
         verdict=verdict, sentence=_sentence(verdict, effects, parameters, closest, base, null, p_value),
         effects=effects, joints={e: _places(rows) for e, rows in parameters.items()}, parameters=parameters,
-        ranking=tuple(ranking), error=error,
+        ranking=tuple(replace(r, note=note) for r, note in zip(ranking, notes, strict=True)), error=error,
         end_effector_mm={label: finite(millimetres.get(label, np.nan)) for label in LABELS}, unobservable=unobservable,
-        unexplained=unexplained, steps=tuple(stairs), p_value=p_value, rollouts=rollouts, seconds=seconds,
+        unexplained=unexplained, steps=tuple(stages), p_value=p_value, rollouts=rollouts, seconds=seconds,
         unit=comparison.unit, chi2=_chi2(base, held, null, named), nominal=model, calibrated=calibrated.model, model=better,
     )  # fmt: skip
 
 
-def _chi2(base: HeldOut, held: HeldOut, null: Null, named: bool) -> dict[str, list[float]]:
+def _chi2(base: HeldOut, held: HeldOut, null: NullDistribution, named: bool) -> dict[str, list[float]]:
     """Held-out chi2 per joint, and what faultless robots have: their median and their 95th percentile."""
     usual, most = np.quantile(null.chi2, (0.5, 0.95), axis=0)
-    found = {"calibrated": base.chi2, "usual": usual, "most": most} | ({"with_effect": held.chi2} if named else {})
-    return {label: [float(x) for x in values] for label, values in found.items()}
+    chi2 = {"calibrated": base.chi2, "usual": usual, "most": most} | ({"with_effect": held.chi2} if named else {})
+    return {label: [float(x) for x in values] for label, values in chi2.items()}
 
 
 def _noise_mm(model: RobotModel, test: Sequence[Recording]) -> float:
-    """Mean translation error of the end effectors, mm, that the sensors' noise alone makes."""
+    """Mean translation error of the end effectors, mm, that the sensors' noise alone gives."""
     rng = np.random.default_rng(0)
     noisy = [
         Rollout(r.time, r.position + r.sigma * rng.standard_normal(r.position.shape), r.position, r.position)
@@ -190,7 +218,7 @@ def _places(rows: dict[str, dict[str, Any]]) -> tuple[str, ...]:
     return tuple(k for k in rows if "." not in k)
 
 
-def _sentence(verdict, effects, parameters, closest, base: HeldOut, null: Null, p_value: float) -> str:
+def _sentence(verdict, effects, parameters, closest, base: HeldOut, null: NullDistribution, p_value: float) -> str:
     usual = f"a faultless robot whose masses are 2 % off scores as badly with p = {p_value:.3f}"
     if verdict == "nothing_missing":
         return f"Nothing is missing that these recordings could show ({usual})."

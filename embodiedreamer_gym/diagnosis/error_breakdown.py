@@ -1,4 +1,4 @@
-"""where: in which joints and regimes a model fails, on which side, and what its error goes with."""
+"""error_breakdown: a model's error by joint and regime, what it correlates with, and whether controller or plant is off."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.compare import Comparison, compare
+from embodiedreamer_gym.diagnosis.compare import compare
+from embodiedreamer_gym.diagnosis.comparison import GUESSED, Comparison
 from embodiedreamer_gym.diagnosis.error_attribution import controller_share, lags
-from embodiedreamer_gym.diagnosis.regimes import REGIMES
-from embodiedreamer_gym.io.tables import MILLI, finite, layout, number
+from embodiedreamer_gym.diagnosis.regimes import REGIME_HEADS, REGIMES
+from embodiedreamer_gym.io.tables import finite, layout, milli, number
 from embodiedreamer_gym.recordings import Recording, smooth_motion
 from embodiedreamer_gym.robot import RobotModel
 
 BINS = 12
 FEWEST = 10  # samples in a bin
-AGAINST = ("speed", "angle", "torque", "time")
-FOLLOWS = {
-    "speed": "goes with speed and its direction",
-    "angle": "goes with the joint's angle",
-    "torque": "goes with the torque on the joint",
+QUANTITIES = ("speed", "angle", "torque", "time")
+CORRELATES = {
+    "speed": "correlates with speed and its direction",
+    "angle": "correlates with the joint's angle",
+    "torque": "correlates with the torque on the joint",
     "time": "drifts with time",
 }
 WHEN = {
@@ -33,12 +34,12 @@ WHEN = {
     "loaded": "under load",
 }
 VISIBLE = 2.0  # chi2/n above which a joint's error is more than noise
-STRONG = 0.4  # share of the error's variance that must go with something to say so
-ASIDE = 0.8  # share of a joint's error that must be its mean to call it steady
+STRONG = 0.4  # share of the error's variance that a quantity must explain to be named
+CONSTANT_SHARE = 0.8  # share of a joint's error that must be its mean to call it a constant offset
 MORE = 1.3  # times the joint's whole error, to call a regime the worst
 ENOUGH = 30  # samples of a regime to speak of it
 READABLE = 6  # joints in a sentence
-LATE = 5.0  # ms; less than the smoothing can tell at the rates of logs
+SHORTEST_LAG = 5.0  # ms; shorter lags are below what the smoothing resolves
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +65,15 @@ class Profile:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Where:
-    """Where one model fails.
+class ErrorBreakdown:
+    """One model's error, broken down.
 
-    comparison: the model's own; controller_share (n,): see `sides`, nan where not known; side: the same for
-    the whole robot, weighted by each joint's error, None where not known; lag_ms (n,): by how much the
-    measured motion is later than the simulated, nan where not known; profiles: error against speed, angle,
-    torque and time; findings: one plain sentence each.
+    comparison: the model's own.
+    controller_share: (n,), see `controller_share`, nan where not known.
+    side: the same for the whole robot, weighted by each joint's error, None where not known.
+    lag_ms: (n,), by how much the measured motion is later than the simulated, nan where not known.
+    profiles: error against speed, angle, torque and time.
+    findings: one sentence each.
     """
 
     comparison: Comparison
@@ -81,7 +84,7 @@ class Where:
     findings: tuple[str, ...]
 
     def __repr__(self) -> str:
-        return f"Where({self.comparison.labels[0]!r}, n={len(self.lag_ms)}, {len(self.findings)} findings)"
+        return f"ErrorBreakdown({self.comparison.labels[0]!r}, n={len(self.lag_ms)}, {len(self.findings)} findings)"
 
     @property
     def chi2(self) -> np.ndarray:
@@ -111,25 +114,27 @@ class Where:
             side = f"{share:.0%} / {1 - share:.0%}" if np.isfinite(share) else "-"
             lag = f"{self.lag_ms[j]:+.0f}" if np.isfinite(self.lag_ms[j]) else "-"
             rows.append([joint, *(number(v) for v in self.chi2[j]), lag, side])
-        heads = ["all", "hold", "slow", "fast", "reversal", "accel.", "loaded", "late ms", "ctrl/plant"]
-        title = f"chi2/n of {self.comparison.labels[0]} by regime (1 = sensor noise)"
-        return "\n".join([title, layout(["joint", *heads], rows), "", *self.findings])
+        label = self.comparison.labels[0]
+        note = f"; {GUESSED}" if self.comparison.gains_guessed else ""
+        title = f"chi2/n of {label} by regime (1 = sensor noise{note})"
+        heads = ["joint", *REGIME_HEADS, "late ms", "ctrl/plant"]
+        return "\n".join([title, layout(heads, rows), "", *self.findings])
 
 
-def where(model: RobotModel, recordings: Sequence[Recording]) -> Where:
-    """Find where a model fails: joint, regime, side, what the error goes with; it names no missing effect.
+def error_breakdown(model: RobotModel, recordings: Sequence[Recording]) -> ErrorBreakdown:
+    """Break a model's error down by joint, regime and side (controller or plant); no missing effect is named.
 
     Raises: SimulationError when a recording is not of this robot, RecordingError when there is none.
     """
     comparison = compare(model, recordings)
     share = controller_share(model, comparison.recordings)
     profiles = tuple(_profiles(comparison))
-    late = lags(comparison.recordings, comparison.rollouts[0])
+    lag = lags(comparison.recordings, comparison.rollouts[0])
     weight = np.where(np.isfinite(share), np.maximum(comparison.joint_chi2[0] - 1.0, 0.0), 0.0)
-    known = np.isfinite(share) & (weight > 0)
-    side = float(np.average(share[known], weights=weight[known])) if known.any() else None
-    findings = tuple(_findings(comparison, side, late, profiles))
-    return Where(comparison, share, side, late, profiles, findings)
+    counted = np.isfinite(share) & (weight > 0)
+    side = float(np.average(share[counted], weights=weight[counted])) if counted.any() else None
+    findings = tuple(_findings(comparison, side, lag, profiles))
+    return ErrorBreakdown(comparison, share, side, lag, profiles, findings)
 
 
 def _profiles(comparison: Comparison) -> Iterator[Profile]:
@@ -144,7 +149,7 @@ def _profiles(comparison: Comparison) -> Iterator[Profile]:
     for j, joint in enumerate(comparison.joints):
         usable = [u[:, j] for u in comparison.signals.usable]
         error = np.concatenate([e[u, j] for e, u in zip(errors, usable, strict=True)])
-        for against in AGAINST:
+        for against in QUANTITIES:
             x = np.concatenate([v[u, j] for v, u in zip(values[against], usable, strict=True)])
             if len(x) >= FEWEST:
                 yield _profile(joint, against, x, error)
@@ -164,24 +169,24 @@ def _profile(joint: str, against: str, x: np.ndarray, error: np.ndarray) -> Prof
 
 
 def _findings(
-    comparison: Comparison, side: float | None, late: np.ndarray, profiles: Sequence[Profile]
+    comparison: Comparison, side: float | None, lag: np.ndarray, profiles: Sequence[Profile]
 ) -> Iterator[str]:
-    """Plain sentences: who, when, how late, what it goes with, on which side."""
+    """Sentences: which joints, in which regime, how late, what the error correlates with, on which side."""
     chi2 = comparison.joint_chi2[0]
     bad = [j for j in range(len(chi2)) if chi2[j] > VISIBLE]
     if not bad:
         yield "Every joint is at its noise floor: these recordings show no error."
         return
-    calm = [comparison.joints[j] for j in range(len(chi2)) if chi2[j] <= VISIBLE]
+    quiet = [comparison.joints[j] for j in range(len(chi2)) if chi2[j] <= VISIBLE]
     worst = max(bad, key=lambda j: chi2[j])
-    size = f"{number(1e3 * comparison.joint_rms[0, worst])} {MILLI[comparison.units[worst]]}"
+    size = milli(comparison.joint_rms[0, worst], comparison.units[worst])
     times = number(np.sqrt(chi2[worst]))
     yield f"{_joints(comparison, bad)}: the error is more than sensor noise."
     yield f"Joint {comparison.joints[worst]} is worst: {size}, {times} times its noise."
-    if calm:
-        yield f"{_list(calm)}: at the noise floor."
+    if quiet:
+        yield f"{_list(quiet)}: at the noise floor."
     yield from _regime_sentences(comparison, bad)
-    yield from _lag_sentences(comparison, bad, late)
+    yield from _lag_sentences(comparison, bad, lag)
     yield from _offset_sentences(comparison, bad)
     yield from _profile_sentences(comparison, bad, profiles)
     if side is not None:
@@ -201,37 +206,37 @@ def _regime_sentences(comparison: Comparison, bad: Sequence[int]) -> Iterator[st
             yield f"{_joints(comparison, joints)}: the error is largest {WHEN[regime]} ({most})."
 
 
-def _lag_sentences(comparison: Comparison, bad: Sequence[int], late: np.ndarray) -> Iterator[str]:
+def _lag_sentences(comparison: Comparison, bad: Sequence[int], lag: np.ndarray) -> Iterator[str]:
     for word, sign in (("later", 1), ("earlier", -1)):
-        joints = [j for j in bad if sign * late[j] > LATE]
+        joints = [j for j in bad if sign * lag[j] > SHORTEST_LAG]
         if joints:
-            low, high = (f"{f(abs(late[j]) for j in joints):.0f}" for f in (min, max))
+            low, high = (f"{f(abs(lag[j]) for j in joints):.0f}" for f in (min, max))
             time = f"{low} ms" if low == high else f"{low} to {high} ms"
             yield f"{_joints(comparison, joints)}: the measured motion is {time} {word} than the simulated."
 
 
 def _offset_sentences(comparison: Comparison, bad: Sequence[int]) -> Iterator[str]:
-    """Joints whose error hardly changes."""
+    """Joints whose error is a constant offset."""
     usable = comparison.signals.usable
     sums = np.sum([(e * u).sum(axis=0) for e, u in zip(comparison.errors(0), usable, strict=True)], axis=0)
     mean = sums / np.maximum(np.sum([u.sum(axis=0) for u in usable], axis=0), 1)
-    joints = [j for j in bad if abs(mean[j]) > ASIDE * comparison.joint_rms[0, j]]
+    joints = [j for j in bad if abs(mean[j]) > CONSTANT_SHARE * comparison.joint_rms[0, j]]
     if joints:
-        sizes = ", ".join(f"{number(1e3 * mean[j])} {MILLI[comparison.units[j]]}" for j in joints)
-        yield f"{_joints(comparison, joints)}: measured beside the simulated by a steady {sizes}."
+        sizes = ", ".join(milli(mean[j], comparison.units[j]) for j in joints)
+        yield f"{_joints(comparison, joints)}: the measured position differs from the simulated by a constant {sizes}."
 
 
 def _profile_sentences(comparison: Comparison, bad: Sequence[int], profiles: Sequence[Profile]) -> Iterator[str]:
-    """What each joint's error goes with most."""
+    """The quantity that each joint's error correlates with most."""
     best: dict[str, Profile] = {}
     for profile in profiles:
         if profile.share > max(STRONG, best[profile.joint].share if profile.joint in best else 0.0):
             best[profile.joint] = profile
-    for against in AGAINST:
-        joints = [j for j in bad if (p := best.get(comparison.joints[j])) and p.against == against]
+    for quantity in QUANTITIES:
+        joints = [j for j in bad if (p := best.get(comparison.joints[j])) and p.against == quantity]
         if joints:
             most = max(best[comparison.joints[j]].share for j in joints)
-            yield f"{_joints(comparison, joints)}: the error {FOLLOWS[against]} (up to {most:.0%} of it)."
+            yield f"{_joints(comparison, joints)}: the error {CORRELATES[quantity]} (up to {most:.0%} of its variance)."
 
 
 def _joints(comparison: Comparison, columns: Sequence[int]) -> str:

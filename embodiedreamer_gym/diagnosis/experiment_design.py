@@ -1,4 +1,4 @@
-"""The motion that decides: of many that the robot may make, the one on which two effects differ most."""
+"""Experiment design: of many motions that the robot may make, the one on which two effects differ most."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from embodiedreamer_gym.diagnosis.add_effect import add_effect
 from embodiedreamer_gym.effects import find_effect
 from embodiedreamer_gym.engines.clearance import clearance
 from embodiedreamer_gym.errors import CalibrationError, ModelError
+from embodiedreamer_gym.io.deprecation import renamed_arguments
+from embodiedreamer_gym.io.files import atomic_file
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.motions import MOTIONS, Motion, Span
 from embodiedreamer_gym.phys_aligner.problem import Problem
@@ -19,21 +21,21 @@ from embodiedreamer_gym.recordings import Recording, Recordings
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.simulation import simulate, simulate_sets
 
-RATE = 50.0  # Hz of the proposed commands
+COMMAND_HZ = 50.0  # of the proposed commands
 PACES = (0.08, 0.25, 0.6, 1.0)  # of the allowed speed
 DRAWS = 3  # motions of each kind and pace
-REFITTED = 10  # of them, on which the second model may answer once more
+REFITTED = 10  # of them, on which the second model is refitted
 MARGIN = 0.03  # m kept between parts
-RAMP = 1.5  # rad/s^2-limited way in and out takes at least this long, s
-LOOKS = 12  # poses a second at which clearance is looked at
-NOISE = 5e-4  # of a joint's sensor where no recording tells, in its unit
-TRAINING = ("multisine", "teleoperation")  # motions on which the two effects are made to look alike, without recordings
+RAMP = 1.5  # s over which a motion begins and ends
+CLEARANCE_HZ = 12  # at which clearance is checked
+NOISE = 5e-4  # of a joint's sensor without recordings, in its unit
+TRAINING = ("multisine", "teleoperation")  # motions to which the second effect is fitted, without recordings
 Pair = tuple[RobotModel, RobotModel]
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A motion to record next, and what it is good for.
+    """A motion to record next, and how well it separates two effects.
 
     time (T,), s; command (T, n), in the joints' units, begins and ends at rest; effects: the two to be told apart; separation:
     mean square difference of the two models on it, in sensor noises, after the second has been fitted to it as well; ranking:
@@ -63,7 +65,7 @@ class Proposal:
         """Numbers for JSON, with units."""
         peaks = zip(self.joints, self.speed.tolist(), self.acceleration.tolist(), strict=True)
         return {
-            "effects": list(self.effects), "kind": self.kind, "seconds": float(self.time[-1]), "rate": RATE,
+            "effects": list(self.effects), "kind": self.kind, "seconds": float(self.time[-1]), "rate": COMMAND_HZ,
             "separation": {"value": self.separation, "unit": "mean square difference in sensor noises"},
             "decides": self.decides, "clearance": {"value": self.clearance, "unit": "m"},
             "peaks": {joint: {"speed": v, "acceleration": a} for joint, v, a in peaks},
@@ -82,14 +84,16 @@ class Proposal:
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> None:
-        """Write the commands as csv (time, <joint>.command, ...), beside and renamed."""
-        path = Path(path)
-        part = path.with_name(path.name + ".part")
+        """Write the commands as csv (time, <joint>.command, ...).
+
+        Raises: EmbodieDreamerError when the file cannot be written.
+        """
         header = ",".join(["time", *(f"{joint}.command" for joint in self.joints)])
-        np.savetxt(part, np.column_stack([self.time, self.command]), "%.6f", ",", header=header, comments="")
-        part.replace(path)
+        with atomic_file(path) as part:
+            np.savetxt(part, np.column_stack([self.time, self.command]), "%.6f", ",", header=header, comments="")
 
 
+@renamed_arguments(rng="seed")
 def propose_motion(
     model: RobotModel,
     effects: tuple[str, str],
@@ -100,20 +104,20 @@ def propose_motion(
     reach: float = 0.6,
     centre: np.ndarray | None = None,
     table: float | None = None,
-    rng: np.random.Generator | None = None,
+    seed: int | np.random.Generator = 0,
     progress: ProgressCallback | None = None,
 ) -> Proposal:
     """Find the motion on which a model with one effect and the same model with another differ most (T-optimality).
 
     Both are fitted to the recordings; without any, one effect is given its typical size and the other is fitted to what that
-    does on ordinary motions, both ways round, and the lesser difference counts (of a law and its special case, only the
-    richer law as the truth: the special case is never told from it). speed: share of the joints' limits; acceleration: rad/s^2 (of a gripper: strokes);
+    does on ordinary motions, both ways round, and the lesser difference counts (of a law and its special case, only
+    the richer law as the ground truth, since it can imitate the special case). speed: share of the joints' limits; acceleration: rad/s^2 (of a gripper: strokes);
     reach: rad to either side of the centre (n,) (default: the middle of the recorded or allowed range); table: its height
     in the URDF's root frame, m.
     Raises: CalibrationError for effects that are the same or already in the model, ModelError where no motion is safe.
     Source: Atkinson and Fedorov, Biometrika 62 (1975), T-optimal designs.
     """
-    rng, progress = rng or np.random.default_rng(0), progress_or_silence(progress)
+    rng, progress = np.random.default_rng(0 if seed is None else seed), progress_or_silence(progress)
     first, second = effects
     if first == second:
         raise CalibrationError(f"to tell effects apart takes two, not {first} twice.")
@@ -124,8 +128,8 @@ def propose_motion(
     sigma = np.mean([r.sigma for r in recordings], axis=0) if recordings else np.full(model.n, NOISE)
     trials = [slowed(make(_paced(span, pace), rng, seconds), span, acceleration) for make in MOTIONS.values()
               if make.__name__ != "staircase" for pace in PACES for _ in range(DRAWS)]  # fmt: skip
-    rooms = _rooms(model, [command for *_, command in trials], table)
-    safe = [(*trial, room) for trial, room in zip(trials, rooms, strict=True) if room > MARGIN]
+    clearances = _clearances(model, [command for *_, command in trials], table)
+    safe = [(*trial, room) for trial, room in zip(trials, clearances, strict=True) if room > MARGIN]
     if not safe:
         raise ModelError(
             f"none of {len(trials)} motions keeps {1e3 * MARGIN:.0f} mm from everything; give another centre or a smaller reach."
@@ -134,17 +138,17 @@ def propose_motion(
     apart = np.min([_separation(pair, logs, sigma) for pair in pairs], axis=0)
     first_ones = np.argsort(-apart)[:REFITTED].tolist()
     for done, k in enumerate(first_ones, 1):
-        apart[k] = min(_after_refit(pair, logs[k]) for pair in pairs)
+        apart[k] = min(_separation_after_refit(pair, logs[k]) for pair in pairs)
         progress(
             "comparing motions", done, len(first_ones), separation=f"{apart[k]:.3g} (mean square in sensor noises)"
         )
     best = max(first_ones, key=lambda k: apart[k])
     kind, time, command, room = safe[best]
-    rates = np.gradient(command, 1 / RATE, axis=0)
+    rates = np.gradient(command, 1 / COMMAND_HZ, axis=0)
     return Proposal(
         (first, second), model.joints, kind, time, command, float(apart[best]),
         tuple(sorted(((safe[k][0], float(apart[k])) for k in first_ones), key=lambda row: -row[1])),
-        room, np.abs(rates).max(0), np.abs(np.gradient(rates, 1 / RATE, axis=0)).max(0), pairs[0],
+        room, np.abs(rates).max(0), np.abs(np.gradient(rates, 1 / COMMAND_HZ, axis=0)).max(0), pairs[0],
     )  # fmt: skip
 
 
@@ -169,8 +173,8 @@ def slowed(motion: Motion, span: Span, acceleration: float) -> tuple[str, np.nda
     stretch = 1.0
     time, command = eased(motion, span, stretch)
     for _ in range(20):
-        rates = np.gradient(command, 1 / RATE, axis=0)
-        peak = np.abs(np.gradient(rates, 1 / RATE, axis=0)).max()
+        rates = np.gradient(command, 1 / COMMAND_HZ, axis=0)
+        peak = np.abs(np.gradient(rates, 1 / COMMAND_HZ, axis=0)).max()
         over = max(peak / acceleration, (np.abs(rates).max(0) / span.speed).max() ** 2)
         if over <= 1.0:
             break
@@ -181,7 +185,7 @@ def slowed(motion: Motion, span: Span, acceleration: float) -> tuple[str, np.nda
 
 def eased(motion: Motion, span: Span, stretch: float) -> tuple[np.ndarray, np.ndarray]:
     """Time (T,) and commands (T, n) of a motion slowed down by a factor, that begins and ends at the span's centre."""
-    time = np.arange(0.0, motion.duration * stretch + 1e-9, 1 / RATE)
+    time = np.arange(0.0, motion.duration * stretch + 1e-9, 1 / COMMAND_HZ)
     ease = np.clip(np.minimum(time, time[-1] - time) / RAMP, 0.0, 1.0)
     ease = ease**3 * (10 - 15 * ease + 6 * ease**2)
     return time, span.centre + ease[:, None] * (motion(time / stretch) - span.centre)
@@ -198,11 +202,11 @@ def _paced(span: Span, pace: float) -> Span:
     return Span(span.centre, span.reach, span.speed * pace)
 
 
-def _rooms(model: RobotModel, commands: Sequence[np.ndarray], table: float | None) -> list[float]:
+def _clearances(model: RobotModel, commands: Sequence[np.ndarray], table: float | None) -> list[float]:
     """Least distance (m) to anything on each motion."""
-    looks = [command[:: round(RATE / LOOKS)] for command in commands]
-    ends = np.cumsum([len(look) for look in looks])[:-1]
-    return [float(part.min()) for part in np.split(clearance(model, np.concatenate(looks), table), ends)]
+    checked = [command[:: round(COMMAND_HZ / CLEARANCE_HZ)] for command in commands]
+    ends = np.cumsum([len(part) for part in checked])[:-1]
+    return [float(part.min()) for part in np.split(clearance(model, np.concatenate(checked), table), ends)]
 
 
 def _separation(pair: Pair, logs: Sequence[Recording], sigma: np.ndarray) -> list[float]:
@@ -211,26 +215,27 @@ def _separation(pair: Pair, logs: Sequence[Recording], sigma: np.ndarray) -> lis
     return [float(np.mean(((a.position[0] - b.position[0]) / sigma) ** 2)) for a, b in zip(*runs, strict=True)]
 
 
-def _after_refit(pair: Pair, log: Recording) -> float:
-    """Mean square difference that is left on a motion once the second model's parameters answer to it (linearly)."""
+def _separation_after_refit(pair: Pair, log: Recording) -> float:
+    """Mean square difference that is left on a motion once the second model is refitted to it (linearly)."""
     true, other = pair
     problem = Problem(other, [log.with_(position=simulate(true, log).position)], hold=log.command_hold)
     residuals, jacobian = problem.jacobian(problem.start)
-    answer = np.linalg.lstsq(jacobian, residuals, rcond=1e-6)[0]
-    return float(np.mean((residuals - jacobian @ answer) ** 2))
+    change = np.linalg.lstsq(jacobian, residuals, rcond=1e-6)[0]
+    return float(np.mean((residuals - jacobian @ change) ** 2))
 
 
 def _fitted(model, effects, recordings, span: Span, rng, progress: ProgressCallback) -> list[Pair]:
-    """Pairs of models that look alike so far: with one effect and with the other."""
+    """Pairs of models, with one effect and with the other, fitted to the same motion."""
     if recordings:
         logs = Recordings(recordings)
         one, other = (add_effect(model, name, logs, logs, progress).after.model for name in effects)
         return [(one, other)]
-    truths = [name for name in effects if not any(name in model.catalogue[other].generalises for other in effects)]
-    return [_lookalike(model, name, next(e for e in effects if e != name), span, rng, progress) for name in truths]
+    pairs = zip(effects, reversed(effects), strict=True)  # ground truth, imitation
+    pairs = [(true, other) for true, other in pairs if true not in model.catalogue[other].generalises]
+    return [_imitation(model, *pair, span, rng, progress) for pair in pairs]
 
 
-def _lookalike(model: RobotModel, true_name: str, other: str, span: Span, rng, progress: ProgressCallback) -> Pair:
+def _imitation(model: RobotModel, true_name: str, other: str, span: Span, rng, progress: ProgressCallback) -> Pair:
     """The model with an effect of its typical size, and with another one fitted to what the first does."""
     true = model.with_effect(true_name)
     values: dict[ParameterKey, dict[str, float]] = {}

@@ -1,4 +1,4 @@
-"""Cheap screening: what each effect would do to the residuals, at a few sizes, beside what the servo's gains can do."""
+"""Cheap screening: how each effect changes the residuals, at a few sizes, beside what the servo's gains can change."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ LIMITS = (0.25, 0.45, 0.7, 0.95, 1.2, 1.6)  # of a limit, relative to the larges
 SHAPES = (0.3, 1.0, 3.0)
 SECONDS = 40.0  # of motion to screen on
 COARSE = 2 * TIME_STEP  # s, of the plant that shows what an effect changes
-PLAIN = 0.02  # fall of a joint's log mean square from which an effect is started there
-FAINT = 0.005  # the like, below which a joint is left without the effect
-SEEN_SHARE = 0.5  # of the calibrated residual that an effect must change to be observable
+START_FALL = 0.02  # fall of a joint's log mean square from which an effect is started there
+USEFUL_FALL = 0.005  # the like, below which a joint is left without the effect
+VISIBLE_SHARE = 0.5  # of the calibrated residual that an effect must change to be observable
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class LinearisationPoint:
     """Parameters around which effects are tried: a model, scaled x (m,), residuals (N,), Jacobian (N, m)."""
 
     model: RobotModel
@@ -37,8 +37,8 @@ class Ground:
     jacobian: np.ndarray
 
 
-def grounds(problem: Problem, fit: Fit, nominal: RobotModel | None) -> tuple[Problem, list[Ground]]:
-    """Where effects are tried: a short problem, and the fitted parameters with and without the nominal gains.
+def linearise(problem: Problem, fit: Fit, nominal: RobotModel | None) -> tuple[Problem, list[LinearisationPoint]]:
+    """A short problem, and the points around which effects are tried: the fitted parameters, and with the nominal gains.
 
     A fit without the missing effect can bend the gains so far that the effect no longer shows around them.
     """
@@ -47,29 +47,28 @@ def grounds(problem: Problem, fit: Fit, nominal: RobotModel | None) -> tuple[Pro
         spent = problem.rollouts
         problem = Problem(problem.model, short, hold=problem.hold)
         problem.rollouts = spent
-        found = [Ground(problem.model_at(fit.x), fit.x, *problem.jacobian(fit.x))]
+        points = [LinearisationPoint(problem.model_at(fit.x), fit.x, *problem.jacobian(fit.x))]
     else:
-        found = [Ground(problem.model_at(fit.x), fit.x, fit.residuals, fit.jacobian)]
+        points = [LinearisationPoint(problem.model_at(fit.x), fit.x, fit.residuals, fit.jacobian)]
     if nominal is None:
-        return problem, found
+        return problem, points
     gains = [i for i, row in enumerate(problem.rows) if not row.key.effect]
     values = problem.values(fit.x)
     for i in gains:
         values[i] = nominal.group_values(problem.rows[i].key)[problem.rows[i].index]
     x = np.clip(problem.scale(values), problem.lower, problem.upper)
     if np.abs(x - fit.x).max() > 0.3:
-        found.append(Ground(problem.model_at(x), x, *problem.jacobian(x)))
-    return problem, found
+        points.append(LinearisationPoint(problem.model_at(x), x, *problem.jacobian(x)))
+    return problem, points
 
 
 @dataclass(frozen=True, eq=False)
 class Screened:
     """One effect's screening: score (fall of the summed log residual, linear), where to start, how visible it is.
 
-    start: group -> (n or arms,) values, of the effect and of the servo's gains; joints: those that have use of the effect,
-    None for all; visible: the effect's change of the
-    residuals at a typical size that the gains cannot mimic, relative to the calibrated residual of the joint where
-    it is plainest; nominal: group -> the servo's nominal gains, empty where the calibrated ones are near them.
+    start: group -> (n or arms,) values, of the effect and of the servo's gains; joints: those that the effect helps,
+    None for all; visible: the effect's change of the residuals at a typical size that the gains cannot imitate, relative to
+    the calibrated residual of the joint where it is largest; nominal: group -> the servo's nominal gains, empty where the calibrated ones are near them.
     """
 
     kind: type[Effect]
@@ -81,53 +80,55 @@ class Screened:
     nominal: dict[ParameterKey, np.ndarray] = field(default_factory=dict)
 
 
-def screen_effect(kind: type[Effect], around: Sequence[Ground], problem: Problem, floor: np.ndarray) -> Screened:
+def screen_effect(
+    kind: type[Effect], points: Sequence[LinearisationPoint], problem: Problem, floor: np.ndarray
+) -> Screened:
     """Screen one effect against a calibrated model's residuals on the training recordings.
 
     floor (n,): root-mean-square residual, in sensor noises, below which a joint has nothing left to explain.
     """
-    model = around[0].model
-    before = _mean_squares(problem, around[0].residuals, floor)
+    model = points[0].model
+    before = _mean_squares(problem, points[0].residuals, floor)
     falls, shares, sizes, visible = [], [], [], 0.0
-    for k, ground in enumerate(around):
-        trial = ground.model.with_effect(kind)
-        points = _points(trial, kind, problem)
-        change = _change(trial, kind, points, problem)
-        sizes.append(points)
-        after, share, seen = _refitted(model, problem, ground, change, floor)
+    for k, point in enumerate(points):
+        trial = point.model.with_effect(kind)
+        sets = _points(trial, kind, problem)
+        change = _change(trial, kind, sets, problem)
+        sizes.append(sets)
+        after, share, seen = _refitted(model, problem, point, change, floor)
         falls.append(np.log(before) - np.log(after))
         shares.append(share)
         visible = seen if k == 0 else visible
     visible = problem.signals.visible(kind, visible, floor)
     fall, share = np.concatenate(falls), np.concatenate(shares)
-    rows = {group: np.concatenate([points[group] for points in sizes]) for group in sizes[0]}
+    rows = {group: np.concatenate([sets[group] for sets in sizes]) for group in sizes[0]}
     start: dict[ParameterKey, np.ndarray] = {}
     if all(p.per == "arm" for p in kind.parameters):
         totals = np.stack([fall[:, model.tree.arm == a].sum(axis=1) for a in range(model.tree.arms)], axis=1)
         best = np.argmax(totals, axis=0)
         score = float(np.maximum(totals.max(axis=0), 0.0).sum())
-        part, plain, joints = np.ones(len(best)), totals.max(axis=0) > PLAIN, None
-        ground_of = (best // len(falls[0]))[model.tree.arm]
+        part, plain, joints = np.ones(len(best)), totals.max(axis=0) > START_FALL, None
+        point_of = (best // len(falls[0]))[model.tree.arm]
     else:
         best, columns = np.argmax(fall, axis=0), np.arange(model.n)
         score = float(np.maximum(fall[best, columns], 0.0).sum())
-        plain = fall[best, columns] > PLAIN
-        use = fall[best, columns] > min(FAINT, fall[best, columns].max())
+        plain = fall[best, columns] > START_FALL
+        use = fall[best, columns] > min(USEFUL_FALL, fall[best, columns].max())
         joints = tuple(name for name, useful in zip(model.joints, use, strict=True) if useful) or None
         part = np.where(plain, share[best, columns], 0.1)
-        ground_of = np.where(plain, best // len(falls[0]), 0)
+        point_of = np.where(plain, best // len(falls[0]), 0)
     for p in kind.parameters:
         group = ParameterKey(p.name, kind.name)
         chosen = rows[group][best, np.arange(len(best))]
         low, high = model.parameter_bounds(p)
-        if p.off == p.high:  # a limit that bites where nothing is limited would have to be unlearnt
+        if p.off == p.high:  # a limit starts off where it does not help
             start[group] = np.where(plain, chosen, model.parameter_off(p))
         else:
             start[group] = np.clip(chosen if p.shape else chosen * part, low, high)
     servo = {row.key.group for row in problem.rows if not row.key.effect}
     for group in servo:
-        start[group] = np.array([around[g].model.group_values(group)[j] for j, g in enumerate(ground_of)])
-    nominal = {group: ground.model.group_values(group) for ground in around[1:] for group in servo}
+        start[group] = np.array([points[g].model.group_values(group)[j] for j, g in enumerate(point_of)])
+    nominal = {group: point.model.group_values(group) for point in points[1:] for group in servo}
     return Screened(kind, score, start, visible, len(fall), joints, nominal)
 
 
@@ -186,7 +187,7 @@ def _together(kind, choices, sized, model) -> list[tuple[np.ndarray, ...]]:
     return rows
 
 
-def _refitted(model: RobotModel, problem: Problem, ground: Ground, change: np.ndarray, floor: np.ndarray):
+def _refitted(model: RobotModel, problem: Problem, point: LinearisationPoint, change: np.ndarray, floor: np.ndarray):
     """Mean square (K, n) left when a joint's own gains and one step's share in [0, 1.5] are refitted; the shares."""
     count = len(change)
     left, shares, seen = np.ones((count, model.n)), np.ones((count, model.n)), np.zeros((count, model.n))
@@ -195,10 +196,10 @@ def _refitted(model: RobotModel, problem: Problem, ground: Ground, change: np.nd
         if len(rows) < 10:
             continue
         own = [m for m, row in enumerate(problem.rows) if row.index == j and row.key.place == model.joints[j]]
-        gains = ground.jacobian[rows][:, own]
+        gains = point.jacobian[rows][:, own]
         gains = gains[:, np.sum(gains**2, axis=0) > 0]
         basis = np.linalg.qr(gains)[0] if gains.shape[1] else np.zeros((len(rows), 0))
-        r, d = ground.residuals[rows], change[:, rows]
+        r, d = point.residuals[rows], change[:, rows]
         r = r - basis @ (basis.T @ r)
         d = d - (d @ basis) @ basis.T
         power = np.sum(d**2, axis=1)
@@ -222,16 +223,16 @@ def _top_torque(model: RobotModel, problem: Problem) -> np.ndarray:
 
 
 def screen(
-    catalogue: Mapping[str, type[Effect]], around: Sequence[Ground], problem: Problem, floor: np.ndarray, jobs: int = 1,
+    catalogue: Mapping[str, type[Effect]], points: Sequence[LinearisationPoint], problem: Problem, floor: np.ndarray, jobs: int = 1,
     progress: ProgressCallback = silent,
 ) -> list[Screened]:  # fmt: skip
     """Screen every effect that the model does not have yet, best first; jobs: see `many`."""
-    have = {e.name for e in around[0].model.effects}
+    have = {e.name for e in points[0].model.effects}
     kinds = [kind for name, kind in catalogue.items() if name not in have]
     progress("screening effects", 0, len(kinds))
 
     def finished(done: int, screened: Screened) -> None:
         progress("screening effects", done, len(kinds), effect=screened.kind.name)
 
-    results = many(screen_effect, [(kind, around, problem, floor) for kind in kinds], jobs, finished)
+    results = many(screen_effect, [(kind, points, problem, floor) for kind in kinds], jobs, finished)
     return sorted(results, key=lambda s: -s.score)

@@ -1,4 +1,4 @@
-"""The search of a diagnosis: screen, refit, add what pays, again, and second thoughts at the end."""
+"""The search of a diagnosis: screen, refit, add the effect that lowers the held-out error, again; then eliminate backward."""
 
 from __future__ import annotations
 
@@ -7,14 +7,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.backward_elimination import decided, placed, without_needless
+from embodiedreamer_gym.diagnosis.backward_elimination import drop_redundant, prune_all, resolve_tie
 from embodiedreamer_gym.diagnosis.candidates import Candidate, polish, refit
 from embodiedreamer_gym.diagnosis.diagnosis import Ranked
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, gain
-from embodiedreamer_gym.diagnosis.null_distribution import Null, draw_null
-from embodiedreamer_gym.diagnosis.refit_cache import Journal
-from embodiedreamer_gym.diagnosis.screening import SEEN_SHARE, Screened, grounds, screen
-from embodiedreamer_gym.diagnosis.verdict import ALARM, contenders, convinces, left_over, mends, pays
+from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution, draw_null
+from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
+from embodiedreamer_gym.diagnosis.screening import VISIBLE_SHARE, Screened, linearise, screen
+from embodiedreamer_gym.diagnosis.verdict import (
+    ALARM,
+    contenders,
+    explains_most,
+    improves,
+    is_convincing,
+    leaves_excess,
+)
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.io.parallel import many
 from embodiedreamer_gym.io.progress import ProgressCallback
@@ -30,7 +37,11 @@ LEADERS = 2  # of them that are refitted to the end
 
 @dataclass
 class Search:
-    """A diagnosis under way: what is fixed, how refits begin, and what each step has left behind."""
+    """Settings of a running diagnosis, and what it has counted so far.
+
+    both_rules: whether refits try both rules between two commands; by_pieces: whether refits begin with fits to pieces
+    of the motion.
+    """
 
     nominal: RobotModel
     train: Sequence[Recording]
@@ -40,8 +51,8 @@ class Search:
     progress: ProgressCallback
     both_rules: bool
     rng: np.random.Generator
-    journal: Journal
-    unit: str
+    cache: RefitCache
+    unit: str = "rad"
     by_pieces: bool = False
     rollouts: int = 0
     ranking: list[Ranked] = field(default_factory=list)
@@ -53,14 +64,16 @@ class Search:
 
 
 @dataclass
-class Found:
-    """What a search has added: the model at its start, its steps, rivals for the first of them, the best alone; and
-    how faultless robots like the model so far do.
+class SearchState:
+    """The calibrated start of a search and the effects added to it.
+
+    base: held-out error of the start; null: of faultless robots like the model so far; steps: one candidate per added
+    effect; tie: candidates for the first step that held-out motion does not tell apart; closest: best single effect.
     """
 
     start: tuple[RobotModel, Problem, Fit]
     base: HeldOut
-    null: Null
+    null: NullDistribution
     steps: list[Candidate] = field(default_factory=list)
     tie: list[Candidate] = field(default_factory=list)
     closest: Candidate | None = None
@@ -71,10 +84,10 @@ class Found:
         return (self.steps[-1].model, self.steps[-1].problem, self.steps[-1].fit) if self.steps else self.start
 
     @property
-    def wanting(self) -> bool:
+    def is_wrong(self) -> bool:
         """Whether the model so far is worse than faultless robots are."""
         alarm = self.null.p_value(self.held.chi2) < ALARM
-        return alarm or (bool(self.steps) and left_over(self.held, self.null.chi2))
+        return alarm or (bool(self.steps) and leaves_excess(self.held, self.null.chi2))
 
     @property
     def held(self) -> HeldOut:
@@ -82,92 +95,96 @@ class Found:
         return self.steps[-1].held_out if self.steps else self.base
 
 
-def look(search: Search, found: Found, screened: Sequence[Screened], max_effects: int) -> Found:
-    """Add effects and think again; where that does not convince, once more by pieces, to get out of wrong valleys."""
-    begun = replace(found, steps=[], tie=[])
-    add_effects(search, found, screened, max_effects)
-    revise(search, found)
-    if convinces(found.base, found.held, found.null.chi2):
-        return found
+def search_effects(
+    search: Search, state: SearchState, screened: Sequence[Screened], max_effects: int
+) -> SearchState:  # fmt: skip
+    """Add effects and eliminate backward; once more with fits by pieces where the result is not convincing."""
+    again = replace(state, steps=[], tie=[])
+    add_effects(search, state, screened, max_effects)
+    eliminate(search, state)
+    if is_convincing(state.base, state.held, state.null.chi2):
+        return state
     first = search.ranking
     search.by_pieces, search.ranking = True, []
-    add_effects(search, begun, screened, max_effects)
-    revise(search, begun)
-    if begun.held.score < found.held.score:
-        return begun
+    add_effects(search, again, screened, max_effects)
+    eliminate(search, again)
+    if again.held.score < state.held.score:
+        return again
     search.ranking = first
-    return found
+    return state
 
 
 def add_effects(
-    search: Search, found: Found, screened: Sequence[Screened], max_effects: int
+    search: Search, state: SearchState, screened: Sequence[Screened], max_effects: int
 ) -> None:  # fmt: skip
-    """Add effects one at a time, all parameters refitted each time, until the model is as good as a faultless one."""
-    while len(found.steps) < max_effects and found.wanting:
-        held, null, further = found.held, found.null, bool(found.steps)
+    """Add effects one at a time, all parameters refitted each time, until the model does as well as faultless robots."""
+    while len(state.steps) < max_effects and state.is_wrong:
+        held, null, further = state.held, state.null, bool(state.steps)
         if further:
-            screened = screen_all(search, *found.current[1:], null, first=False)
-        candidates = _candidates(search, screened, *found.current, held)
-        worthy = [
-            c for c in candidates if pays(held, c.held_out) and (not further or mends(held, c.held_out, null.chi2))
+            screened = screen_all(search, *state.current[1:], null, first=False)
+        candidates = _candidates(search, screened, *state.current, held)
+        improving = [
+            c
+            for c in candidates
+            if improves(held, c.held_out) and (not further or explains_most(held, c.held_out, null.chi2))
         ]
-        if candidates and found.closest is None:
-            found.closest = min(candidates, key=lambda c: c.held_out.score)
-        if not worthy:
+        if candidates and state.closest is None:
+            state.closest = min(candidates, key=lambda c: c.held_out.score)
+        if not improving:
             return
-        close = contenders(held, worthy)
+        close = contenders(held, improving)
         if not further and len(close) > 1:
-            found.tie = close
+            state.tie = close
         chosen = polish(close[0], search.test)
         search.rollouts += chosen.rollouts - close[0].rollouts
-        found.steps.append(chosen)
-        found.null = _null(search, found)
+        state.steps.append(chosen)
+        state.null = _null(search, state)
         search.progress(
             f"added {chosen.kind.name}",
-            len(found.steps),
+            len(state.steps),
             max_effects,
             held_out_error=search.milli(chosen.held_out.error),
         )
 
 
-def revise(search: Search, found: Found) -> None:
-    """Drop an effect that others have made needless, decide between rivals for the first, take each off idle joints."""
-    if not found.steps:
+def eliminate(search: Search, state: SearchState) -> None:
+    """Drop redundant effects, resolve a tie for the first, and take each effect off the joints that do not need it."""
+    if not state.steps:
         return
-    search.progress("backward elimination", 0, len(found.steps), held_out_error=search.milli(found.held.error))
-    spent, first = sum(s.rollouts for s in found.steps), found.steps[0]
-    if len(found.steps) > 1:
-        found.steps = without_needless(found.steps, search.train, search.test)
-        if found.steps[0] is not first:
-            found.tie = []
-    if found.tie and len(found.steps) > 1:
-        found.steps, close = decided(found.base, found.tie, found.steps, search.train, search.test)
-        found.tie = close if len(close) > 1 else []
-    found.steps = placed(found.steps, search.train, search.test)
-    found.steps[-1] = polish(found.steps[-1], search.test)
-    search.rollouts += sum(s.rollouts for s in found.steps) - spent
-    found.null = _null(search, found)
+    search.progress("backward elimination", 0, len(state.steps), held_out_error=search.milli(state.held.error))
+    spent, first = sum(s.rollouts for s in state.steps), state.steps[0]
+    if len(state.steps) > 1:
+        state.steps = drop_redundant(state.steps, search.train, search.test)
+        if state.steps[0] is not first:
+            state.tie = []
+    if state.tie and len(state.steps) > 1:
+        state.steps, close = resolve_tie(state.base, state.tie, state.steps, search.train, search.test)
+        state.tie = close if len(close) > 1 else []
+    state.steps = prune_all(state.steps, search.train, search.test)
+    state.steps[-1] = polish(state.steps[-1], search.test)
+    search.rollouts += sum(s.rollouts for s in state.steps) - spent
+    state.null = _null(search, state)
 
 
-def screen_all(search: Search, problem: Problem, fit: Fit, null: Null, first: bool) -> list[Screened]:
+def screen_all(search: Search, problem: Problem, fit: Fit, null: NullDistribution, first: bool) -> list[Screened]:
     """Screen the catalogue; the first time also note what these sensors and this motion cannot show."""
     floor = np.sqrt(np.median(null.chi2, axis=0))
     before = problem.rollouts
-    short, around = grounds(problem, fit, search.nominal)
-    screened = screen(search.catalogue, around, short, floor, search.jobs, search.progress)
+    short, points = linearise(problem, fit, search.nominal)
+    screened = screen(search.catalogue, points, short, floor, search.jobs, search.progress)
     search.rollouts += short.rollouts - before + sum(s.rollouts for s in screened)
     if first:
-        search.unobservable = tuple(sorted(s.kind.name for s in screened if s.visible < SEEN_SHARE))
+        search.unobservable = tuple(sorted(s.kind.name for s in screened if s.visible < VISIBLE_SHARE))
     return screened
 
 
 def _candidates(
     search: Search, screened: Sequence[Screened], model: RobotModel, problem: Problem, fit: Fit, held: HeldOut
 ) -> list[Candidate]:  # fmt: skip
-    """Refit the best of the screening and all that they are confused with."""
+    """Refit the best of the screening and the effects that they may be confused with."""
     chosen, step = _shortlist(screened), f"{len(model.effects)} effects{', by pieces' * search.by_pieces}"
     candidates: list[Candidate] = []
-    for part in (chosen[:LEADERS], chosen[LEADERS:]):  # the others are given up where they fall far behind the leaders
+    for part in (chosen[:LEADERS], chosen[LEADERS:]):  # refits of the second part stop when far behind the first
         rival = min((c.fit.cost for c in candidates), default=fit.cost)
         done = len(candidates)
 
@@ -179,12 +196,12 @@ def _candidates(
                 effect=c.kind.name,
                 held_out_error=search.milli(c.held_out.error),
             )
-            search.journal.keep(f"{step} + {c.kind.name}", c.fit.x, c.problem.hold)
+            search.cache.keep(f"{step} + {c.kind.name}", c.fit.x, c.problem.hold)
 
-        known = [search.journal.known(f"{step} + {item.kind.name}") for item in part]
+        cached = [search.cache.get(f"{step} + {item.kind.name}") for item in part]
         calls = [
             (model, item, problem, search.train, search.test, search.both_rules, rival, k, search.by_pieces)
-            for item, k in zip(part, known, strict=True)
+            for item, k in zip(part, cached, strict=True)
         ]
         candidates += many(refit, calls, search.jobs, finished)
     search.rollouts += sum(c.rollouts for c in candidates)
@@ -198,7 +215,7 @@ def _candidates(
 
 
 def _shortlist(screened: Sequence[Screened]) -> list[Screened]:
-    """The best of the screening, and the siblings of the first two."""
+    """The best of the screening, and what the first two may be confused with."""
     promising = [s for s in screened if s.score > 0.01]
     names = {s.kind.name for s in promising[:REFITS]}
     for s in promising[:2]:
@@ -206,9 +223,9 @@ def _shortlist(screened: Sequence[Screened]) -> list[Screened]:
     return [s for s in promising if s.kind.name in names]
 
 
-def _null(search: Search, found: Found) -> Null:
-    """How faultless robots like the model so far do."""
-    model, problem, fit = found.current
+def _null(search: Search, state: SearchState) -> NullDistribution:
+    """Null distribution of the model so far."""
+    model, problem, fit = state.current
     null = draw_null(model, fit, problem, search.test, search.rng)
     search.rollouts += null.rollouts
     return null

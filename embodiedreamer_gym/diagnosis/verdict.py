@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, gain, score
+from embodiedreamer_gym.effects import Effect
 
 VERDICTS = ("nothing_missing", "missing", "ambiguous", "unknown")
 ALARM = 0.01  # p-value below which a model is called wrong
@@ -22,19 +23,19 @@ NEARLY = 0.95  # share of the excess mean square, of all joints together, whose 
 MOSTLY = 0.8  # share of the excess error in logarithms, the like
 
 
-def pays(before: HeldOut, after: HeldOut) -> bool:
-    """Whether an effect's fall of the held-out score is worth naming and no accident of these recordings."""
+def improves(before: HeldOut, after: HeldOut) -> bool:
+    """Whether an effect lowers the held-out score by enough to name it, beyond the scatter of these recordings."""
     fall, error = gain(before, after)
     return fall > max(SMALLEST_GAIN, SURE * error)
 
 
-def mends(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
-    """Whether a further effect explains most of what is left: one that takes a little off is a stopgap, not a cause."""
+def explains_most(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
+    """Whether a further effect explains most of the excess error that is left."""
     return total_explained(before, after, null) >= EXPLAINED
 
 
 def contenders(before: HeldOut, candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates that held-out error cannot tell from the best, the one to prefer first.
+    """Candidates that the held-out error does not tell from the best; the preferred one comes first.
 
     Among them a special case goes before the richer law that contains it, unless the richer one brings a good deal
     more of the whole fall from `before`.
@@ -47,8 +48,31 @@ def contenders(before: HeldOut, candidates: Sequence[Candidate]) -> list[Candida
     return plain or close
 
 
+def rank_notes(
+    ranked: Sequence[str], gains: Sequence[float], effects: Sequence[str],
+    catalogue: Mapping[str, type[Effect]],
+) -> list[str]:  # fmt: skip
+    """Why each effect that ranks before the named ones is not named, "" for the others.
+
+    ranked: effects, best held-out error first; gains: their falls of the score; effects: those that the verdict names.
+    """
+    first = next((k for k, name in enumerate(ranked) if name in effects), 0)
+    notes = [""] * len(ranked)
+    for k in range(first):
+        special_cases = catalogue[ranked[k]].generalises
+        simple = next((name for name in ranked[first:] if name in effects and name in special_cases), None)
+        if simple:
+            more = gains[k] - gains[ranked.index(simple)]
+            notes[k] = f"contains {simple} as a special case and lowers the score by only {more:.2f} more"
+        elif len(effects) > 1:
+            notes[k] = f"ranks before {ranked[first]} alone, but not together with the other effects"
+        else:
+            notes[k] = f"not told apart from {ranked[first]} by held-out motion, and fits the training motion worse"
+    return notes
+
+
 def _worse(before: HeldOut, best: Candidate, other: Candidate) -> bool:
-    """Whether held-out motion tells two candidates apart, or training motion does and held-out does not object."""
+    """Whether held-out motion tells two candidates apart, or training motion does and held-out motion agrees."""
     fall, error = gain(other.held_out, best.held_out)
     least = max(TIE, 2.0 * error)
     if other.kind.name in best.kind.generalises:  # the richer law always fits the training motion better
@@ -59,12 +83,12 @@ def _worse(before: HeldOut, best: Candidate, other: Candidate) -> bool:
     return fall > 0.0 and trained > 3.0 * TIE
 
 
-def convinces(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
-    """Whether effects leave so little that they, and not something like them, are what is missing.
+def is_convincing(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
+    """Whether the effects explain the excess error so well that they, and not similar ones, are what is missing.
 
-    What a right effect leaves is what faultless robots have, or little more and next to nothing of what there was. Where
-    not one joint comes near its noise, sensors see more than such models say anyway, and a rest does not speak against
-    effects that explain most.
+    Right effects leave what faultless robots have, or little more and nearly nothing of the former excess. Where no joint
+    comes near its noise, the sensors resolve more than such models predict anyway, and effects that explain most of the
+    excess are enough.
     """
     if total_explained(before, after, null) < EXPLAINED:
         return False
@@ -79,13 +103,13 @@ def convinces(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
     return bool(beyond.max() <= FAR and rest <= (1 - NEARLY) * was and rest_log <= (1 - MOSTLY) * was_log)
 
 
-def left_over(held: HeldOut, null: np.ndarray) -> bool:
-    """Whether some joint is worse than it may be once the right effects are in."""
+def leaves_excess(held: HeldOut, null: np.ndarray) -> bool:
+    """Whether some joint's error is larger than with the right effects."""
     return bool((held.chi2 / np.quantile(null, 0.95, axis=0)).max() > USUAL)
 
 
 def explained(before: HeldOut, after: HeldOut, null: np.ndarray) -> np.ndarray:
-    """Share (n,) of each joint's excess mean square that is gone; NaN where there was no excess.
+    """Share (n,) of each joint's excess mean square that is explained; NaN where there was no excess.
 
     null (draws, n): chi2 of faultless robots.
     """
@@ -96,7 +120,7 @@ def explained(before: HeldOut, after: HeldOut, null: np.ndarray) -> np.ndarray:
 
 
 def total_explained(before: HeldOut, after: HeldOut, null: np.ndarray) -> float:
-    """Share of the excess error that is gone, over the joints that had any, weighted by how bad they were (log)."""
+    """Share of the excess error that is explained, over the joints that had any, weighted by their log chi2."""
     share = explained(before, after, null)
     bad = np.isfinite(share)
     if not bad.any():

@@ -2,25 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from joblib import Parallel, delayed
+from joblib.externals.loky import reusable_executor
 
 T = TypeVar("T")
+
+
+@contextmanager
+def ended_workers() -> Iterator[None]:
+    """End the worker processes that `many` starts in this block, however the block ends.
+
+    joblib keeps them for the next call, and after an interruption they would go on with their work.
+    """
+    before = reusable_executor._executor
+    try:
+        yield
+    finally:
+        started = reusable_executor._executor
+        if started is not None and started is not before:
+            started.shutdown(wait=True, kill_workers=True)
 
 
 def many(
     function: Callable[..., T], calls: Sequence[tuple[Any, ...]], jobs: int = 1,
     done: Callable[[int, T], None] | None = None,
 ) -> list[T]:  # fmt: skip
-    """Results of a function for many tuples of arguments, in their order; done: told each result's place as it comes.
+    """Results of a function for many tuples of arguments, in their order.
 
-    In processes on this machine, unless `joblib.parallel_config` names another backend: threads, or Dask or Ray on a
+    jobs: processes on this machine, unless `joblib.parallel_config` names another backend: threads, or Dask or Ray on a
     cluster. The results are the same.
+    done: is called with the number of finished calls and the result, as each comes.
     """
     results: list[T] = []
-    work: Any = Parallel(n_jobs=jobs, prefer="processes", return_as="generator")
+    # Arrays are sent, not mapped to files: an interruption would leave the files behind.
+    work: Any = Parallel(n_jobs=jobs, prefer="processes", return_as="generator", max_nbytes=None)
     for result in work(delayed(function)(*c) for c in calls):
         results.append(result)
         if done is not None:

@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.diagnosis import add_effect, diagnose
-from embodiedreamer_gym.diagnosis.backward_elimination import without_needless
+from embodiedreamer_gym.diagnosis.backward_elimination import drop_redundant
 from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain, score
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
-from embodiedreamer_gym.diagnosis.verdict import contenders, convinces, explained, left_over, pays, total_explained
+from embodiedreamer_gym.diagnosis.verdict import (
+    contenders,
+    explained,
+    improves,
+    is_convincing,
+    leaves_excess,
+    total_explained,
+)
 from embodiedreamer_gym.effects import CATALOGUE, Parameter, SignalLaw
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.calibration import fit_least_squares
@@ -177,8 +184,8 @@ def test_score_counts_nothing_below_the_noise() -> None:
 def test_a_gain_needs_to_be_larger_than_its_accidents() -> None:
     before, after = held(np.array([9.0, 1.0])), held(np.array([3.0, 1.0]))
     assert gain(before, after)[0] == pytest.approx(np.log(3.0))
-    assert pays(before, after) and not pays(after, before)
-    assert not pays(held(np.array([3.2, 1.0]), 0.9, 1), held(np.array([3.0, 1.0]), 0.9, 2))
+    assert improves(before, after) and not improves(after, before)
+    assert not improves(held(np.array([3.2, 1.0]), 0.9, 1), held(np.array([3.0, 1.0]), 0.9, 2))
 
 
 def test_explained_is_a_share_of_the_excess() -> None:
@@ -240,12 +247,12 @@ def faultless_null() -> np.ndarray:
 def test_what_is_named_leaves_no_more_than_a_faultless_robot_has(before, after, sure, faultless_null) -> None:
     """Or next to nothing of what there was; where no joint comes near its noise most is enough."""
     pair = held(np.array(before)), held(np.array(after))
-    assert convinces(*pair, faultless_null) is sure
+    assert is_convincing(*pair, faultless_null) is sure
 
 
 def test_a_joint_out_of_its_range_asks_for_another_effect(faultless_null) -> None:
-    assert not left_over(held(np.array([1.1, 1.0, 1.05])), faultless_null)
-    assert left_over(held(np.array([1.1, 1.6, 1.05])), faultless_null)
+    assert not leaves_excess(held(np.array([1.1, 1.0, 1.05])), faultless_null)
+    assert leaves_excess(held(np.array([1.1, 1.6, 1.05])), faultless_null)
 
 
 def test_an_effect_that_others_make_needless_is_dropped(model) -> None:
@@ -260,7 +267,7 @@ def test_an_effect_that_others_make_needless_is_dropped(model) -> None:
         fitted = problem.model_at(fit.x)
         kind = CATALOGUE[name]
         fits.append(Candidate(kind, fitted, problem, fit, evaluate(fitted, test, problem.hold), problem.rollouts))
-    kept = without_needless(fits, train, test)
+    kept = drop_redundant(fits, train, test)
     assert [step.kind.name for step in kept] == ["payload"]
     assert [effect.name for effect in kept[-1].model.effects] == ["payload"]
     assert kept[-1].held_out.score < fits[-1].held_out.score + 0.1

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.diagnosis import where
+from embodiedreamer_gym.diagnosis import error_breakdown
 from embodiedreamer_gym.effects import CATALOGUE
 from tests.two_joint_arm import load_arm, record
 
@@ -24,7 +24,7 @@ def hidden(arm, effect: str, **values: list[float]):
 
 
 def found_in(arm, truth, effort: bool = True):
-    return where(arm, [record(truth, f"wave_{s}", NOISE, seed=s, effort=effort) for s in range(2)])
+    return error_breakdown(arm, [record(truth, f"wave_{s}", NOISE, seed=s, effort=effort) for s in range(2)])
 
 
 def said(found, *words: str) -> bool:
@@ -42,7 +42,7 @@ def test_a_delay_is_late_and_on_the_controller_side(arm) -> None:
     found = found_in(arm, hidden(arm, "command_delay", seconds=[0.03, 0.03]))
     assert found.side > 0.9 and np.all(found.controller_share > 0.9)
     assert found.lag_ms == pytest.approx([30, 30], abs=2)
-    assert said(found, "30 ms later") and said(found, "fast motion") and said(found, "goes with speed")
+    assert said(found, "30 ms later") and said(found, "fast motion") and said(found, "correlates with speed")
     assert said(found, "controller side")
     assert found.chi2[0, 3] > found.chi2[0, 1]  # fast against hold
 
@@ -60,13 +60,13 @@ def test_without_effort_no_side_is_named(arm) -> None:
 def test_effort_that_nothing_explains_is_not_believed(arm) -> None:
     log = record(hidden(arm, "command_delay", seconds=[0.03, 0.03]), noise=NOISE)
     noise = np.random.default_rng(0).standard_normal(log.position.shape)
-    found = where(arm, [log.with_(effort=np.cumsum(noise, axis=0))])
+    found = error_breakdown(arm, [log.with_(effort=np.cumsum(noise, axis=0))])
     assert found.side is None
 
 
-def test_a_bias_is_a_steady_error(arm) -> None:
+def test_a_bias_is_a_constant_error(arm) -> None:
     found = found_in(arm, hidden(arm, "torque_bias", torque=[0.5, 0.2]))
-    assert said(found, "steady", "mrad")
+    assert said(found, "constant", "mrad")
     assert np.nanmax(np.abs(found.lag_ms)) < 1
 
 
@@ -98,4 +98,4 @@ def test_json_and_table(arm) -> None:
     assert data["findings"] == list(found.findings)
     text = str(found)
     assert "late ms" in text and max(len(line) for line in text.splitlines()[:5]) <= 110
-    assert repr(found).startswith("Where('two', n=2")
+    assert repr(found).startswith("ErrorBreakdown('two', n=2")

@@ -9,7 +9,7 @@ import pytest
 
 from embodiedreamer_gym.cli.command import main
 from embodiedreamer_gym.demo import DATA
-from embodiedreamer_gym.diagnosis.experiment_design import RATE, propose_motion
+from embodiedreamer_gym.diagnosis.experiment_design import COMMAND_HZ, propose_motion
 from embodiedreamer_gym.engines.clearance import clearance
 from embodiedreamer_gym.errors import CalibrationError, EffectError, ModelError
 from embodiedreamer_gym.recordings import Recordings, load_recordings
@@ -29,18 +29,18 @@ def test_it_keeps_every_limit_and_rests_at_both_ends(proposal) -> None:
     command, tree = proposal.command, model.tree
     assert np.all(command >= tree.lower) and np.all(command <= tree.upper)
     assert np.ptp(command, axis=0).max() <= 0.8
-    speed = np.gradient(command, 1 / RATE, axis=0)
+    speed = np.gradient(command, 1 / COMMAND_HZ, axis=0)
     assert np.all(np.abs(speed).max(0) <= 0.4 * tree.velocity * 1.001)
-    assert np.abs(np.gradient(speed, 1 / RATE, axis=0)).max() <= 5.0 * 1.05
+    assert np.abs(np.gradient(speed, 1 / COMMAND_HZ, axis=0)).max() <= 5.0 * 1.05
     np.testing.assert_allclose(command[0], command[-1], atol=1e-6)
     assert np.abs(speed[[0, -1]]).max() < 0.01
-    assert proposal.clearance == pytest.approx(clearance(model, command[:: round(RATE / 12)]).min())
+    assert proposal.clearance == pytest.approx(clearance(model, command[:: round(COMMAND_HZ / 12)]).min())
 
 
 def test_slow_motion_tells_stiction_from_coulomb_friction(proposal) -> None:
     assert proposal.decides and proposal.separation == proposal.ranking[0][1]
     worst = propose_motion(robot("arm6"), PAIR, seconds=5.0, speed=0.4, acceleration=5.0, reach=0.4,
-                           rng=np.random.default_rng(0))  # fmt: skip
+                           seed=np.random.default_rng(0))  # fmt: skip
     np.testing.assert_array_equal(worst.command, proposal.command)
 
 

@@ -33,7 +33,7 @@ def answer(question) -> Diagnosis:
     return diagnose(model, train, test, catalogue, jobs=1)
 
 
-def told(found: Diagnosis) -> str:
+def without_cost(found: Diagnosis) -> str:
     """All of an answer but what it has cost."""
     return json.dumps({k: v for k, v in found.as_dict().items() if k not in ("seconds", "rollouts")})
 
@@ -46,7 +46,7 @@ def test_threads_and_processes_give_the_same_answer(backend: str, question, answ
     with parallel_config(backend=backend):
         found = diagnose(model, train, test, catalogue, jobs=2)
     assert answer.effects == ("coulomb_friction",)
-    assert told(found) == told(answer)
+    assert without_cost(found) == without_cost(answer)
 
 
 @pytest.mark.slow
@@ -57,49 +57,49 @@ def test_a_cluster_gives_the_same_answer(question, answer) -> None:
     options = {"n_workers": 2, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
     with distributed.Client(**options), parallel_config(backend="dask"):
         found = diagnose(model, train, test, catalogue, jobs=-1)
-    assert told(found) == told(answer)
+    assert without_cost(found) == without_cost(answer)
 
 
 def test_an_interrupted_diagnosis_goes_on_where_it_was(question, answer, tmp_path) -> None:
     """Finished refits are not made again, the answer is the same, and a torn last line does no harm."""
     model, train, test, catalogue = question
-    journal = tmp_path / "journal.jsonl"
+    cache_file = tmp_path / "refits.jsonl"
 
     def interrupt(stage: str, done: int, total: int | None = None, **quantities: object) -> None:
         if stage == "refitting effects" and done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        diagnose(model, train, test, catalogue, jobs=1, progress=interrupt, journal=journal)
-    kept = journal.read_text().splitlines()
+        diagnose(model, train, test, catalogue, jobs=1, progress=interrupt, refit_cache=cache_file)
+    kept = cache_file.read_text().splitlines()
     assert len(kept) == 1
-    journal.write_text("\n".join(kept) + '\n{"of": "')
-    found = diagnose(model, train, test, catalogue, jobs=1, journal=journal)
-    assert told(found) == told(answer)
+    cache_file.write_text("\n".join(kept) + '\n{"of": "')
+    found = diagnose(model, train, test, catalogue, jobs=1, refit_cache=cache_file)
+    assert without_cost(found) == without_cost(answer)
     assert found.rollouts < answer.rollouts
-    again = diagnose(model, train, test, catalogue, jobs=1, journal=journal)
-    assert told(again) == told(answer)
+    again = diagnose(model, train, test, catalogue, jobs=1, refit_cache=cache_file)
+    assert without_cost(again) == without_cost(answer)
     assert again.rollouts < found.rollouts
 
 
-def test_a_journal_of_another_question_is_left_alone(question, tmp_path) -> None:
+def test_a_refit_cache_of_another_question_is_left_alone(question, tmp_path) -> None:
     """Other recordings, other answers: what is in the file for the first is not used for the second."""
     model, train, test, catalogue = question
     catalogue = {name: catalogue[name] for name in SOME[:1]}
-    journal = tmp_path / "journal.jsonl"
-    before = diagnose(model, train, test, catalogue, jobs=1, journal=journal)
-    first = journal.read_text()
+    cache_file = tmp_path / "refits.jsonl"
+    before = diagnose(model, train, test, catalogue, jobs=1, refit_cache=cache_file)
+    first = cache_file.read_text()
     shifted = [r.with_(position=r.position + np.array([1e-4, 0.0])) for r in train]
-    other = diagnose(model, shifted, test, catalogue, jobs=1, journal=journal)
-    assert told(other) == told(diagnose(model, shifted, test, catalogue, jobs=1)) != told(before)
-    assert journal.read_text().startswith(first)
+    other = diagnose(model, shifted, test, catalogue, jobs=1, refit_cache=cache_file)
+    assert without_cost(other) == without_cost(diagnose(model, shifted, test, catalogue, jobs=1)) != without_cost(before)
+    assert cache_file.read_text().startswith(first)
 
 
-def test_what_is_no_journal_is_refused(question, tmp_path) -> None:
+def test_what_is_no_refit_cache_is_refused(question, tmp_path) -> None:
     """In one sentence, and the file stays as it was."""
     model, train, test, catalogue = question
     path = tmp_path / "notes.txt"
     path.write_text("shopping list\n")
-    with pytest.raises(CalibrationError, match="is no journal"):
-        diagnose(model, train, test, catalogue, journal=path)
+    with pytest.raises(CalibrationError, match="is no refit cache"):
+        diagnose(model, train, test, catalogue, refit_cache=path)
     assert path.read_text() == "shopping list\n"

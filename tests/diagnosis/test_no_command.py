@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.cli.command import main
-from embodiedreamer_gym.diagnosis import compare, diagnose, where
-from embodiedreamer_gym.diagnosis.report.figures import profiles
+from embodiedreamer_gym.diagnosis import compare, diagnose, error_breakdown
+from embodiedreamer_gym.diagnosis.report.error_figures import profiles
 from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
 from embodiedreamer_gym.recordings import Recordings, load_recordings, save_recording
 from embodiedreamer_gym.robot import RobotModel
@@ -56,7 +56,7 @@ def test_a_current_is_compared_with_a_scale_of_its_own(tmp_path) -> None:
     assert found.unit == "A"
     assert found.joint_chi2.mean() < 2 * compare(model, train).joint_chi2.mean()
     assert with_effort_unit(model, train)[0].effort_unit == "N m"
-    found = where(model, train)
+    found = error_breakdown(model, train)
     assert len(found.findings) > 0
     labels = [axes.get_xlabel() for axes in profiles(found, [1]).axes]
     assert labels == ["speed [rad/s]", "angle [rad]", "torque [N m]", "time [s]"]

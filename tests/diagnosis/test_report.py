@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.diagnosis import Diagnosis, compare, where
+from embodiedreamer_gym.diagnosis import Diagnosis, compare, error_breakdown
 from embodiedreamer_gym.diagnosis.diagnosis import Ranked
 from embodiedreamer_gym.diagnosis.report import write_report
-from embodiedreamer_gym.diagnosis.report.words import false_alarm_sentence, verdict_sentence
+from embodiedreamer_gym.diagnosis.report.sentences import false_alarm_sentence, verdict_sentence
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.phys_aligner import calibrate
 from tests.two_joint_arm import load_arm, record, write_arm
@@ -117,8 +117,8 @@ def test_a_page_of_two_models_has_a_staircase(arm, delayed, logs, tmp_path) -> N
 
 
 def test_a_page_of_where(arm, logs, tmp_path) -> None:
-    found = where(arm, logs)
-    page = opened(write_report(tmp_path, where=found))
+    found = error_breakdown(arm, logs)
+    page = opened(write_report(tmp_path, breakdown=found))
     assert all(sentence in page.text for sentence in found.findings)
     assert len(page.images) == 4  # overlays, heat map, profiles, sides
 
@@ -132,7 +132,7 @@ def test_a_page_of_a_calibration_alone(delayed, logs, tmp_path) -> None:
 
 def test_a_page_of_a_diagnosis(arm, delayed, logs, tmp_path) -> None:
     found = answer(arm, delayed)
-    page = opened(write_report(tmp_path, diagnosis=found, where=where(arm, logs), recordings=logs))
+    page = opened(write_report(tmp_path, diagnosis=found, breakdown=error_breakdown(arm, logs), recordings=logs))
     assert "The model lacks command delay on shoulder; with it the held-out error falls" in page.text
     assert {"How far the error falls", "Effects tried", "Parameters"} <= set(page.headings)
     assert "torque saturation" in page.text and "40\N{NO-BREAK SPACE}%" in page.text
@@ -171,8 +171,8 @@ def test_a_verdict_says_what_to_do_next(arm, delayed, tmp_path) -> None:
 @pytest.mark.parametrize(
     ("unobservable", "tried", "words"),
     [
-        (("torque_saturation",), True, "could be there unseen: torque saturation."),
-        ((), True, "No effect of the catalogue"),
+        (("torque_saturation",), True, "would not show: torque saturation."),
+        ((), True, "None of the catalogue"),
         ((), False, "Not examined"),
     ],
 )
@@ -188,7 +188,7 @@ def test_it_says_what_cannot_be_seen(arm, delayed, tmp_path, unobservable, tried
 )
 def test_false_alarms_have_an_exact_interval(alarms: int, robots: int, most: int) -> None:
     sentence = false_alarm_sentence(alarms, robots)
-    assert f"On {robots} faultless" in sentence and f"accused {alarms} " in sentence
+    assert f"On {robots} faultless" in sentence and f"missing effect on {alarms} " in sentence
     assert f"at most {most}\N{NO-BREAK SPACE}%" in sentence and "`make bench-diagnosis`" in sentence
 
 
@@ -204,7 +204,9 @@ def test_names_from_files_are_escaped(tmp_path) -> None:
     arm = load_arm(tmp_path)
     arm = arm.with_(name=NASTY, joints=arm.joints)
     log = record(arm, NASTY, 5e-4)
-    page = opened(write_report(tmp_path / "report", comparison=compare(arm, [log]), where=where(arm, [log])))
+    page = opened(
+        write_report(tmp_path / "report", comparison=compare(arm, [log]), breakdown=error_breakdown(arm, [log]))
+    )
     assert NASTY in page.text
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import cv2
 import pytest
 
-from embodiedreamer_gym.diagnosis import where
+from embodiedreamer_gym.diagnosis import error_breakdown
 from embodiedreamer_gym.diagnosis.report import write_report
-from embodiedreamer_gym.diagnosis.report.words import verdict_sentence
+from embodiedreamer_gym.diagnosis.report.sentences import verdict_sentence
 from tests.diagnosis.test_report import answer
 from tests.two_joint_arm import load_arm, record
 
@@ -56,7 +56,9 @@ def diagnosis(tmp_path_factory):
     delayed = arm.with_effect("command_delay").with_values({"command_delay.seconds": {"shoulder": 0.03}})
     logs = [record(delayed, f"wave_{LONG}_{s}", 5e-4, seed=s) for s in range(2)]
     found = answer(arm, delayed)
-    return found, write_report(folder / "report", diagnosis=found, where=where(arm, logs), recordings=logs)
+    return found, write_report(
+        folder / "report", diagnosis=found, breakdown=error_breakdown(arm, logs), recordings=logs
+    )
 
 
 def measure(folder: Path, page: str, width: int) -> dict:

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("mujoco")
 
 from embodiedreamer_gym.diagnosis.candidates import start_of
-from embodiedreamer_gym.diagnosis.screening import grounds, screen_effect
+from embodiedreamer_gym.diagnosis.screening import linearise, screen_effect
 from embodiedreamer_gym.effects.torque_ripple import TorqueRipple
 from embodiedreamer_gym.phys_aligner.calibration import fit_least_squares
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
@@ -20,10 +20,10 @@ from tests.bank import case
 def test_a_ripple_is_started_near_its_own_frequency(seed: int) -> None:
     robot, model = case("torque_ripple", "pendulum1", seed)
     problem, fit = fit_least_squares(model, robot.train)
-    short, around = grounds(problem, fit, None)
-    found = screen_effect(TorqueRipple, around, short, np.ones(1))
+    short, points = linearise(problem, fit, None)
+    found = screen_effect(TorqueRipple, points, short, np.ones(1))
     assert found.rollouts == 19 * 3  # frequencies, phases; of one size
-    new = Problem(around[0].model.with_effect(TorqueRipple), robot.train)
+    new = Problem(points[0].model.with_effect(TorqueRipple), robot.train)
     better = new.model_at(minimise(new, start_of(new, found.start)).x).effects[0].values
     truth = robot.truth["values"]
     assert better["frequency"]["joint1"] == pytest.approx(truth["frequency"]["joint1"], rel=0.05)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from embodiedreamer_gym.diagnosis.experiment_design import Proposal, blank
-from embodiedreamer_gym.diagnosis.report.figures import AFTER, BAND, BEFORE, INK, WIDTH, short, tidy
+from embodiedreamer_gym.diagnosis.report.drawing import AFTER, BAND, BEFORE, INK, WIDTH, short, tidy
 from embodiedreamer_gym.robot.kinematics import Kinematics
 from embodiedreamer_gym.simulation import simulate
 

@@ -1,4 +1,4 @@
-"""The answer of a report in plain sentences."""
+"""Sentences of a report."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from typing import Any
 
 from scipy.special import betaincinv
 
-from embodiedreamer_gym.diagnosis.compare import Comparison
-from embodiedreamer_gym.diagnosis.error_breakdown import Where
+from embodiedreamer_gym.diagnosis.comparison import Comparison
+from embodiedreamer_gym.diagnosis.error_breakdown import ErrorBreakdown
+from embodiedreamer_gym.diagnosis.report.result_figures import SPREAD
 from embodiedreamer_gym.diagnosis.verdict import ALARM
 from embodiedreamer_gym.io.tables import milli, number
 from embodiedreamer_gym.phys_aligner import Calibration
 
 READABLE = 6  # joints in a sentence
 PERCENT = "\N{NO-BREAK SPACE}%"
-# Accusations of faultless stand-in robots, and how many there were; measured by `make bench-diagnosis`.
+# False alarms on faultless stand-in robots, and how many there were; measured by `make bench-diagnosis`.
 FALSE_ALARMS, FAULTLESS = 0, 100
 
 
@@ -28,6 +29,11 @@ def effect_name(name: str) -> str:
 def percent(share: float) -> str:
     """A share as "48 %", which no line breaks."""
     return f"{100 * share:.0f}{PERCENT}"
+
+
+def with_interval(value: float, error: float) -> str:
+    """A value and its 95 % interval of so many standard errors, as "3.00 [2.80, 3.20]"."""
+    return f"{number(value)} [{number(value - SPREAD * error)}, {number(value + SPREAD * error)}]"
 
 
 def listed(names: Sequence[str], word: str = "and") -> str:
@@ -58,12 +64,12 @@ def verdict_sentence(data: Mapping[str, Any]) -> str:
     return f"Something is missing that no known effect explains: {calibrated} off, {floor}."
 
 
-def closer_look(data: Mapping[str, Any], sentence: str) -> str:
-    """What to add to a verdict: how much the closest explains, or the way to the motion that decides; else nothing."""
+def next_step(data: Mapping[str, Any], sentence: str) -> str:
+    """Sentence after a verdict: how much the closest effect explains, or how to record a deciding motion; "" for none."""
     if data["verdict"] == "unknown":
         return sentence
     if data["verdict"] == "ambiguous":
-        return f"The motion that decides: embodiedreamer excite --separate {','.join(data['effects'][:2])}"
+        return f"A motion that tells them apart: embodiedreamer excite --separate {','.join(data['effects'][:2])}"
     return ""
 
 
@@ -77,40 +83,40 @@ def alarm_sentence(data: Mapping[str, Any]) -> str:
 
 
 def false_alarm_sentence(alarms: int = FALSE_ALARMS, robots: int = FAULTLESS) -> str:
-    """How often this procedure accuses the innocent, with the upper end of its 95 % interval.
+    """How often this procedure names an effect on a faultless robot, with the upper end of its 95 % interval.
 
     Source: Clopper and Pearson 1934, the exact interval of a binomial share.
     """
     most = 1.0 if alarms == robots else float(betaincinv(alarms + 1, robots - alarms, 0.975))
     return (
-        f"On {robots} faultless stand-in robots this verdict procedure accused {alarms} "
-        f"(95{PERCENT} interval: at most {math.ceil(100 * most - 1e-9)}{PERCENT}); print it again with `make bench-diagnosis`."
+        f"On {robots} faultless stand-in robots this procedure found a missing effect on {alarms} "
+        f"(95{PERCENT} interval: at most {math.ceil(100 * most - 1e-9)}{PERCENT}); `make bench-diagnosis` measures it again."
     )
 
 
 def unseen_sentences(data: Mapping[str, Any]) -> list[str]:
-    """What a diagnosis says of the effects that could not have shown."""
+    """Which effects these recordings cannot show."""
     if data["unobservable"]:
         names = ", ".join(map(effect_name, data["unobservable"]))
-        return [f"Effects that could be there unseen: {names}."]
+        return [f"Effects that these recordings would not show: {names}."]
     if data["ranking"]:
-        return ["No effect of the catalogue: each would have shown at a typical size."]
+        return ["None of the catalogue: each effect would have shown at a typical size."]
     return ["Not examined: no effect was tried on these recordings, because nothing is missing."]
 
 
-def headline(comparison: Comparison | None, where: Where | None, calibration: Calibration | None) -> str:
-    """One sentence from what there is, the most telling first."""
+def headline(comparison: Comparison | None, breakdown: ErrorBreakdown | None, calibration: Calibration | None) -> str:
+    """One sentence about the results that are there."""
     if comparison and len(comparison.labels) > 1:
         first, last, floor = (milli(v, comparison.unit) for v in (*comparison.error[[0, -1]], comparison.noise))
         return f"The error goes from {first} to {last}; sensor noise is {floor}."
     if calibration:
-        left = f"{milli(calibration.error, calibration.unit)} are left where it was fitted"
+        left = f"an error of {milli(calibration.error, calibration.unit)} is left on the fitted recordings"
         return f"Calibrated by {calibration.method}: {left}."
     if comparison is None:
         return ""
     error, noise = comparison.error[0], comparison.noise
     times = f", {number(error / noise, 2)} times the sensor noise" if noise > 0 else ""
-    place = f"; {_lower(where.findings[1])}" if where and len(where.findings) > 1 else "."
+    place = f"; {_lower(breakdown.findings[1])}" if breakdown and len(breakdown.findings) > 1 else "."
     return f"The simulation is {milli(error, comparison.unit)} off{times}{place}"
 
 
