@@ -142,7 +142,7 @@ def profiles(breakdown: ErrorBreakdown, joints: Sequence[int]) -> Figure:
                 p = own[quantity]
                 axes.fill_between(p.centre, 1e3 * p.low, 1e3 * p.high, color=AFTER, alpha=0.22, lw=0)
                 axes.plot(p.centre, 1e3 * p.median, color=AFTER, lw=1.4)
-                axes.set_title(f"{p.share:.0%} of the error", fontsize=8, loc="right", color=GREY)
+                axes.set_title(f"{p.share:.0%} of the variance", fontsize=8, loc="right", color=GREY)
         line[0].set_ylabel(f"{short(joint)}\n[{MILLI[unit]}]", fontsize=9)
     return figure
 
