@@ -91,7 +91,9 @@ def test_a_refit_cache_of_another_question_is_left_alone(question, tmp_path) -> 
     first = cache_file.read_text()
     shifted = [r.with_(position=r.position + np.array([1e-4, 0.0])) for r in train]
     other = diagnose(model, shifted, test, catalogue, jobs=1, refit_cache=cache_file)
-    assert without_cost(other) == without_cost(diagnose(model, shifted, test, catalogue, jobs=1)) != without_cost(before)
+    assert (
+        without_cost(other) == without_cost(diagnose(model, shifted, test, catalogue, jobs=1)) != without_cost(before)
+    )
     assert cache_file.read_text().startswith(first)
 
 
