@@ -1,1 +1,36 @@
-"""Physics engines behind one protocol."""
+"""Physics engines behind one interface: PyBullet where it installs, MuJoCo everywhere."""
+
+from __future__ import annotations
+
+import importlib.util
+
+from embodiedreamer_gym.engines.engine import Engine, EngineFactory, EngineSettings
+from embodiedreamer_gym.errors import SimulationError
+
+ENGINES = ("auto", "bullet", "mujoco")
+
+__all__ = ["ENGINES", "Engine", "EngineFactory", "EngineSettings", "engine_factory", "has_pybullet"]
+
+
+def has_pybullet() -> bool:
+    """Whether PyBullet is installed for this Python."""
+    return importlib.util.find_spec("pybullet") is not None
+
+
+def engine_factory(engine: str | EngineFactory) -> EngineFactory:
+    """The class of an engine: "bullet", "mujoco", or "auto" for PyBullet where it is installed, else MuJoCo.
+
+    A factory of the caller's own is returned as it is.
+    Raises: SimulationError for another name.
+    """
+    if callable(engine):
+        return engine
+    if engine not in ENGINES:
+        raise SimulationError(f"engine {engine!r} is none of {', '.join(map(repr, ENGINES))}.")
+    if engine == "bullet" or (engine == "auto" and has_pybullet()):
+        from embodiedreamer_gym.engines.bullet.engine import BulletEngine
+
+        return BulletEngine
+    from embodiedreamer_gym.engines.mujoco.engine import MujocoEngine
+
+    return MujocoEngine

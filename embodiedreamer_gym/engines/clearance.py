@@ -5,8 +5,8 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-import pybullet
 
+from embodiedreamer_gym.engines.bullet.client import pybullet
 from embodiedreamer_gym.engines.bullet.plant import BulletPlant
 from embodiedreamer_gym.robot import RobotModel
 
@@ -46,7 +46,7 @@ def _moving(plant: BulletPlant) -> list[tuple[int, int]]:
 def _chains(plant: BulletPlant) -> list[list[tuple[tuple[int, int], int]]]:
     """For each arm its moving links with a shape, and how many joints stand between each and the base."""
     client, arms = plant.client, []
-    for body in plant.bodies:
+    for body in plant.ids:
         depth: dict[int, int] = {-1: 0}
         found = []
         for link in range(client.getNumJoints(body)):

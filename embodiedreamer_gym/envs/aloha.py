@@ -6,20 +6,29 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import pybullet
 from gymnasium import spaces
 from gymnasium.utils import EzPickle
 
-from embodiedreamer_gym.engines.bullet.client import World
-from embodiedreamer_gym.engines.bullet.scene import Scene
+from embodiedreamer_gym.engines import Engine, EngineFactory, EngineSettings, engine_factory
+from embodiedreamer_gym.engines.frame import Frame
+from embodiedreamer_gym.engines.table import TABLE
 from embodiedreamer_gym.envs import observations as observe
-from embodiedreamer_gym.envs.arguments import check_choice, check_size, choose, control_steps, vector, within
-from embodiedreamer_gym.envs.cameras import CAMERAS, Frame, Renderer, load_cameras
+from embodiedreamer_gym.envs.arguments import (
+    check_choice,
+    check_control_rate,
+    check_flag,
+    check_size,
+    choose,
+    vector,
+    within,
+)
+from embodiedreamer_gym.envs.cameras import CAMERAS, load_cameras
 from embodiedreamer_gym.envs.robots import draw_parameters, home, load_robot
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.envs.tasks.attempt import Attempt
 from embodiedreamer_gym.envs.tasks.task import SIDES, Situation, placed
 from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.geometry.pose import Pose
 
 RENDER_SIZE = (640, 480)
 RESET_OPTIONS = ("joint_positions", "joint_velocities", "command", "object_poses")
@@ -33,10 +42,16 @@ class AlohaEnv(gym.Env, EzPickle):
     Reward: minus the distance of the acting arm's end effector to the task's target, m. An episode never ends by itself;
     `gym.make` cuts it after 300 steps.
 
-    task: a name in TASKS; robot: a built-in robot or a model file; obs_type: state, pixels or pixels_agent_pos; cameras:
-    names, of the file `camera_file` where given; image_size: width, height; control_hz: 50, 40, 30 or 20; renderer:
-    auto, tiny or egl; randomize: None, or "calibration" to draw the robot's parameters from its calibration's
-    intervals at each reset; collisions: False lets the arms pass through everything, to replay logs of free motion.
+    task: a name in TASKS.
+    robot: a built-in robot or a model file.
+    obs_type: state, pixels or pixels_agent_pos.
+    cameras: names, of the file `camera_file` where given.
+    image_size: width, height, pixels.
+    control_hz: 50, 40, 30 or 20.
+    renderer: auto, or tiny or egl of PyBullet, egl or osmesa of MuJoCo.
+    randomize: None, or "calibration" to draw the robot's parameters from its calibration's intervals at each reset.
+    collisions: False lets the arms pass through everything, to replay logs of free motion.
+    engine: auto (PyBullet where it is installed, else MuJoCo), bullet, mujoco, or a factory that takes `EngineSettings`.
     Raises: ModelError, SimulationError or ValueError that names what is allowed.
     """
 
@@ -55,44 +70,43 @@ class AlohaEnv(gym.Env, EzPickle):
         randomize: str | None = None,
         render_mode: str | None = None,
         collisions: bool = True,
+        engine: str | EngineFactory = "auto",
     ) -> None:
         EzPickle.__init__(self, task, robot, obs_type, cameras, camera_file, image_size, control_hz, renderer,
-                          randomize, render_mode, collisions)  # fmt: skip
+                          randomize, render_mode, collisions, engine)  # fmt: skip
         self.task = TASKS[check_choice("task", task, TASKS)]()
         self.obs_type = check_choice("obs_type", obs_type, observe.OBS_TYPES)
         self.randomize = check_choice("randomize", randomize, (None, "calibration"))
         self.render_mode = check_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         self.image_size = check_size("image_size", image_size)
+        self.control_hz = check_control_rate(control_hz)
         known = CAMERAS if camera_file is None else load_cameras(camera_file)
         self.cameras = choose("camera", cameras, known)
         self._render_camera = known["head"] if "head" in known else next(iter(known.values()))
-        dt, self._shares = control_steps(control_hz)
         self.robot = load_robot(robot)
         if self.randomize and not self.robot.intervals:
             raise ModelError(
                 f"randomize='calibration' needs a robot with a calibration's intervals, and {robot} has none; "
                 "calibrate it first, or use randomize=None."
             )
-        self._client = World()
-        seen = RENDER_SIZE if obs_type == "state" and render_mode else self.image_size
-        self.renderer = Renderer(self._client, renderer, seen)
-        self.scene = Scene(self._client, self.robot, self.task.props, dt, collisions)
-        self._lay_floor()
+        pictures = RENDER_SIZE if obs_type == "state" and render_mode else self.image_size
+        self.engine: Engine = engine_factory(engine)(
+            EngineSettings(self.robot, self.task.props, self.control_hz, check_flag("collisions", collisions),
+                           renderer, pictures)
+        )  # fmt: skip
         for camera in (*self.cameras.values(), self._render_camera):
-            check_choice(f"link of camera {camera.name}", camera.link, (None, *self.scene.plant.links))
-        self._shares = self._shares[self.robot.command_hold == "hold"][:, None]
-        self.control_hz = int(control_hz)
-        self.metadata = {**self.metadata, "render_fps": self.control_hz, "renderer": self.renderer.name,
-                         "light": self.renderer.light, "command_hold": self.robot.command_hold}  # fmt: skip
+            check_choice(f"link of camera {camera.name}", camera.link, (None, *self.engine.links()))
+        self.metadata = {**self.metadata, "render_fps": self.control_hz, "engine": self.engine.name,
+                         "renderer": self.engine.renderer_name, "light": self.engine.light,
+                         "command_hold": self.robot.command_hold}  # fmt: skip
         self.action_space: spaces.Box = observe.action_space(self.robot)  # pyright: ignore[reportIncompatibleVariableOverride]
         self._joint_space = observe.joint_space(self.robot)
         self._state_space = observe.state_space(self.robot)
         self.observation_space = self._space()
-        self.blind = False  # while it is set, observations repeat the pictures that were drawn last
         self._pictures: dict[str, np.ndarray] = {}
         self._command: np.ndarray | None = None
         self._rest: np.ndarray | None = None  # joint positions (14,)
-        self._arms: dict[str, list[tuple[int, int]]] = dict(zip(SIDES, self.scene.fingers, strict=True))
+        self._closed = False
 
     # ---- gymnasium ---------------------------------------------------------------------------------------------
 
@@ -105,6 +119,7 @@ class AlohaEnv(gym.Env, EzPickle):
         Raises: ValueError for another option, or one of another shape or outside what the joints can do; SimulationError
         where the robot model diverges.
         """
+        self._check_open()
         options = options or {}
         given = self._beginning(options)
         super().reset(seed=seed)
@@ -114,41 +129,46 @@ class AlohaEnv(gym.Env, EzPickle):
         position, velocity, command = self._at_rest() if given is None else given
         if options:  # arms may begin where they touch the table, of which PyBullet still knows: away from it first
             rest = home(self.robot)
-            self.scene.reset(rest, np.zeros_like(rest), rest, poses)
-        self.scene.reset(position, velocity, command, poses, sets)
+            self.engine.reset(rest, np.zeros_like(rest), rest, poses)
+        self.engine.reset(position, velocity, command, poses, sets, self.np_random)
         self._command = command
         self._start = poses[self.task.object.name]
         self._attempt = Attempt(self.task)
         self._steps = 0
-        return self._observe()[0:2]
+        return self._observe(render=True)
 
-    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray, *, render: bool = True) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Drive the joints to their targets (14,) for one control period.
 
+        render: False skips the drawing of pictures; the observation repeats those drawn last.
         Raises: ValueError for an action of another shape, or one that is not finite.
         """
+        self._check_open()
         if self._command is None:
             raise gym.error.ResetNeeded("call reset before the first step.")
         target = np.clip(vector("action", action, self.robot.n), self._joint_space.low, self._joint_space.high)
-        step = self.scene.plant.step
-        for command in self._command + self._shares * (target - self._command):
-            step(command)
+        self.engine.advance(target)
         self._command = target
         self._steps += 1
-        observation, info = self._observe()
+        observation, info = self._observe(render)
         return observation, -info["distance"], False, False, info
 
     def render(self) -> np.ndarray | None:
-        """The head camera's picture (480, 640, 3)."""
+        """The head camera's picture (480, 640, 3).
+
+        Raises: ResetNeeded before the first episode.
+        """
         if self.render_mode is None:
             return None
-        return self.renderer.rgb(self._render_camera, RENDER_SIZE, self._mount(self._render_camera))
+        self._check_open()
+        if self._command is None:
+            raise gym.error.ResetNeeded("call reset before the first picture.")
+        return self.engine.rgb(self._render_camera, RENDER_SIZE)
 
     def close(self) -> None:
         """Close the physics; twice does no harm."""
-        if self._client.isConnected():
-            self.renderer.close()
-            self._client.disconnect()
+        self._closed = True
+        self.engine.close()
 
     # ---- for data sets and experts -----------------------------------------------------------------------------
 
@@ -180,7 +200,7 @@ class AlohaEnv(gym.Env, EzPickle):
     @property
     def segmentation_classes(self) -> tuple[str, ...]:
         """What the numbers of a segmentation mean."""
-        return self.scene.class_names
+        return self.engine.class_names
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -192,40 +212,43 @@ class AlohaEnv(gym.Env, EzPickle):
 
         Raises: ValueError for an unknown camera.
         """
-        found = {**CAMERAS, **self.cameras}[check_choice("camera", camera, {**CAMERAS, **self.cameras})]
+        known = {**CAMERAS, **self.cameras}
         size = self.image_size if size is None else check_size("size", size)
-        return self.renderer.capture(found, size, self._mount(found), self.scene.classes, self.scene.parts)
+        return self.engine.capture(known[check_choice("camera", camera, known)], size)
 
     def observe(self) -> Any:
-        """The observation of this instant, as the last `reset` or `step` gave it."""
-        return self._observe()[0]
+        """The observation of this instant, as the last `reset` or `step` gave it, with new pictures."""
+        return self._observe(render=True)[0]
 
     def joint_positions(self) -> np.ndarray:
         """What the encoders (14,) read at this instant, in the units of the action."""
-        return self.scene.plant.observe()[0]
+        return self.engine.joints()[0]
+
+    def joint_velocities(self) -> np.ndarray:
+        """Speed of the joints (14,) at this instant, in the units of the action per second."""
+        return self.engine.joints()[1]
+
+    def object_pose(self, prop: str) -> Pose:
+        """Where a prop of the task is."""
+        return self.engine.pose(prop)
 
     def situation(self) -> Situation:
         """The world at this instant, as the task judges it."""
-        scene, task = self.scene, self.task
-        thing = task.object.name
-        touched = scene.touching(thing)
-        goal = task.goal.name if task.goal else thing
-        fingers = sum(finger in touched for finger in self._arms[self._side])
+        engine, task, arm = self.engine, self.task, SIDES.index(self._side)
+        thing, goal = task.object.name, (task.goal or task.object).name
+        touched = engine.touching(thing)
         return Situation(
-            side=self._side, base=scene.bases[SIDES.index(self._side)].copy(), tip=scene.tip(SIDES.index(self._side)),
-            object=scene.pose(thing), goal=scene.pose(goal), start=self._start, speed=scene.speed(thing), fingers=fingers,
-            on_goal=(scene.props[goal], -1) in touched, on_table=(scene.table, -1) in touched, grasped=self._attempt.grasped,
+            side=self._side, base=engine.bases[arm].copy(), tip=engine.tip(arm), object=engine.pose(thing),
+            goal=engine.pose(goal), start=self._start, speed=engine.speed(thing),
+            fingers=sum(finger in touched for finger in engine.fingers[arm]), on_goal=goal in touched,
+            on_table=TABLE.name in touched, grasped=self._attempt.grasped,
         )  # fmt: skip
 
     # ---- inside ------------------------------------------------------------------------------------------------
 
-    def _lay_floor(self) -> None:
-        """Ground below the table, which no camera draws: what is pushed off would fall for ever."""
-        make = self._client
-        box = make.createCollisionShape(pybullet.GEOM_BOX, halfExtents=(observe.REACH, observe.REACH, 0.1))
-        # Without a visual shape PyBullet would draw the collision shape; this one is a speck inside it.
-        speck = make.createVisualShape(pybullet.GEOM_SPHERE, radius=1e-3)
-        make.createMultiBody(0.0, box, speck, basePosition=(0.0, 0.0, -0.1))
+    def _check_open(self) -> None:
+        if self._closed:
+            raise gym.error.ClosedEnvironmentError("the environment is closed; make another.")
 
     def _at_rest(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Joint positions, joint velocities and command (14,) of arms that rest at home.
@@ -234,7 +257,7 @@ class AlohaEnv(gym.Env, EzPickle):
         """
         rest = home(self.robot)
         if self._rest is None:
-            self._rest = self.scene.settle(rest)
+            self._rest = self.engine.settle(rest)
         return self._rest, np.zeros_like(rest), rest
 
     def _beginning(self, options: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
@@ -260,34 +283,24 @@ class AlohaEnv(gym.Env, EzPickle):
             return pixels
         return spaces.Dict({"pixels": pixels, "agent_pos": self._joint_space})
 
-    def _observe(self) -> tuple[Any, dict[str, Any]]:
+    def _observe(self, render: bool) -> tuple[Any, dict[str, Any]]:
         """Observation and info of this instant."""
-        position, velocity = self.scene.plant.observe()
+        position, velocity = self.engine.joints()
         now = self.situation()
         self._attempt.see(now)
         target = self.task.target(now)
         info = self._attempt.info(now, target, self._steps / self.control_hz)
+        if self.obs_type != "state" and (render or not self._pictures):
+            self._pictures = {name: self.engine.rgb(camera, self.image_size) for name, camera in self.cameras.items()}
         return self._assemble(position, velocity, now, target), info
 
     def _assemble(self, position: np.ndarray, velocity: np.ndarray, now: Situation, target: np.ndarray) -> Any:
         """The observation of this obs_type."""
         if self.obs_type == "state":
-            tips = [self.scene.tip(arm).position for arm in range(len(SIDES))]
+            tips = [self.engine.tip(arm).position for arm in range(len(SIDES))]
             return observe.clipped(observe.state_vector(position, velocity, tips, now, target), self._state_space)
-        if not self.blind or not self._pictures:
-            self._pictures = {
-                name: self.renderer.rgb(camera, self.image_size, self._mount(camera))
-                for name, camera in self.cameras.items()
-            }
         pictures = {name: picture.copy() for name, picture in self._pictures.items()}  # observations share nothing
         pixels = pictures if len(pictures) > 1 else next(iter(pictures.values()))
         if self.obs_type == "pixels":
             return pixels
         return {"pixels": pixels, "agent_pos": observe.clipped(position, self._joint_space)}
-
-    def _mount(self, camera) -> tuple[np.ndarray, np.ndarray] | None:
-        """Pose of the link that carries a camera."""
-        if camera.link is None:
-            return None
-        pose = self.scene.link_pose(camera.link)
-        return pose.position, pose.quaternion

@@ -7,11 +7,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from embodiedreamer_gym.engines.engine import STEPS_PER_SECOND
 from embodiedreamer_gym.errors import SimulationError, brief
 
 Thing = TypeVar("Thing")
-
-RATES = {50: 250, 40: 240, 30: 240, 20: 240}  # Hz of control -> of physics, which it divides
 
 
 def check_choice(what: str, value: Any, allowed: Collection[Any]) -> Any:
@@ -69,20 +68,24 @@ def choose(what: str, names: Any, known: Mapping[str, Thing]) -> dict[str, Thing
     return {name: known[name] for name in names}
 
 
-def control_steps(rate: Any) -> tuple[float, dict[bool, np.ndarray]]:
-    """Physics step (s) of a control rate (Hz), and which share of a new action its controller heeds at each of them.
+def check_control_rate(hz: Any) -> int:
+    """Return a control rate, Hz, that physics steps divide.
 
-    Shares: False -> of a controller that ramps to the action, True -> of one that holds it (its edge lies on the first
-    step, whose mean is half old and half new).
-    Raises: SimulationError for a rate that physics steps do not divide.
+    Raises: SimulationError for another one.
     """
-    if not isinstance(rate, (int, float, np.integer)) or rate not in RATES:
-        raise SimulationError(f"control_hz {brief(rate)} is none of {', '.join(map(str, RATES))}.")
-    rate = int(rate)
-    steps = RATES[rate] // rate
-    held = np.ones(steps)
-    held[0] = 0.5
-    return 1.0 / RATES[rate], {False: np.arange(steps) / steps, True: held}
+    if isinstance(hz, bool) or not isinstance(hz, int | float | np.integer) or hz not in STEPS_PER_SECOND:
+        raise SimulationError(f"control_hz {brief(hz)} is none of {', '.join(map(str, STEPS_PER_SECOND))}.")
+    return int(hz)
+
+
+def check_flag(what: str, value: Any) -> bool:
+    """Return True or False as given.
+
+    Raises: SimulationError for anything else: "no" would count as true.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise SimulationError(f"{what} must be True or False, not {brief(value)}.")
+    return bool(value)
 
 
 def vector(what: str, values: Any, n: int) -> np.ndarray:

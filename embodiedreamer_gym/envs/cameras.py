@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.engines.bullet.rendering import Frame, Renderer
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.geometry.camera import Camera, look_at
 from embodiedreamer_gym.robot.files import write_json
 
-__all__ = ["CAMERAS", "Camera", "Frame", "Renderer", "load_cameras", "look_at", "save_cameras"]
+__all__ = ["CAMERAS", "Camera", "load_cameras", "look_at", "save_cameras"]
 
 NEEDED = ("position", "rotation", "size", "fx", "fy", "cx", "cy")
 OPTIONAL = ("link", "near", "far")

@@ -29,9 +29,9 @@ class AlohaGoalEnv(AlohaEnv):
         """Minus the distance (...,) between achieved and desired goals (..., 3), m; info is not used."""
         return -np.linalg.norm(np.asarray(achieved_goal) - np.asarray(desired_goal), axis=-1)
 
-    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray, *, render: bool = True) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Drive the joints to their targets (14,) for one control period."""
-        observation, _, terminated, truncated, info = super().step(action)
+        observation, _, terminated, truncated, info = super().step(action, render=render)
         reward = float(self.compute_reward(observation["achieved_goal"], observation["desired_goal"], info))
         return observation, reward, terminated, truncated, info
 

@@ -178,7 +178,7 @@ def _attempt(wanted: Demonstrations, number: int, folder: Path) -> Path | None:
             shape = (len(played["action"]), len(env.cameras), wanted.size[1], wanted.size[0], 4)
             attributes = {
                 "demonstration": {**wanted.settings(), "attempt": number}, "task": wanted.task, "side": env.side,
-                "seed": wanted.attempt_seed(number), "renderer": env.renderer.name, "control_hz": env.control_hz,
+                "seed": wanted.attempt_seed(number), "renderer": env.engine.renderer_name, "control_hz": env.control_hz,
                 "command_hold": env.robot.command_hold, "joint_names": list(env.robot.joints),
                 "units": list(env.robot.units),
             }  # fmt: skip
@@ -198,7 +198,6 @@ def _attempt(wanted: Demonstrations, number: int, folder: Path) -> Path | None:
 def _play(env: AlohaEnv, seed: int, film: IO[bytes]) -> dict[str, np.ndarray] | None:
     """Signals (T, ...) of an episode whose frames and masks go to a file as they come; None where it did not succeed."""
     observation, info = env.reset(seed=seed)
-    env.blind = True  # frames and masks are drawn at once
     expert = ScriptedExpert(env)
     rows: list[dict[str, np.ndarray]] = []
     still = 0
@@ -207,12 +206,12 @@ def _play(env: AlohaEnv, seed: int, film: IO[bytes]) -> dict[str, np.ndarray] | 
             frame = env.capture(camera)
             film.write(np.dstack([frame.rgb, frame.segmentation]).tobytes())
         position, action = observation["agent_pos"], expert.act()
-        poses = {prop.name: env.scene.pose(prop.name) for prop in env.task.props}
+        poses = {prop.name: env.object_pose(prop.name) for prop in env.task.props}
         rows.append({
-            "qpos": position, "qvel": env.scene.plant.observe()[1].astype(np.float32), "action": action,
+            "qpos": position, "qvel": env.joint_velocities().astype(np.float32), "action": action,
             **{name: np.concatenate([pose.position, pose.quaternion]) for name, pose in poses.items()},
         })  # fmt: skip
-        observation, _, _, _, info = env.step(action)
+        observation, _, _, _, info = env.step(action, render=False)  # frames and masks are drawn at once
         still = still + 1 if np.abs(observation["agent_pos"] - position).max() < MOVES else 0
     return {key: np.array([row[key] for row in rows]) for key in rows[0]} if info["is_success"] else None
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from embodiedreamer_gym.engines.bullet.rendering import stacked
+from embodiedreamer_gym.engines.frame import stacked
 from embodiedreamer_gym.engines.bullet.robot_view import RobotView
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.geometry.camera import Camera

@@ -12,7 +12,6 @@ from scipy.stats import binomtest
 
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.protocol import Policy, ask
-from embodiedreamer_gym.unseen import see_through, unseen
 
 Watch = Callable[[Any, dict[str, Any]], None]
 
@@ -124,12 +123,12 @@ def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | N
         forget()
     observation, info = env.reset(seed=seed)
     steps, first, over = 0, None, False
-    world = see_through(env) if watch is None else None
     while not over:
         actions = ask(policy, as_batch(observation, cameras), (1, execute, policy.action_size))[0]
-        for observation, over, info, count in _played(env, actions, world):
-            steps += count
-            first = steps if first is None and info["is_success"] else first
+        for observation, over, info, successes in _played(env, actions):
+            reached = np.flatnonzero(successes)
+            first = steps + int(reached[0]) + 1 if first is None and reached.size else first
+            steps += len(successes)
             if watch is not None:
                 watch(observation, info)
             if over:
@@ -138,16 +137,15 @@ def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | N
                          float(info.get("object_distance", np.nan)), str(info.get("side", "")))  # fmt: skip
 
 
-def _played(env: gym.Env, actions: np.ndarray, world: Any) -> Iterator[tuple[Any, bool, dict[str, Any], int]]:
-    """Observation, whether it is over, info and how many actions were played: after each of them, or once after a chunk."""
+def _played(env: gym.Env, actions: np.ndarray) -> Iterator[tuple[Any, bool, dict[str, Any], Any]]:
+    """Observation, whether the episode is over, info and success after each action: by action, or once for a chunk."""
     if _takes_chunks(env):
         observation, _, terminated, truncated, info = env.step(actions)
-        yield observation, terminated or truncated, info, int(info["steps"])
+        yield observation, terminated or truncated, info, info["successes"][: info["steps"]]
         return
-    for number, action in enumerate(actions, 1):
-        with unseen(world, number < len(actions)):  # the policy is asked again after the last
-            observation, _, terminated, truncated, info = env.step(action)
-        yield observation, terminated or truncated, info, 1
+    for action in actions:
+        observation, _, terminated, truncated, info = env.step(action)
+        yield observation, terminated or truncated, info, (info["is_success"],)
 
 
 def _takes_chunks(env: gym.Env) -> bool:

@@ -8,23 +8,29 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from embodiedreamer_gym.engines.bullet.rendering import Frame, stacked
+from embodiedreamer_gym.engines.frame import Frame, stacked
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.errors import SimulationError
-from embodiedreamer_gym.unseen import see_through, unseen
 
 
 class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
-    """Takes k actions (k, 14) at once, as policies that predict chunks give them, and plays them one after the other.
+    """Takes k actions (k, n) at once, as policies that predict chunks give them, and plays them one after the other.
 
-    The reward is the sum of the k rewards, observation and info are those after the last action; info["rewards"] (k,)
-    holds each reward and info["steps"] their number, which is less than k where the episode was cut, and 0 after a reset.
-    With `camera`, info["clip"] holds what it saw after every n-th action and the last, F = ceil(k / every) times: rgb
-    (F, H, W, 3) uint8, depth (F, H, W) m and classes (F, H, W), and what is rigid: parts (F, H, W), projections
-    (F, L, 3, 4), see `Frame`; info["filmed"] is how often it did, 0 after a reset. What is not there repeats the last
-    instant (of rewards: is 0), so that shapes never change.
+    The reward is the sum of the k rewards; observation and info are those after the last action. Pictures are drawn after
+    the last action only, unless a wrapper between this one and `gym.make`'s own may use the observations on the way.
 
-    camera: name of a camera, or None; size: its picture's width and height, the environment's own where None; every: n.
+    info["rewards"]: (k,) reward of each action; 0 where the episode was over.
+    info["successes"]: (k,) whether the task was done after each action.
+    info["steps"]: how many actions were played, less than k where the episode was cut, 0 after a reset.
+    info["clip"]: with a camera, what it saw after every n-th action and the last, F = ceil(k / every) times, padded with
+    the last: rgb (F, H, W, 3) uint8, depth (F, H, W) m, classes (F, H, W), parts (F, H, W), projections (F, L, 3, 4), see
+    `Frame`.
+    info["filmed"]: how many of the F frames are new, 0 after a reset.
+
+    k: actions of a chunk.
+    camera: name of a camera, or None.
+    size: its picture's width and height, pixels; the environment's own where None.
+    every: n.
     Raises: SimulationError for k or n below 1, an action space that is no box, or a camera without an ALOHA environment.
     """
 
@@ -46,10 +52,15 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         low, high = (np.repeat(bound[None], self.k, axis=0) for bound in (one.low, one.high))
         self.action_space = spaces.Box(low, high, dtype=one.dtype.type)  # pyright: ignore[reportArgumentType, reportOptionalMemberAccess]
 
+        self._inner = plain_aloha(env)
+        self._limit = env.spec.max_episode_steps if self._inner is not None and env.spec is not None else None
+        self._played = 0
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; with a camera, info["clip"] is its view of this instant."""
         observation, info = self.env.reset(seed=seed, options=options)
-        return observation, info | self._told([], [self._look()])
+        self._played = 0
+        return observation, info | self._chunk_info([], [], [self._frame()])
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Play the actions (k, n), up to where the episode ends.
@@ -59,36 +70,54 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         action = np.asarray(action)
         if action.shape != self.action_space.shape:
             raise ValueError(f"a chunk has shape {self.action_space.shape}, not {action.shape}.")
-        rewards, looks = [], []
+        rewards, successes, frames = [], [], []
         observation, info, terminated, truncated = None, {}, False, False
-        world = see_through(self.env)
         for number, one in enumerate(action, 1):
-            with unseen(world, number < len(action)):  # only the last observation is shown
-                observation, reward, terminated, truncated, info = self.env.step(one)
+            observation, reward, terminated, truncated, info = self._step(one, last=number == len(action))
             rewards.append(float(reward))
+            successes.append(bool(info.get("is_success", False)))
             over = terminated or truncated
             if over or number == len(action) or number % self.every == 0:
-                looks.append(self._look())
+                frames.append(self._frame())
             if over:
-                observation = observation if world is None or number == len(action) else world.observe()
                 break
-        return observation, float(sum(rewards)), terminated, truncated, info | self._told(rewards, looks)
+        return observation, float(sum(rewards)), terminated, truncated, info | self._chunk_info(
+            rewards, successes, frames
+        )
 
-    def _look(self) -> Frame | None:
-        """What the camera sees at this instant; nothing without a camera."""
+    def _step(self, action: np.ndarray, last: bool) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Play one action; pictures are drawn where the observation is returned."""
+        if self._inner is None:
+            observation, reward, terminated, truncated, info = self.env.step(action)
+            return observation, float(reward), terminated, truncated, info
+        self._played += 1
+        cut = self._limit is not None and self._played >= self._limit
+        observation, reward, terminated, truncated, info = self._inner.step(action, render=last or cut)
+        return observation, reward, terminated, truncated or cut, info
+
+    def _frame(self) -> Frame | None:
+        """What the camera sees at this instant; None without a camera."""
         aloha = self.env.unwrapped
         if self.camera is None or not isinstance(aloha, AlohaEnv):
             return None
         return aloha.capture(self.camera, self.size)
 
-    def _told(self, rewards: list[float], looks: list[Frame | None]) -> dict[str, Any]:
-        """What info says of a chunk."""
-        told: dict[str, Any] = {
-            "rewards": np.pad(np.array(rewards, float), (0, self.k - len(rewards))),
+    def _chunk_info(self, rewards: list[float], successes: list[bool], frames: list[Frame | None]) -> dict[str, Any]:
+        """The entries of info that describe a chunk."""
+        missing = self.k - len(rewards)
+        entries: dict[str, Any] = {
+            "rewards": np.pad(np.array(rewards, float), (0, missing)),
+            "successes": np.pad(np.array(successes, bool), (0, missing)),
             "steps": len(rewards),
         }
         if self.camera is not None:
-            seen = [look for look in looks if look is not None]
-            told["clip"] = stacked(seen + seen[-1:] * (-(-self.k // self.every) - len(seen)))
-            told["filmed"] = len(seen) if rewards else 0
-        return told
+            seen = [frame for frame in frames if frame is not None]
+            entries["clip"] = stacked(seen + seen[-1:] * (-(-self.k // self.every) - len(seen)))
+            entries["filmed"] = len(seen) if rewards else 0
+        return entries
+
+
+def plain_aloha(env: gym.Env) -> AlohaEnv | None:
+    """The ALOHA environment below the wrappers that `gym.make` adds; None where there is another wrapper or environment."""
+    wrapped = isinstance(env, gym.Wrapper) and (env.spec is None or bool(env.spec.additional_wrappers))
+    return env.unwrapped if isinstance(env.unwrapped, AlohaEnv) and not wrapped else None

@@ -6,18 +6,15 @@ context is current: with two of them in one process, each has to be made current
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import functools
 import importlib.util
-import os
 import subprocess
 import sys
-from collections.abc import Iterator
 
-from pybullet_utils.bullet_client import BulletClient
-
+from embodiedreamer_gym.engines.bullet.client import BulletClient
 from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.io.quiet import silenced
 
 PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri"  # Debian's names
 PLUGIN, ENTRY = "eglRenderer", "_eglRendererPlugin"  # a module of pybullet's wheel, its functions' suffix
@@ -66,7 +63,7 @@ class EglContext:
         self._client, self._plugin = client, -1
         path = plugin_path() if is_available() else None
         if path is not None:
-            with _quiet():
+            with silenced():
                 self._plugin = client.loadPlugin(path, ENTRY)
         if self._plugin < 0:
             raise SimulationError(
@@ -92,7 +89,7 @@ class EglContext:
         """Unload the plugin; twice does no harm."""
         if self._client.isConnected() and self._plugin >= 0:
             self.make_current()
-            with _quiet():
+            with silenced():
                 self._client.unloadPlugin(self._plugin)
         self._plugin = -1
 
@@ -105,21 +102,3 @@ def _library() -> ctypes.CDLL:
     egl.eglGetCurrentSurface.argtypes = [ctypes.c_int]
     egl.eglMakeCurrent.argtypes = [ctypes.c_void_p] * 4
     return egl
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep off the terminal what C code prints meanwhile."""
-    flush = ctypes.CDLL(None).fflush
-    flush(None)
-    saved = {stream: os.dup(stream) for stream in (1, 2)}
-    with open(os.devnull, "wb") as nothing:
-        for stream in saved:
-            os.dup2(nothing.fileno(), stream)
-    try:
-        yield
-    finally:
-        flush(None)
-        for stream, copy in saved.items():
-            os.dup2(copy, stream)
-            os.close(copy)

@@ -5,15 +5,14 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
-import pybullet
-from pybullet_utils.bullet_client import BulletClient
 
 from embodiedreamer_gym.engines.bullet import egl
+from embodiedreamer_gym.engines.bullet.client import BulletClient, pybullet
+from embodiedreamer_gym.engines.frame import Frame, projections
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.geometry.camera import Camera, Pose, rotation_matrix, whole_size
 
@@ -36,37 +35,6 @@ LIGHTS: dict[str, dict[str, Any]] = {  # of OpenGL: what its shader does, which 
 IDENTITY = tuple(np.eye(4).ravel())
 PAPER = np.array([*BACKGROUND, 255], np.uint8).view(np.uint32)[0]
 ONE_TEXEL = (*([0.0] * 12), 0.5, 0.5, 1.0, 0.0)  # a projection that maps all the world to one point of a texture
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """What a camera sees.
-
-    rgb: (H, W, 3) uint8; depth: (H, W) float32, m along the optical axis, the camera's far where nothing is;
-    segmentation: (H, W) uint8, class numbers, 0 where nothing is; parts: (H, W) uint8, which of the rigid parts asked for,
-    from 1, 0 elsewhere; projections: (L, 3, 4) float32 of those L parts: (u, v, 1) depth = projection (x, y, z, 1), from m in
-    the part's frame to pixels.
-    """
-
-    rgb: np.ndarray
-    depth: np.ndarray
-    segmentation: np.ndarray
-    parts: np.ndarray
-    projections: np.ndarray
-
-    def __repr__(self) -> str:
-        return f"Frame({self.rgb.shape[1]} x {self.rgb.shape[0]})"
-
-    def as_dict(self) -> dict[str, np.ndarray]:
-        """All of it, by the names that files, `info["clip"]` and a `Condition` have for it."""
-        return {"rgb": self.rgb, "classes": self.segmentation, "depth": self.depth, "parts": self.parts,
-                "projections": self.projections}  # fmt: skip
-
-
-def stacked(frames: Sequence[Frame]) -> dict[str, np.ndarray]:
-    """Frames (at least one) one after the other: arrays (T, ...) by the names of `Frame.as_dict`."""
-    seen = [frame.as_dict() for frame in frames]
-    return {key: np.stack([one[key] for one in seen]) for key in seen[0]}
 
 
 class Renderer:
@@ -153,17 +121,15 @@ class Renderer:
     def _projections(self, camera: Camera, size: tuple[int, int], pose_of_link: Pose | None,
                      parts: Sequence[Part]) -> np.ndarray:  # fmt: skip
         """Projections (L, 3, 4) of rigid parts."""
-        found = np.zeros((len(parts), 3, 4))
         here, axes = camera.pose(pose_of_link)
-        matrix = camera.matrix(size) @ axes.T
-        for projection, (body, link) in zip(found, parts, strict=True):
+        poses = []
+        for body, link in parts:
             if link < 0:
                 position, quaternion = self._client.getBasePositionAndOrientation(body)
             else:
                 position, quaternion = self._client.getLinkState(body, link, computeForwardKinematics=True)[4:6]
-            projection[:, :3] = matrix @ rotation_matrix(quaternion)
-            projection[:, 3] = matrix @ (np.array(position) - here)
-        return found.astype(np.float32)
+            poses.append((np.array(position), rotation_matrix(quaternion)))
+        return projections(camera.matrix(size), here, axes, poses)
 
     def _draw(self, camera: Camera, size: tuple[int, int], pose_of_link: Pose | None, flags: int) -> Drawn:
         """Colours (H, W, 3), depth buffer (H, W) and PyBullet's bodies (H, W; -1: none) of a picture."""

@@ -6,7 +6,8 @@ import numpy as np
 
 from embodiedreamer_gym.engines.bullet.client import World
 from embodiedreamer_gym.engines.bullet.plant import BulletPlant
-from embodiedreamer_gym.engines.bullet.rendering import Frame, Renderer
+from embodiedreamer_gym.engines.bullet.rendering import Renderer
+from embodiedreamer_gym.engines.frame import Frame
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.robot import RobotModel
@@ -29,7 +30,7 @@ class RobotView:
         self.camera, self.size, self._client = camera, size, World()
         self._renderer = Renderer(self._client, "tiny", size)
         self._plant = BulletPlant(model, self._client)
-        self._classes = dict.fromkeys(self._plant.bodies, ROBOT)
+        self._classes = dict.fromkeys(self._plant.ids, ROBOT)
         self._parts = list(dict.fromkeys(self._plant.links.values()))
 
     def __enter__(self) -> RobotView:

@@ -113,7 +113,7 @@ def _attributes(film: FilmSettings, number: int, player: EpisodePlayer, episode:
     return {
         "film": film.as_dict(number), "task": film.task, "side": episode.side, "seed": film.episode_seed(number),
         "camera": {f.name: getattr(camera, f.name) for f in fields(camera) if f.name != "name"},
-        "class_names": list(env.segmentation_classes), "look": appearance.as_dict(), "renderer": env.renderer.name,
+        "class_names": list(env.segmentation_classes), "look": appearance.as_dict(), "renderer": env.engine.renderer_name,
         "control_hz": env.control_hz, "rate": env.control_hz / film.every, "command_hold": env.robot.command_hold,
         "joint_names": list(env.robot.joints), "units": list(env.robot.units),
     }  # fmt: skip

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from embodiedreamer_gym.envs.aloha import AlohaEnv
-from embodiedreamer_gym.envs.cameras import Frame
+from embodiedreamer_gym.engines.frame import Frame
 from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.standin.film.geometry import Part, scene_parts
@@ -83,7 +83,7 @@ class EpisodePlayer:
 
     def capture(self, camera: Camera, size: tuple[int, int]) -> Frame:
         """The simulator's rendering of the current state for a camera fixed in the world; size: width, height."""
-        return self.env.renderer.capture(camera, size, None, self.env.scene.classes, self.env.scene.parts)
+        return self.env.engine.capture(camera, size)
 
     def close(self) -> None:
         """Close the environment."""
@@ -91,9 +91,9 @@ class EpisodePlayer:
 
     def _state(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Joint positions (14,), poses of the bodies (bodies, 4, 4) and of the props (props, 7)."""
-        scene = self.env.scene
-        props = [scene.pose(name) for name in self.props]
-        bodies = [*(scene.link_pose(name) for name in self.links), *props]
+        engine = self.env.engine
+        props = [engine.pose(name) for name in self.props]
+        bodies = [*(engine.link_pose(name) for name in self.links), *props]
         poses = np.tile(np.eye(4), (len(bodies), 1, 1))
         for matrix, body in zip(poses, bodies, strict=True):
             matrix[:3, :3], matrix[:3, 3] = body.rotation, body.position

@@ -1,0 +1,56 @@
+"""What a camera of a simulated world sees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One picture with its ground truth.
+
+    rgb: (H, W, 3) uint8.
+    depth: (H, W) float32, m along the optical axis; the camera's `far` where nothing is.
+    segmentation: (H, W) uint8, class numbers; 0 is the background.
+    parts: (H, W) uint8, number of the rigid part, from 1; 0 elsewhere.
+    projections: (L, 3, 4) float32 of the L parts: (u, v, 1) depth = projection (x, y, z, 1), from m in the part's frame
+    to pixels.
+    """
+
+    rgb: np.ndarray
+    depth: np.ndarray
+    segmentation: np.ndarray
+    parts: np.ndarray
+    projections: np.ndarray
+
+    def __repr__(self) -> str:
+        return f"Frame({self.rgb.shape[1]} x {self.rgb.shape[0]})"
+
+    def as_dict(self) -> dict[str, np.ndarray]:
+        """The arrays by the names that files, `info["clip"]` and a `Condition` use."""
+        return {"rgb": self.rgb, "classes": self.segmentation, "depth": self.depth, "parts": self.parts,
+                "projections": self.projections}  # fmt: skip
+
+
+def stacked(frames: Sequence[Frame]) -> dict[str, np.ndarray]:
+    """Stack frames (at least one): arrays (T, ...) by the names of `Frame.as_dict`."""
+    rows = [frame.as_dict() for frame in frames]
+    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
+
+
+def projections(matrix: np.ndarray, camera_position: np.ndarray, camera_axes: np.ndarray,
+                poses: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:  # fmt: skip
+    """Projections (L, 3, 4), float32, of rigid parts.
+
+    matrix: intrinsics (3, 3); camera_position: (3,) m and camera_axes: (3, 3) of the camera's frame in the world;
+    poses: position (3,) m and rotation (3, 3) of each part.
+    """
+    rows = np.zeros((len(poses), 3, 4))
+    world_to_pixels = matrix @ camera_axes.T
+    for row, (position, rotation) in zip(rows, poses, strict=True):
+        row[:, :3] = world_to_pixels @ rotation
+        row[:, 3] = world_to_pixels @ (np.asarray(position) - camera_position)
+    return rows.astype(np.float32)

@@ -1,0 +1,150 @@
+"""The robot's plant in a physics engine: the drive of the fits, run by the engine's bodies, contacts and clock."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from embodiedreamer_gym.effects import Mechanics
+from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation.drive import TIME_STEP, Drive, Sets
+from embodiedreamer_gym.simulation.rollout import (
+    Rollout,
+    Sampler,
+    check_names,
+    command_rule,
+    first_state,
+    plant_commands,
+)
+
+LINKAGE = 60.0  # rad/s at which joints that move as one (the fingers of a gripper) are drawn together again
+
+
+class Bodies(Protocol):
+    """The moving bodies of a robot in an engine, k of them, in an order of the engine's own.
+
+    order: (k,) the tree's bodies as the engine orders them.
+    mechanics: masses and inertias that the engine simulates, a batch of one.
+    armature: (k,) rotor inertia beside them, in the tree's order, kg m^2 or kg.
+    """
+
+    order: np.ndarray
+    mechanics: Mechanics
+    armature: np.ndarray
+
+    def place(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Set joint positions and velocities (k,)."""
+        ...
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """Joint positions and velocities (k,)."""
+        ...
+
+    def advance(self, force: np.ndarray) -> None:
+        """Take one physics step under joint forces (k,)."""
+        ...
+
+
+class Plant:
+    """A robot model whose bodies an engine moves, under torque control.
+
+    Each step gets the joint torques that make the engine's bodies accelerate as the model's drive says (inverse dynamics of
+    the engine's own masses); payload, tilt and rotor inertia come in this way. Joints that one coordinate moves get the
+    same acceleration; a spring and a damper hold them together in contact.
+    """
+
+    def __init__(self, model: RobotModel, bodies: Bodies, dt: float = TIME_STEP) -> None:
+        self.model, self.dt, self._bodies = model, dt, bodies
+        self._read_q, self._read_v, self._shift = self._linkage()
+        self._armature = bodies.armature * model.tree.gain if bodies.armature.any() else None
+        self.drive = Drive(model, dt=dt)
+
+    def _linkage(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Matrices (n + k, k) and a shift (n + k,): driven joints, and the forces that hold linked joints together.
+
+        From the engine's joints q: _read_q @ q - shift gives the n driven joints (a mean over those that move as one)
+        and each body's spring force; _read_v @ v their speeds and each body's damper force.
+        """
+        tree, n, k = self.model.tree, self.model.n, self.model.tree.bodies
+        count = np.bincount(tree.coordinate, minlength=n)[tree.coordinate]
+        mean = np.zeros((n, k))
+        mean[tree.coordinate, np.arange(k)] = 1.0 / (tree.gain * count)
+        apart = np.eye(k) - tree.gain[:, None] * mean[tree.coordinate]
+        weight = np.where(count > 1, self._bodies.mechanics.mass[0] + self._bodies.armature * tree.prismatic, 0.0)
+        shift = np.concatenate([mean @ tree.offset, weight * LINKAGE**2 * (apart @ tree.offset)])
+        spring, damper = weight[:, None] * LINKAGE**2 * apart, weight[:, None] * 2 * LINKAGE * apart
+        columns = self._bodies.order
+        return np.vstack([mean, spring])[:, columns], np.vstack([mean, damper])[:, columns], shift
+
+    def reset(self, measured: np.ndarray, velocity: np.ndarray, command: np.ndarray, sets: Sets | None = None) -> None:
+        """Put the joints (n,) where the sensors saw them; memories rest at the first command (n,).
+
+        sets: parameters that replace the model's own from now on, see `Drive`.
+        """
+        if sets is not None:
+            self.drive = Drive(self.model, sets, dt=self.dt)
+        self.drive.start(measured[None], velocity[None], command[None])
+        tree, order = self.model.tree, self._bodies.order
+        q = tree.gain * self.drive.position[0][tree.coordinate] + tree.offset
+        v = tree.gain * velocity[tree.coordinate]
+        self._bodies.place(q[order], v[order])
+
+    def step(self, command: np.ndarray) -> np.ndarray:
+        """Advance by one step under the command (n,); return the acceleration (n,) that the drive asked for."""
+        drive = self.drive
+        linkage = self._read()
+        acceleration = drive.accelerate(command[None])
+        _, force = self.model.bodies.inverse_dynamics(
+            drive.position, drive.velocity, acceleration, self._bodies.mechanics
+        )
+        torque = force[0] - linkage
+        if self._armature is not None:
+            torque += self._armature * acceleration[0][self.model.tree.coordinate]
+        self._bodies.advance(torque[self._bodies.order])
+        drive.time += self.dt
+        return acceleration[0]
+
+    def _read(self) -> np.ndarray:
+        """Take the engine's joints over into the drive; the forces (k,) that are to hold linked joints together."""
+        position, velocity = self._bodies.read()
+        q, v = self._read_q @ position - self._shift, self._read_v @ velocity
+        n = self.model.n
+        self.drive.position, self.drive.velocity = q[None, :n], v[None, :n]
+        return q[n:] + v[n:]
+
+    @property
+    def measured(self) -> np.ndarray:
+        """What the encoders (n,) read at the last step's start, in the joints' units."""
+        return self.drive.measured[0]
+
+    def observe(self) -> tuple[np.ndarray, np.ndarray]:
+        """What the encoders (n,) read now, and the joints' speed (n,), without a step."""
+        self._read()
+        return self.drive.read()[0], self.drive.velocity[0].copy()
+
+
+def replay(plant: Plant, recording: Recording, hold: str | None = None) -> Rollout:
+    """Free-run a recording in an engine; arrays (T, n) as `simulate` returns them.
+
+    Raises: SimulationError when the recording is not of this robot or the simulation diverges.
+    """
+    model, dt = plant.model, plant.dt
+    check_names(model, recording)
+    commands = plant_commands(recording, hold or command_rule(model, recording), dt)
+    track = np.empty((3, len(commands), 1, model.n))
+    plant.reset(*first_state(recording), commands[0])
+    for k, command in enumerate(commands):
+        plant.step(command)
+        drive = plant.drive
+        track[:, k, 0] = drive.measured[0], drive.measured_acceleration[0], drive.torque[0]
+    if not np.all(np.isfinite(track)):
+        raise SimulationError(
+            f"the simulation of {recording.name} with model {model.name} diverges; check its servo gains."
+        )
+    sampler = Sampler(recording, 1, dt)
+    sampler.take(track, 0)
+    run = sampler.rollout()
+    return Rollout(run.time, run.position[0], run.velocity[0], run.torque[0])
