@@ -16,7 +16,7 @@ PACKAGE = Path(embodiedreamer_gym.__file__).parent
 TOP = 10
 FLOORS = {
     "errors": -1,  # below the ground floor: everybody may see it
-    **dict.fromkeys(["io", "unseen"], 0),
+    "io": 0,
     **dict.fromkeys(["geometry", "learning", "motions", "recordings"], 1),
     **dict.fromkeys(["effects", "policies", "vis_aligner"], 2),
     "robot": 3,

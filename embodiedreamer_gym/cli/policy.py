@@ -9,7 +9,7 @@ from typing import Any
 
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
 from embodiedreamer_gym.io.terminal import check_counts, check_places, count
-from embodiedreamer_gym.unseen import EVERY
+from embodiedreamer_gym.pipelines import FRAME_INTERVAL
 
 PRESETS = {"small": 1e-3, "paper": 1e-5}  # peak learning rates
 WIDEST = 160  # pixels
@@ -75,7 +75,7 @@ def _evaluate_parser(actions: Any) -> None:
     )
     one.add_argument("--bank", default="lab", metavar="B", help="references to dream from (default %(default)s)")
     one.add_argument("--every", type=count, metavar="N", help="dream after every N-th action and the last of a chunk"
-                     f" (default {EVERY}; with --video 1)")  # fmt: skip
+                     f" (default {FRAME_INTERVAL}; with --video 1)")  # fmt: skip
     one.add_argument("--jobs", type=count, default=1, metavar="J", help="processes (default %(default)s)")
     one.add_argument("--json", type=Path, metavar="FILE", help="write the episodes as JSON")
     one.add_argument("--video", type=Path, metavar="DIR", help="write what the cameras saw, a video for each episode")
@@ -233,7 +233,7 @@ def _environment(a: argparse.Namespace, policy: Any) -> Any:
     if a.dream is not None:
         from embodiedreamer_gym.pipelines.policy_env import policy_world
 
-        every = a.every or (1 if a.video else EVERY)
+        every = a.every or (1 if a.video else FRAME_INTERVAL)
         return policy_world(policy, a.task, a.robot, a.execute, a.dream, a.bank, every)
     cameras, learnt = sight(policy)
     size = learnt if a.size is None else read_size(a.size)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from embodiedreamer_gym.io.terminal import check_places, count
-from embodiedreamer_gym.unseen import EVERY
+from embodiedreamer_gym.pipelines import FRAME_INTERVAL
 
 METHODS = ("preferences", "best_of", "top", "rwr")
 ROW_KEYS = ("success", "distance", "object_distance", "remaining", "pairs", "contrast", "gradient", "winners", "losers")
@@ -32,7 +32,7 @@ def add_prefer(actions: Any) -> None:
         "--dream", nargs="?", const="lean", metavar="ALIGNER", help="see through VisAligner (default: lean)"
     )
     one.add_argument("--bank", default="lab", metavar="B", help="references to dream from (default %(default)s)")
-    one.add_argument("--every", type=count, default=EVERY, metavar="N",
+    one.add_argument("--every", type=count, default=FRAME_INTERVAL, metavar="N",
                      help="dream after every N-th action and the last of a chunk (default %(default)s)")  # fmt: skip
     one.add_argument("--execute", type=count, metavar="K", help="actions executed of each chunk (default: all)")
     one.add_argument(

@@ -126,6 +126,13 @@ class Plant:
         return self.drive.read()[0], self.drive.velocity[0].copy()
 
 
+def rotor_shares(model: RobotModel) -> np.ndarray:
+    """Share (k,) of the rotor inertia that each moving body carries, kg m^2 or, sliding, kg."""
+    tree = model.tree
+    whole = np.bincount(tree.coordinate, tree.gain**2, minlength=model.n)
+    return model.rotor_inertia[tree.coordinate] / whole[tree.coordinate]
+
+
 def replay(plant: Plant, recording: Recording, hold: str | None = None) -> Rollout:
     """Free-run a recording in an engine; arrays (T, n) as `simulate` returns them.
 

@@ -41,6 +41,14 @@ class Shape:
         return f"{origin}<geometry>{geometry}</geometry>"
 
     @property
+    def outline(self) -> list[tuple[float, float]]:
+        """Radius and height, m, from axis to axis, of a shape that is round."""
+        if self.kind == "cylinder":
+            radius, half = self.size[0], self.size[1] / 2
+            return [(0.0, -half), (radius, -half), (radius, half), (0.0, half)]
+        return list(zip(self.size[::2], self.size[1::2], strict=True))
+
+    @property
     def core(self) -> Shape:
         """What PyBullet is to get of a shape that touches, so that it touches where it ends."""
         if self.kind != "turned":

@@ -17,15 +17,17 @@ from embodiedreamer_gym.wrappers.vis_aligner import VisAlignerObservationWrapper
 
 def policy_world(
     policy: Any, task: str, robot: str = "aloha", execute: int | None = None, dream: str | None = None,
-    bank: str = "lab", every: int = 1, envs: int = 1,
+    bank: str = "lab", every: int = 1, envs: int = 1, size: tuple[int, int] | None = None,
 ) -> Any:  # fmt: skip
     """A task with the cameras of a policy, that takes `execute` actions at once (None: all of a chunk).
 
     task: id or name; robot: a built-in one or a model file; dream: an aligner, None to see the simulator's pictures, from
-    references of a bank, after every n-th action and the last of a chunk; envs: 1, or so many as a vector.
+    references of a bank, after every n-th action and the last of a chunk; envs: 1, or so many as a vector; size: width and
+    height of the simulator's pictures, None for those that the policy learnt from.
     Raises: PolicyError for a policy that looks through other cameras than the one that is dreamed, or so many actions.
     """
-    (cameras, size), filmed = sight(policy), {}
+    (cameras, learnt), filmed = sight(policy), {}
+    size = size or learnt
     if dream is not None:
         if cameras != ("head",):
             raise PolicyError(f"the policy looks through {', '.join(cameras)}, and only the head camera is dreamed.")

@@ -81,8 +81,12 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
                 frames.append(self._frame())
             if over:
                 break
-        return observation, float(sum(rewards)), terminated, truncated, info | self._chunk_info(
-            rewards, successes, frames
+        return (
+            observation,
+            float(sum(rewards)),
+            terminated,
+            truncated,
+            info | self._chunk_info(rewards, successes, frames),
         )
 
     def _step(self, action: np.ndarray, last: bool) -> tuple[Any, float, bool, bool, dict[str, Any]]:

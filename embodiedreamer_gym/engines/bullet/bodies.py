@@ -17,6 +17,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from embodiedreamer_gym.effects import Mechanics
+from embodiedreamer_gym.engines.plant import rotor_shares
 from embodiedreamer_gym.robot import RobotModel
 
 FIXED = "fixed"
@@ -40,7 +41,7 @@ def arm_bodies(model: RobotModel) -> tuple[ArmBody, ...]:
 
 def bullet_mechanics(model: RobotModel) -> Mechanics:
     """Masses and inertias of those bodies: the URDF's, and each rotor's share on the link that it moves."""
-    tree, rotor = model.tree, rotors(model)
+    tree, rotor = model.tree, rotor_shares(model)
     mechanics = model.nominal_mechanics
     mass, moment, inertia = mechanics.mass.copy(), mechanics.first_moment.copy(), mechanics.inertia.copy()
     for b, share in enumerate(rotor):
@@ -52,13 +53,6 @@ def bullet_mechanics(model: RobotModel) -> Mechanics:
         else:
             inertia[0, b] += share * np.eye(3)
     return replace(mechanics, mass=mass, first_moment=moment, inertia=inertia)
-
-
-def rotors(model: RobotModel) -> np.ndarray:
-    """Share (k,) of the rotor inertia that each moving body carries, kg m^2 or, sliding, kg."""
-    tree = model.tree
-    whole = np.bincount(tree.coordinate, tree.gain**2, minlength=model.n)
-    return model.rotor_inertia[tree.coordinate] / whole[tree.coordinate]
 
 
 def _cut(root: Element) -> Iterator[Element]:

@@ -39,7 +39,6 @@ class BulletEngine(PlantEngine):
     """
 
     name = "bullet"
-    plant: BulletPlant
 
     def __init__(self, settings: EngineSettings) -> None:
         super().__init__(settings)
@@ -47,7 +46,7 @@ class BulletEngine(PlantEngine):
         self.renderer = Renderer(client, settings.renderer, settings.picture_size)  # before the first body is loaded
         self.renderer_name, self.light = self.renderer.name, self.renderer.light
         client.setPhysicsEngineParameter(deterministicOverlappingPairs=1, numSolverIterations=30)
-        self.plant = BulletPlant(self.model, client, self.dt)
+        self.plant: BulletPlant = BulletPlant(self.model, client, self.dt)  # pyright: ignore[reportIncompatibleVariableOverride]
         self.table = self._load(TABLE)
         self._put(self.table, TABLE, Pose(np.array(TABLE_CENTRE), np.array([0.0, 0.0, 0.0, 1.0])))
         self._props = {prop.name: prop for prop in settings.props}

@@ -9,9 +9,9 @@ from types import TracebackType
 
 import numpy as np
 
-from embodiedreamer_gym.engines.bullet.bodies import ArmBody, arm_bodies, bullet_mechanics, rotors
+from embodiedreamer_gym.engines.bullet.bodies import ArmBody, arm_bodies, bullet_mechanics
 from embodiedreamer_gym.engines.bullet.client import BulletClient, World, pybullet
-from embodiedreamer_gym.engines.plant import Plant
+from embodiedreamer_gym.engines.plant import Plant, rotor_shares
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation.drive import TIME_STEP
 
@@ -75,7 +75,7 @@ class BulletBodies:
 
     def _add_rotors(self) -> None:
         """Give each driven link its share of rotor inertia, as `bullet_mechanics` counts it."""
-        tree, shares = self.model.tree, rotors(self.model)
+        tree, shares = self.model.tree, rotor_shares(self.model)
         for body, ids, rows in self._calls:
             for joint, b in zip(ids, self.order[rows], strict=True):
                 mass, _, inertia = self.client.getDynamicsInfo(body, joint)[:3]

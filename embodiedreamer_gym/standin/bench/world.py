@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from embodiedreamer_gym.engines.mujoco.furniture import Furniture
 from embodiedreamer_gym.engines.table import TABLE
 from embodiedreamer_gym.envs.robots import home
 from embodiedreamer_gym.envs.tasks import Task
@@ -13,7 +14,6 @@ from embodiedreamer_gym.envs.tasks.attempt import Attempt
 from embodiedreamer_gym.envs.tasks.task import SIDES, Situation
 from embodiedreamer_gym.geometry.pose import Pose
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.standin.bench.furnish import Furniture
 from embodiedreamer_gym.standin.bench.robot import Effects, build_robot, load_nominal
 
 LONGEST_STEP = 5e-4  # s, of the engine

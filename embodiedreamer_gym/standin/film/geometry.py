@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from embodiedreamer_gym.engines.prop import Prop
 from embodiedreamer_gym.engines.shapes import Shape
 from embodiedreamer_gym.engines.table import TABLE
 from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.geometry.mesh import surface_of_revolution
 
 SIDES = 48  # of round shapes
 ROUNDING = 0.0025  # m, bevel of the robot's edges; moves its outline by 0.7 mm
@@ -99,36 +99,17 @@ def box(size: tuple[float, ...]) -> tuple[np.ndarray, Faces]:
     return corners * np.array(size), faces
 
 
-def turned(outline: list[tuple[float, float]], sides: int = SIDES) -> tuple[np.ndarray, Faces]:
-    """Solid of revolution about z of an outline of (radius, height), m; its first and last points lie on the axis."""
-    angles = np.arange(sides) * 2 * np.pi / sides
-    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    points, rings = [], []
-    for radius, height in outline:
-        ring = circle[: 1 if radius == 0.0 else sides] * radius
-        rings.append(np.arange(len(ring)) + sum(map(len, points)))
-        points.append(np.column_stack([ring, np.full(len(ring), height)]))
-    faces: Faces = []
-    for low, high in itertools.pairwise(rings):
-        for i in range(sides):
-            j = (i + 1) % sides
-            corners = [*(low[[i, j]] if len(low) > 1 else low), *(high[[j, i]] if len(high) > 1 else high)]
-            if len(corners) > 2:
-                faces.append(tuple(int(corner) for corner in corners))
-    return np.concatenate(points), faces
-
-
 def cylinder(radius: float, length: float) -> tuple[np.ndarray, Faces]:
     """An upright cylinder around the origin, m."""
     half = 0.5 * length
-    return turned([(0.0, -half), (radius, -half), (radius, half), (0.0, half)])
+    return surface_of_revolution([(0.0, -half), (radius, -half), (radius, half), (0.0, half)])
 
 
 def sphere(radius: float) -> tuple[np.ndarray, Faces]:
     """A sphere around the origin, m."""
     steps = np.linspace(-np.pi / 2, np.pi / 2, SIDES // 2 + 1)[1:-1]
     arc = [(float(radius * np.cos(a)), float(radius * np.sin(a))) for a in steps]
-    return turned([(0.0, -radius), *arc, (0.0, radius)])
+    return surface_of_revolution([(0.0, -radius), *arc, (0.0, radius)])
 
 
 SHAPES = {"box": lambda *size: box(size), "cylinder": cylinder, "sphere": sphere}
@@ -142,7 +123,7 @@ def _placed(shape: Shape) -> tuple[np.ndarray, Faces]:
     elif shape.kind == "cylinder":
         points, faces = cylinder(*shape.size)
     else:
-        points, faces = turned(list(zip(shape.size[::2], shape.size[1::2], strict=True)))
+        points, faces = surface_of_revolution(shape.outline)
     return points @ Rotation.from_euler("xyz", shape.rpy).as_matrix().T + shape.position, faces
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.engines.frame import Frame
+from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.standin.film.geometry import Part, scene_parts

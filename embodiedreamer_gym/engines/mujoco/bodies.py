@@ -1,0 +1,94 @@
+"""A robot model's bodies in MuJoCo."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from embodiedreamer_gym.engines.mujoco.library import mujoco
+from embodiedreamer_gym.engines.plant import rotor_shares
+from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.robot import RobotModel
+
+READABLE = (".stl", ".obj", ".msh")  # meshes that MuJoCo reads
+
+
+class MujocoBodies:
+    """The arms of a robot model in a MuJoCo world, whose joints have the rotors' inertia as armature.
+
+    model, data: MuJoCo's.
+    """
+
+    def __init__(self, robot: RobotModel, dt: float, furnish: Callable[[Any], None]) -> None:
+        spec = robot_specification(robot)
+        spec.option.timestep = dt
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+        furnish(spec)
+        try:
+            self.model = spec.compile()
+        except ValueError as error:
+            raise ModelError(f"MuJoCo cannot simulate the robot {robot.name}: {error}.") from error
+        self.data = mujoco.MjData(self.model)
+        names = robot.tree.joint_names
+        joints = np.array([self.model.joint(name).id for name in names])
+        self._position, self._velocity = self.model.jnt_qposadr[joints], self.model.jnt_dofadr[joints]
+        self.order = np.arange(len(names))
+        self.mechanics = robot.nominal_mechanics
+        self.armature = rotor_shares(robot)
+        dofs = self._velocity
+        self.model.dof_damping[dofs], self.model.dof_frictionloss[dofs] = 0.0, 0.0
+        self.model.dof_armature[dofs] = self.armature
+        self.model.jnt_stiffness[joints], self.model.jnt_actfrclimited[joints] = 0.0, 0
+
+    def place(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Set joint positions and velocities (k,)."""
+        self.data.qpos[self._position], self.data.qvel[self._velocity] = position, velocity
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """Joint positions and velocities (k,)."""
+        return self.data.qpos[self._position], self.data.qvel[self._velocity]
+
+    def advance(self, force: np.ndarray) -> None:
+        """Take one physics step under joint forces (k,)."""
+        self.data.qfrc_applied[self._velocity] = force
+        mujoco.mj_step(self.model, self.data)
+
+
+def robot_specification(robot: RobotModel) -> Any:
+    """A robot's URDF as a specification of MuJoCo's: each link a body, joints that the model does not drive fixed.
+
+    Links without a visual are drawn by their collision shapes; meshes of a format that MuJoCo does not read are left out.
+    Raises: ModelError when MuJoCo refuses the URDF.
+    """
+    root = copy.deepcopy(ElementTree.parse(robot.urdf).getroot())
+    driven = set(robot.tree.joint_names)
+    for joint in root.iter("joint"):
+        for mimic in joint.findall("mimic"):
+            joint.remove(mimic)
+        if joint.get("name") not in driven:
+            joint.set("type", "fixed")
+    for link in root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            mesh = shape.find("geometry/mesh")
+            if mesh is not None and Path(str(mesh.get("filename"))).suffix.lower() not in READABLE:
+                link.remove(shape)
+            elif mesh is not None:
+                mesh.set("filename", str((robot.urdf.parent / str(mesh.get("filename"))).resolve()))
+        if link.find("visual") is None:
+            for shape in link.findall("collision"):
+                drawn = copy.deepcopy(shape)
+                drawn.tag = "visual"
+                link.append(drawn)
+    options = ElementTree.SubElement(root, "mujoco")
+    ElementTree.SubElement(options, "compiler", discardvisual="false", fusestatic="false", strippath="false")
+    try:
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
+    except ValueError as error:
+        raise ModelError(f"MuJoCo cannot read the URDF {robot.urdf}: {error}.") from error
+    spec.compiler.fusestatic = False
+    return spec

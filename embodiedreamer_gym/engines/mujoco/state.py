@@ -1,0 +1,55 @@
+"""Where things are in a MuJoCo world, and what touches what."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.engines.prop import Prop
+from embodiedreamer_gym.geometry.pose import Pose
+
+
+class WorldState:
+    """Reads poses, speeds and contacts by the names of bodies, and places props.
+
+    model, data: MuJoCo's.
+    """
+
+    def __init__(self, model: Any, data: Any) -> None:
+        self.model, self.data = model, data
+        self.names = [model.body(i).name for i in range(model.nbody)]
+        self._ids = {name: i for i, name in enumerate(self.names)}
+
+    def link_of(self, joint: str) -> str:
+        """Name of the link that a joint moves."""
+        return self.names[int(self.model.joint(joint).bodyid[0])]
+
+    def place(self, prop: Prop, pose: Pose) -> None:
+        """Put a prop, at rest, where its frame has a pose."""
+        where = np.concatenate([pose.position, np.roll(pose.quaternion, 1)])
+        if prop.fixed:
+            body = self._ids[prop.name]
+            self.model.body_pos[body], self.model.body_quat[body] = where[:3], where[3:]
+        else:
+            self.data.joint(prop.name).qpos = where
+
+    def pose(self, name: str) -> Pose:
+        """Where the frame of a body is."""
+        body = self._ids[name]
+        return Pose(self.data.xpos[body].copy(), np.roll(self.data.xquat[body], -1))
+
+    def speed(self, prop: str) -> float:
+        """Speed of a loose prop's centre of mass, m/s."""
+        body = self._ids[prop]
+        velocity = self.data.qvel[self.model.body_dofadr[body] :][:6]
+        arm = self.data.xipos[body] - self.data.xpos[body]
+        spin = self.data.xmat[body].reshape(3, 3) @ velocity[3:]
+        return float(np.linalg.norm(velocity[:3] + np.cross(spin, arm)))
+
+    def touching(self, name: str) -> set[str]:
+        """Names of the bodies that a body touches."""
+        pairs = self.model.geom_bodyid[self.data.contact.geom]
+        body = self._ids[name]
+        partners = pairs[(pairs == body).any(axis=1)]
+        return {self.names[other] for other in np.unique(partners[partners != body]).tolist()}
