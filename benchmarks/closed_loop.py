@@ -4,7 +4,7 @@ python -m benchmarks closed_loop --out DIR [--task NAME ...] [--kind NAME ...] [
                                  [--demos 50] [--steps N] [--episodes 50] [--cycles 1] [--starts 50]
                                  [--jobs 1] [--plot FILE.png]
 
-The world is `StandInEnv`: MuJoCo, a robot with friction, weak and uneven drives and a delay that the nominal model has not,
+The world is `make_stand_in`: MuJoCo, a robot with friction, weak and uneven drives and a delay that the nominal model has not,
 a path-traced camera. plain: demonstrations of the nominal simulator; calibrated: of a model fitted to ten logs of the
 robot; dreamed: the same, seen through VisAligner; preferred: dreamed, then cycles of preferences in the dreamed world.
 Beside them repainted, which is plain seen through VisAligner: what calibration adds where the pictures are right.
@@ -121,10 +121,10 @@ def preferred(a: argparse.Namespace, task: str, seed: int, folder: Path) -> Path
 def judged(a: argparse.Namespace, task: str, kind: str, seed: int) -> list[dict[str, Any]]:
     """One row for each episode in the world; those of an interrupted run are kept."""
     from embodiedreamer_gym.policies import load_policy
-    from embodiedreamer_gym.standin.bench import StandInEnv
+    from embodiedreamer_gym.standin.bench import make_stand_in
 
     path = a.out / f"world_{task}_{kind}_{seed}.json"
-    policy, env = load_policy(str(trained(a, task, kind, seed))), StandInEnv(task, hidden(), size=SIZE)
+    policy, env = load_policy(str(trained(a, task, kind, seed))), make_stand_in(task, hidden(), size=SIZE)
     try:
         return play_each(path, a.episodes, lambda n: played(policy, env, FIRST_SEED + n), f"{task} {kind} {seed}")
     finally:

@@ -48,12 +48,12 @@ def work():
     env.reset(seed=next(seeds))
 """
 RAW = """
-plant, step, spent = env.scene.plant, env.scene.client.stepSimulation, [0.0]
+plant, step, spent = env.engine.plant, env.engine.client.stepSimulation, [0.0]
 def timed():
     begun = time.process_time()
     step()
     spent[0] += time.process_time() - begun
-plant._advance = timed
+plant._bodies._advance = timed
 """
 PANDA = """
 import gymnasium as gym, panda_gym

@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from embodiedreamer_gym.diagnosis import compare, diagnose
-from embodiedreamer_gym.engines.bullet.plant import replay
+from embodiedreamer_gym.engines.bullet.plant import BulletPlant
+from embodiedreamer_gym.engines.plant import replay
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.cases import draw_case
@@ -61,7 +62,7 @@ def joint_errors(model: RobotModel, recordings: Sequence[Recording]) -> np.ndarr
     """Each joint's rms (n,) over all usable samples of the recordings, replayed in PyBullet."""
     squares, count = np.zeros(model.n), np.zeros(model.n)
     for recording in recordings:
-        error = np.where(recording.usable, recording.position - replay(model, recording).position, 0.0)
+        error = np.where(recording.usable, recording.position - replay(BulletPlant(model), recording).position, 0.0)
         squares += (error**2).sum(axis=0)
         count += recording.usable.sum(axis=0)
     return np.sqrt(squares / count)

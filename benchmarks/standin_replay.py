@@ -2,7 +2,7 @@
 
 python -m benchmarks standin_replay [--episodes 20] [--task NAME ...] [--calibrated FILE.json] [--out FILE.json]
 
-The expert plays in `AlohaEnv`; its actions are then played in `StandInEnv` from the same seeds, whatever happens there.
+The expert plays in `AlohaEnv`; its actions are then played in `make_stand_in` from the same seeds, whatever happens there.
 calibrated: a model of `closed_loop`'s robot, which that benchmark leaves in its folder; the expert then plays in it too.
 """
 
@@ -63,7 +63,7 @@ def main() -> None:
     from embodiedreamer_gym.envs.aloha import AlohaEnv
     from embodiedreamer_gym.envs.robots import load_robot
     from embodiedreamer_gym.errors import EmbodieDreamerError
-    from embodiedreamer_gym.standin.bench import StandInEnv
+    from embodiedreamer_gym.standin.bench import make_stand_in
 
     try:
         load_robot(a.calibrated or "aloha")
@@ -72,7 +72,7 @@ def main() -> None:
     found: dict[str, dict[str, list[bool]]] = {}
     models = {"": "aloha"} | ({" of the calibrated model": str(a.calibrated)} if a.calibrated else {})
     for task in a.task:
-        worlds = {name: StandInEnv(task, effects, pictures="none") for name, effects in robots().items()}
+        worlds = {name: make_stand_in(task, effects, pictures="none") for name, effects in robots().items()}
         for said, model in models.items():
             plain = AlohaEnv(task, model, obs_type="state")
             here = {name: worlds[name] for name in ([*worlds] if not said else [*worlds][-1:])}

@@ -32,7 +32,7 @@ def episode(task: str, seed: int) -> tuple[list[np.ndarray], list[dict]]:
     aloha, camera, expert = env.unwrapped, onlooker(info["side"]), ScriptedExpert(env)
     pictures, infos, over = [], [], False
     while not over:
-        pictures.append(aloha.renderer.rgb(camera, SIZE))
+        pictures.append(aloha.engine.rgb(camera, SIZE))
         *_, over, info = env.step(expert.act())
         infos.append(info)
     env.close()

@@ -128,8 +128,7 @@ class AlohaEnv(gym.Env, EzPickle):
         sets = draw_parameters(self.robot, self.np_random) if self.randomize else None
         position, velocity, command = self._at_rest() if given is None else given
         if options:  # arms may begin where they touch the table, of which PyBullet still knows: away from it first
-            rest = home(self.robot)
-            self.engine.reset(rest, np.zeros_like(rest), rest, poses)
+            self.engine.reset(*self._at_rest(), poses)
         self.engine.reset(position, velocity, command, poses, sets, self.np_random)
         self._command = command
         self._start = poses[self.task.object.name]

@@ -78,16 +78,6 @@ def check_control_rate(hz: Any) -> int:
     return int(hz)
 
 
-def check_flag(what: str, value: Any) -> bool:
-    """Return True or False as given.
-
-    Raises: SimulationError for anything else: "no" would count as true.
-    """
-    if not isinstance(value, bool | np.bool_):
-        raise SimulationError(f"{what} must be True or False, not {brief(value)}.")
-    return bool(value)
-
-
 def vector(what: str, values: Any, n: int) -> np.ndarray:
     """Return values as an array (n,).
 

@@ -213,6 +213,10 @@ class Engine:
         """What the encoders (n,) read at this instant, without noise, recorded units."""
         return (self._data.qpos[self._plant.motor_position] + self._offset - self._zero) / self._stroke
 
+    def speeds(self) -> Array:
+        """Speed of the motors (n,) at this instant, recorded units per second."""
+        return self._data.qvel[self._plant.motor_dof] / self._stroke
+
     def _drive(self, sent: Array, q: Array, v: Array) -> Array:
         """The actuator's torque (T, n) by its own law, at the speed of the middle of the step."""
         torque = self._kp * (sent - q) - self._kd * v

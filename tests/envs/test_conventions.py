@@ -235,11 +235,13 @@ def test_what_is_pushed_off_the_table_lies_on_the_ground(make: Make, name: str) 
     """Its target follows the cup: without a floor it fell for ever, and the reward with it."""
     env = make(name, obs_type="state")
     env.reset(seed=0)
-    env.unwrapped._client.resetBasePositionAndOrientation(env.unwrapped.scene.props["cup"], (1.2, 0, 0.5), (0, 0, 0, 1))
+    env.unwrapped.engine.client.resetBasePositionAndOrientation(
+        env.unwrapped.engine.bodies["cup"], (1.2, 0, 0.5), (0, 0, 0, 1)
+    )
     hold = env.unwrapped.joint_positions().astype(np.float32)
     for _ in range(60):
         seen, reward, *_ = env.step(hold)
-    assert -0.001 < env.unwrapped.scene.pose("cup").position[2] < 0.1
+    assert -0.001 < env.unwrapped.object_pose("cup").position[2] < 0.1
     assert -2.0 < reward < -0.5 and seen in env.observation_space
 
 

@@ -61,7 +61,7 @@ def test_starts_in_contact() -> None:
     env = AlohaEnv(obs_type="state")
     env.reset(seed=0, options=options)
     env.step(LEANING)
-    assert env._client.getContactPoints(bodyA=env.scene.table, bodyB=env.scene.plant.bodies[0])
+    assert env.engine.client.getContactPoints(bodyA=env.engine.table, bodyB=env.engine.plant.ids[0])
     env.close()
     same_after_any_past(24, 6, options, obs_type="state")
 

@@ -116,7 +116,7 @@ def test_a_squeezed_object_is_neither_launched_nor_lost(task: str) -> None:
 def test_without_friction_nothing_is_lifted() -> None:
     """What holds a thing is the fingers' friction, not a constraint."""
     env = AlohaEnv(task="PutRemoteInBox", obs_type="state")
-    env._client.changeDynamics(env.scene.props["remote"], -1, lateralFriction=0.0)
+    env.engine.client.changeDynamics(env.engine.bodies["remote"], -1, lateralFriction=0.0)
     infos = play(env, 3, 150)[2]
     assert any(info["contacts"] == 2 for info in infos), "it was not even touched"
     assert not infos[-1]["grasp_success"]
@@ -126,13 +126,13 @@ def test_without_friction_nothing_is_lifted() -> None:
 def test_no_part_of_the_arm_but_the_fingers_touches_anything() -> None:
     for task in TASKS:
         env = AlohaEnv(task=task, obs_type="state")
-        fingers = {finger for side in env.scene.fingers for finger in side}
+        fingers = {finger for side in env.engine.fingers for finger in side}
         env.reset(seed=11)
         expert = ScriptedExpert(env)
         for _ in range(250):
             env.step(expert.act())
-            for body in env.scene.plant.bodies:
-                points = env._client.getContactPoints(bodyA=body)
+            for body in env.engine.plant.ids:
+                points = env.engine.client.getContactPoints(bodyA=body)
                 assert {(p[1], p[3]) for p in points} <= fingers
         env.close()
 
@@ -286,7 +286,7 @@ def test_an_expert_wants_an_aloha_environment_that_has_been_reset() -> None:
 def test_an_expert_that_cannot_reach_keeps_still() -> None:
     env = AlohaEnv(task="GrabPaperCup", obs_type="state")
     env.reset(seed=0)
-    env._client.resetBasePositionAndOrientation(env.scene.props["cup"], (0.6, 0.0, 2.5), (0, 0, 0, 1))
+    env.engine.client.resetBasePositionAndOrientation(env.engine.bodies["cup"], (0.6, 0.0, 2.5), (0, 0, 0, 1))
     expert = ScriptedExpert(env)
     actions = np.array([expert.act() for _ in range(5)])
     np.testing.assert_allclose(actions, np.tile(home(env.robot), (5, 1)), atol=1e-6)

@@ -98,7 +98,7 @@ def test_masses_are_felt(robot: str) -> None:
     hand, sag, mass = model.nominal_mechanics.tip_body[0], [], []
     for seed in range(8):
         sag.append(abs(hang(env, seed)[1]))
-        mass.append(env.scene.plant.drive.mechanics.mass[0, hand] - model.tree.mass[hand])
+        mass.append(env.engine.plant.drive.mechanics.mass[0, hand] - model.tree.mass[hand])
     env.close()
     assert len(set(mass)) == 8 and min(mass) >= 0.05 and max(mass) <= 0.15
     assert np.argsort(mass).tolist() == np.argsort(sag).tolist()

@@ -75,7 +75,7 @@ def test_the_table_stops_an_arm_that_passes_through_it_without_collisions() -> N
         down[1], down[8] = 2.6, 2.6
         for _ in range(60):
             env.step(down)
-        seen.append(env.unwrapped.scene.tip(0).position[2])
+        seen.append(env.unwrapped.engine.tip(0).position[2])
         env.close()
     assert seen[1] < 0.7 < seen[0]
 

@@ -35,7 +35,7 @@ def test_arms_begin_where_they_stay() -> None:
 def test_objects_that_are_placed_do_not_change_how_the_arms_begin() -> None:
     env = AlohaEnv(obs_type="state")
     env.reset(seed=3)
-    start, pose = env.joint_positions(), env.scene.pose("cup")
+    start, pose = env.joint_positions(), env.object_pose("cup")
     place = np.concatenate([pose.position, pose.quaternion])
     beside = place + np.eye(7)[1] * 0.1
     env.reset(seed=4, options={"object_poses": {"cup": place, "mat": beside}})
@@ -51,16 +51,16 @@ def test_a_heavier_robot_hangs_lower(tmp_path: Path) -> None:
     for robot in ("aloha", str(tmp_path / "heavy.json")):
         env = AlohaEnv(obs_type="state", robot=robot)
         env.reset(seed=0)
-        ends.append(min(env.scene.tip(arm).position[2] for arm in (0, 1)))
+        ends.append(min(env.engine.tip(arm).position[2] for arm in (0, 1)))
         env.close()
     assert ends[1] < ends[0] - 0.005
 
 
 def test_the_stand_in_begins_alike() -> None:
     pytest.importorskip("mujoco")
-    from embodiedreamer_gym.standin.bench import StandInEnv
+    from embodiedreamer_gym.standin.bench import make_stand_in
 
-    real, env = StandInEnv(pictures="none", seed_of_robot=None), AlohaEnv(obs_type="state")
+    real, env = make_stand_in(pictures="none", seed_of_robot=None), AlohaEnv(obs_type="state")
     seen, _ = real.reset(seed=0)
     env.reset(seed=0)
     np.testing.assert_allclose(seen["agent_pos"], env.joint_positions(), atol=5e-3)
@@ -70,7 +70,7 @@ def test_the_stand_in_begins_alike() -> None:
 def test_arms_that_diverge_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """As those of a model with an effect of the user's own may."""
     env = AlohaEnv(obs_type="state")
-    monkeypatch.setattr(env.scene.plant, "observe", lambda: (np.full(14, np.nan), np.zeros(14)))
+    monkeypatch.setattr(env.engine.plant, "observe", lambda: (np.full(14, np.nan), np.zeros(14)))
     with pytest.raises(SimulationError, match="diverge at rest; check its servo gains"):
         env.reset(seed=0)
     env.close()

@@ -47,7 +47,7 @@ def put(env: AlohaEnv, thing: Pose, seconds: float = 1.5, grasped: bool = True) 
     if env.task.goal:
         poses[env.task.goal.name] = pose(*CENTRE)
     rest = home(env.robot)
-    env.scene.reset(rest, np.zeros_like(rest), rest, poses)
+    env.engine.reset(rest, np.zeros_like(rest), rest, poses)
     env._attempt.grasped, info = grasped, {}
     for _ in range(round(seconds * env.control_hz)):
         info = env.step(rest)[-1]

@@ -76,8 +76,8 @@ def test_an_episode_is_what_happened(real: Path) -> None:
         assert step % 20 or np.array_equal(seen["pixels"]["left_wrist"], frames[step])
         assert step % 20 or np.array_equal(env.capture("head").segmentation, masks[step])
         for name, poses in objects.items():
-            assert np.allclose(env.scene.pose(name).position, poses[step, :3]) and poses.shape[1] == 7
-        assert np.allclose(env.scene.plant.observe()[1], speeds[step], atol=1e-6)
+            assert np.allclose(env.object_pose(name).position, poses[step, :3]) and poses.shape[1] == 7
+        assert np.allclose(env.joint_velocities(), speeds[step], atol=1e-6)
         seen, _, _, _, info = env.step(action)
     env.close()
     assert info["is_success"] and set(objects) == {prop.name for prop in env.task.props}
@@ -91,7 +91,7 @@ def test_its_scene_can_be_set_up(real: Path) -> None:
     env = REAL.make_env()
     env.reset(seed=99, options={"joint_positions": joints, "object_poses": poses})
     for name, pose in poses.items():
-        assert np.allclose(env.scene.pose(name).position, pose[:3], atol=1e-6)
+        assert np.allclose(env.object_pose(name).position, pose[:3], atol=1e-6)
     assert np.allclose(env.joint_positions(), open_episodes(real).states(1)[0], atol=1e-6)
     env.close()
 

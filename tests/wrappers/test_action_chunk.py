@@ -48,7 +48,7 @@ def test_the_clip_is_what_the_camera_sees_after_each_action() -> None:
     _, info = env.reset(seed=1)
     assert {k: v.shape for k, v in info["clip"].items()} == {
         "rgb": (3, 48, 64, 3), "classes": (3, 48, 64), "depth": (3, 48, 64), "parts": (3, 48, 64),
-        "projections": (3, len(env.unwrapped.scene.parts), 3, 4),
+        "projections": (3, len(env.unwrapped.engine.part_names), 3, 4),
     }  # fmt: skip
     assert info["steps"] == 0 and not info["rewards"].any()
     *_, info = env.step(actions(3))
@@ -128,8 +128,8 @@ def test_bad_chunks_are_refused(options, says) -> None:
 def drawn(env: gym.Env, monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """A list that grows with each picture that the environment draws for an observation."""
     world, pictures = env.unwrapped, []
-    draw = world.renderer.rgb
-    monkeypatch.setattr(world.renderer, "rgb", lambda *given: (pictures.append(1), draw(*given))[1])
+    draw = world.engine.rgb
+    monkeypatch.setattr(world.engine, "rgb", lambda *given: (pictures.append(1), draw(*given))[1])
     return pictures
 
 
@@ -153,7 +153,7 @@ def test_only_the_picture_that_is_shown_is_drawn(monkeypatch: pytest.MonkeyPatch
         seen, *_, cut, _ = chunked.step(part)
         assert np.array_equal(seen["pixels"], observation["pixels"]) and cut == truncated
         assert np.array_equal(seen["agent_pos"], observation["agent_pos"])
-    assert cut and len(pictures) == 2 and not chunked.unwrapped.blind
+    assert cut and len(pictures) == 2
     single.close()
     chunked.close()
 

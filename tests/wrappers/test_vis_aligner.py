@@ -37,8 +37,8 @@ def files(tmp_path_factory) -> dict[str, str]:
     for seed in range(2):
         env.reset(seed=seed)
         view = env.capture("head", SIZE)
-        poses = {name: np.concatenate([env.scene.pose(name).position, env.scene.pose(name).quaternion])
-                 for name in env.scene.props}  # fmt: skip
+        poses = {name: np.concatenate([env.object_pose(name).position, env.object_pose(name).quaternion])
+                 for name in env.engine.bodies}  # fmt: skip
         entries.append(Entry(255 - view.rgb, view.segmentation, env.joint_positions(), poses))
     env.close()
     save_bank(Bank(entries[0].frame, tuple(entries)), folder / "bank.npz")

@@ -39,6 +39,10 @@ class WorldState:
         body = self._ids[name]
         return Pose(self.data.xpos[body].copy(), np.roll(self.data.xquat[body], -1))
 
+    def rotation(self, name: str) -> np.ndarray:
+        """Rotation matrix (3, 3) of a body's frame."""
+        return self.data.xmat[self._ids[name]].reshape(3, 3)
+
     def speed(self, prop: str) -> float:
         """Speed of a loose prop's centre of mass, m/s."""
         body = self._ids[prop]

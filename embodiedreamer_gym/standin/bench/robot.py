@@ -57,7 +57,7 @@ def logs(
     rate: float = 30.0,
     seed: int = 0,
 ) -> Recordings:
-    """Episodes of free motion of the robot that StandInEnv has for the same effects and seed, nothing on its table.
+    """Episodes of free motion of the robot that the stand-in world has for the same effects and seed, nothing on its table.
 
     kind: a name of MOTIONS; rate: Hz; seed: of the motions. The sensors have the noise of the stand-in's other logs, the
     controller ramps from one logged command to the next.

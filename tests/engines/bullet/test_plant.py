@@ -9,7 +9,8 @@ import pybullet
 import pytest
 from pybullet_utils.bullet_client import BulletClient
 
-from embodiedreamer_gym.engines.bullet.plant import BulletPlant, replay
+from embodiedreamer_gym.engines.bullet.plant import BulletPlant
+from embodiedreamer_gym.engines.plant import replay
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import simulate
@@ -25,7 +26,7 @@ MANY = {
 
 
 def same(model: RobotModel, recording, tolerance: float = 1e-6) -> None:
-    mine, theirs = simulate(model, recording), replay(model, recording)
+    mine, theirs = simulate(model, recording), replay(BulletPlant(model), recording)
     np.testing.assert_allclose(theirs.position, mine.position, rtol=0, atol=tolerance)
     np.testing.assert_allclose(theirs.velocity, mine.velocity, rtol=0, atol=1e3 * tolerance)
 
@@ -49,13 +50,13 @@ def test_friction_and_damping_written_in_a_urdf_do_not_count(tmp_path: Path) -> 
     """PyBullet would damp the joint by the URDF's damping (explicitly) and ignores its friction; nor do we."""
     path = write_arm(tmp_path)
     recording = fast(RobotModel.load(path), 1.0)
-    clean = replay(RobotModel.load(path), recording)
+    clean = replay(BulletPlant(RobotModel.load(path)), recording)
     urdf = (tmp_path / "two.urdf").read_text()
     (tmp_path / "two.urdf").write_text(
         urdf.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><dynamics damping="3.0" friction="2.0"/>')
     )
     rough = RobotModel.load(path)
-    np.testing.assert_array_equal(replay(rough, recording).position, clean.position)
+    np.testing.assert_array_equal(replay(BulletPlant(rough), recording).position, clean.position)
     same(rough, recording)
 
 
@@ -82,7 +83,7 @@ def test_two_arms_of_one_model_do_not_feel_each_other() -> None:
     command = recording.command.copy()
     command[:, right] = command[0, right]
     one_still = recording.with_(command=command)
-    for run in (simulate, replay):
+    for run in (simulate, lambda model, log: replay(BulletPlant(model), log)):
         both, single = run(model, recording), run(model, one_still)
         np.testing.assert_allclose(single.position[:, ~right], both.position[:, ~right], rtol=0, atol=1e-9)
         assert np.abs(single.position[:, right] - both.position[:, right]).max() > 0.02
@@ -105,4 +106,4 @@ def test_a_plant_shares_a_world_and_leaves_it_open() -> None:
 
 def test_another_robots_log_is_refused() -> None:
     with pytest.raises(SimulationError, match="joints"):
-        replay(robot("servo"), fast(robot("arm6")))
+        replay(BulletPlant(robot("servo")), fast(robot("arm6")))

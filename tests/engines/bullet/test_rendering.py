@@ -11,7 +11,8 @@ import pytest
 from pybullet_utils.bullet_client import BulletClient
 
 from embodiedreamer_gym.engines.bullet import egl
-from embodiedreamer_gym.envs.cameras import CAMERAS, Camera, Renderer, look_at
+from embodiedreamer_gym.engines.bullet.rendering import Renderer
+from embodiedreamer_gym.envs.cameras import CAMERAS, Camera, look_at
 from embodiedreamer_gym.errors import SimulationError
 
 needs_egl = pytest.mark.skipif(not egl.is_available(), reason=f"no OpenGL without a display: install {egl.PACKAGES}")

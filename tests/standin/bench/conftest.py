@@ -7,7 +7,8 @@ import pytest
 
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts import ScriptedExpert
-from embodiedreamer_gym.standin.bench import StandInEnv
+from embodiedreamer_gym.standin.bench import make_stand_in
+from embodiedreamer_gym.wrappers import ActionChunk
 from tests.standin.bench.played import SEED, STEPS
 
 
@@ -33,6 +34,6 @@ def shown(aloha: AlohaEnv) -> np.ndarray:
 
 
 @pytest.fixture(scope="session")
-def bench() -> StandInEnv:
+def bench() -> ActionChunk:
     """The cup, the mat and a robot without effects, seen by nobody."""
-    return StandInEnv("PutCupOnMat", pictures="none")
+    return make_stand_in("PutCupOnMat", chunk=10, pictures="none")

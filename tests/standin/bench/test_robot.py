@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from embodiedreamer_gym.envs.robots import home
 from embodiedreamer_gym.errors import EffectError, ModelError
-from embodiedreamer_gym.standin.bench import StandInEnv, logs
+from embodiedreamer_gym.standin.bench import logs, make_stand_in
 from embodiedreamer_gym.standin.bench.robot import build_robot, load_nominal
 
 FAULTS = {"torque_bias": {"torque": [1.0] + [0.0] * 13}, "encoder_offset": {"angle": [0.0, 0.04] + [0.0] * 12}}
@@ -27,19 +28,20 @@ def test_logs_are_recordings_of_free_motion_that_a_user_could_calibrate_with() -
 
 def test_logs_and_environment_have_the_very_robot() -> None:
     """Its servos to the last bit; at rest at home, to the sensors' noise, with bias and offset; and along a motion."""
-    env, robot = StandInEnv(effects=FAULTS, pictures="none", seed_of_robot=4), build_robot(FAULTS, 4)
-    np.testing.assert_array_equal(env.bench.engine._kp, robot.engine._kp)
+    env, robot = make_stand_in(effects=FAULTS, chunk=20, pictures="none", seed_of_robot=4), build_robot(FAULTS, 4)
+    np.testing.assert_array_equal(env.unwrapped.engine.engine._kp, robot.engine._kp)
     np.testing.assert_allclose(
-        env.bench.engine.model.body_mass.sum(), 0.33 + robot.engine.model.body_mass.sum(), atol=50
+        env.unwrapped.engine.engine.model.body_mass.sum(), 0.33 + robot.engine.model.body_mass.sum(), atol=50
     )
-    robot.engine.begin(env.bench.home)
+    rest = home(env.unwrapped.robot)
+    robot.engine.begin(rest)
     seen, _ = env.reset(seed=0)
     np.testing.assert_allclose(seen["agent_pos"], robot.engine.encoders(), atol=1e-4)
-    plain = StandInEnv(pictures="none", seed_of_robot=4).reset(seed=0)[0]["agent_pos"]
+    plain = make_stand_in(pictures="none", seed_of_robot=4).reset(seed=0)[0]["agent_pos"]
     assert abs(seen["agent_pos"][0] - plain[0]) == pytest.approx(1.0 / 80.0, rel=0.1)
-    targets = env.bench.home + np.linspace(0.0, 0.3, 20)[:, None]
+    targets = rest + np.linspace(0.0, 0.3, 20)[:, None]
     moved, *_ = env.step(targets)
-    knots = np.concatenate([env.bench.home[None], targets])
+    knots = np.concatenate([rest[None], targets])
     robot.engine.advance(
         lambda t: np.stack([np.interp(t, np.arange(21) / 30, k) for k in knots.T], 1), round(20 / 30 / 2e-4)
     )

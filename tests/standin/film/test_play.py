@@ -40,7 +40,7 @@ def test_poses_are_the_scenes(stage: EpisodePlayer, played: ExpertEpisode) -> No
     stage.play(SEED, 60)
     stage.env.reset(seed=SEED)
     for place, name in enumerate(played.bodies):
-        here = stage.env.scene.pose(name) if name in stage.props else stage.env.scene.link_pose(name)
+        here = stage.env.engine.pose(name) if name in stage.props else stage.env.engine.link_pose(name)
         np.testing.assert_allclose(played.poses[0, place, :3, 3], here.position, atol=1e-9)
         np.testing.assert_allclose(played.poses[0, place, :3, :3], here.rotation, atol=1e-9)
     cup = played.poses[:, played.bodies.index("cup")]
@@ -72,4 +72,4 @@ def test_the_simulators_picture_is_the_environments(stage: EpisodePlayer) -> Non
     ours, theirs = stage.capture(CAMERAS["head"], (128, 96)), stage.env.capture("head", (128, 96))
     np.testing.assert_array_equal(ours.rgb, theirs.rgb)
     np.testing.assert_array_equal(ours.segmentation, theirs.segmentation)
-    assert stage.env.renderer.name == "tiny"
+    assert stage.env.engine.renderer_name == "tiny"
