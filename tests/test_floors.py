@@ -23,8 +23,8 @@ FLOORS = {
     "simulation": 4,
     **dict.fromkeys(["engines", "phys_aligner"], 5),
     "envs": 6,
-    **dict.fromkeys(["diagnosis", "wrappers", "standin"], 7),
-    **dict.fromkeys(["demo", "pipelines"], 8),
+    **dict.fromkeys(["diagnosis", "wrappers"], 7),
+    **dict.fromkeys(["demo", "pipelines", "standin"], 8),
     "cli": 9,
     **dict.fromkeys(["__init__", "__main__"], TOP),
 }

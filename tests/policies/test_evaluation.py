@@ -97,7 +97,7 @@ def test_an_environment_that_takes_chunks_is_given_them() -> None:
     ]
     alone = evaluate(Goes(), Walk(length=10), [3]).episodes[0]
     assert (row.success, row.grasped, row.distance, row.steps) == (True, True, alone.distance, 10)
-    assert (row.first, alone.first) == (8, 5) and seen == [4, 4, 2]
+    assert (row.first, alone.first) == (5, 5) and seen == [4, 4, 2]
     with pytest.raises(PolicyError, match=r"takes the shape \(4, 2\)"):
         policy = Goes()
         policy.action_size = 14
