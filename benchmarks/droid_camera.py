@@ -96,11 +96,11 @@ def row(way: str, camera: int, fit: CameraFit, unused: Keypoints, seconds: float
     errors = unused.errors(fit.views())
     lens = fit.cameras[0]
     found = {
-        "camera": camera, "way": way, "stands": len(fit.stands), "unused": len(errors),
+        "camera": camera, "way": way, "stands": len(fit.stations), "unused": len(errors),
         "median": float(np.median(errors)), "p90": float(np.quantile(errors, 0.9)), "fx": lens.fx, "fy": lens.fy,
         "k1": fit.k1, "delay": fit.delay, "cpu_s": seconds, "doubtful": list(fit.doubtful), "fit": fit.as_dict(),
     }  # fmt: skip
-    print(f"camera {camera}  {way:<22} {len(fit.stands)} places  {len(errors):3d} unused marks: median "
+    print(f"camera {camera}  {way:<22} {len(fit.stations)} places  {len(errors):3d} unused marks: median "
           f"{found['median']:.2f} px, 90 % within {found['p90']:.1f}  fx {lens.fx:.1f} fy {lens.fy:.1f}  "
           f"{seconds:.0f} s of CPU", flush=True)  # fmt: skip
     return found
@@ -137,7 +137,7 @@ def one_camera(data: Path, surface: Surface, camera: int, free: tuple[str, ...])
     rows.append(row("nothing, all marks", camera, fit, everything, seconds))
     errors = everything.errors(fit.views())
     for k, episode in enumerate(EPISODES):
-        own = errors[everything.stand == k]
+        own = errors[everything.station == k]
         print(f"    {episode}  {len(own):2d} marks  median {np.median(own):5.2f} px  largest {own.max():5.2f} px")
     print(fit)
     return rows, fit
@@ -169,7 +169,7 @@ def standin(paths: Sequence[Path], free: tuple[str, ...]) -> list[dict]:
             )
     points = np.concatenate([surface.points(a[::5])[:, ::7] for a in angles]).reshape(-1, 3)
     wide, high = takes[0].size
-    seen = View.of_camera(truth, takes[0].size, barrel).see(points)
+    seen = View.from_camera(truth, takes[0].size, barrel).project(points)
     inside = (seen[:, 2] > 0) & (seen[:, 0] > 0) & (seen[:, 0] < wide) & (seen[:, 1] > 0) & (seen[:, 1] < high)
     guess = truth.with_(
         position=tuple(np.add(truth.position, (0.06, -0.06, 0.06)).tolist()), fx=truth.fx * 1.1, fy=truth.fy * 1.1,
@@ -183,13 +183,13 @@ def standin(paths: Sequence[Path], free: tuple[str, ...]) -> list[dict]:
         ("guess, masks", takes),
         ("nothing, masks", takes),
     ):
-        begun, camera, view = time.process_time(), guess, View.of_camera(guess, takes[0].size)
+        begun, camera, view = time.process_time(), guess, View.from_camera(guess, takes[0].size)
         if shown is not None:
             start = guess if "guess" in way else None
             fit = calibrate_camera(surface.body, shown, start=start, fixed=True, free=free)
             camera, (view,) = fit.camera, fit.views()
             print(fit)
-        found = view.see(points)
+        found = view.project(points)
         away = np.linalg.norm((found - seen)[inside, :2], axis=1)
         turn = (Rotation.from_quat(camera.rotation).inv() * Rotation.from_quat(truth.rotation)).magnitude()
         rows.append({

@@ -94,11 +94,11 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class Figure:
-    """A body in three levels of detail, for a search, for silhouettes and for outlines.
+class DetailLevels:
+    """A body in three levels of detail: coarse for a search, middle for silhouettes, fine for edges.
 
-    loose (P,) bool: parts that look otherwise in the pictures, such as another gripper; margin: m around them in which
-    no outline is believed.
+    loose: parts whose shape differs in the pictures, such as another gripper (P,), bool.
+    margin: distance around them within which edges are ignored, m.
     """
 
     fine: Body
@@ -108,7 +108,7 @@ class Figure:
     margin: float
 
     @staticmethod
-    def of(body: Body, reach: float, loose: Iterable[str] = (), margin: float = 0.06) -> Figure:
+    def of(body: Body, reach: float, loose: Iterable[str] = (), margin: float = 0.06) -> DetailLevels:
         """Make the levels for a robot whose moving points lie within a sphere of this radius, m.
 
         Raises: VisionError for a loose part it does not have, or a margin below 0.
@@ -116,4 +116,6 @@ class Figure:
         if not 0.0 <= margin < np.inf:
             raise VisionError(f"the margin around loose links is {margin} m, but must be at least 0.")
         fine = body.coarser(reach / 60.0)
-        return Figure(fine, fine.coarser(reach / 30.0), fine.coarser(reach / 15.0), body.chosen(loose), float(margin))
+        return DetailLevels(
+            fine, fine.coarser(reach / 30.0), fine.coarser(reach / 15.0), body.chosen(loose), float(margin)
+        )

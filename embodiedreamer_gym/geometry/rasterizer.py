@@ -1,13 +1,11 @@
-"""Triangles drawn into a grid, without light: which cells are covered, by what part, how far away."""
+"""Depth-buffer rasterizer: part and depth of the nearest triangle in each cell of a grid."""
 
 from __future__ import annotations
 
 import numba as nb
 import numpy as np
 
-NEAREST = 0.02  # m, of a point that can be seen
-
-
+NEAREST = 0.02  # m, near plane
 jit = nb.njit(cache=True, nogil=True, error_model="numpy")
 
 
@@ -16,7 +14,7 @@ def draw(points, faces, part, height, width, code, depth):
     """Draw T pictures at once into code (T, height, width), part + 1 or 0, and depth (T, height, width), m.
 
     points (T, V, 3): column and row in cells (the middle of the first is 0, 0), depth in m; faces (F, 3); part (V,).
-    Triangles that reach behind what can be seen are left out.
+    Triangles that cross the near plane are skipped.
     """
     for t in range(points.shape[0]):
         for f in range(faces.shape[0]):
@@ -52,9 +50,12 @@ def draw(points, faces, part, height, width, code, depth):
 def draw_parts(
     points: np.ndarray, faces: np.ndarray, part: np.ndarray, size: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Part + 1 of what is seen in each cell of T pictures (T, H, W), uint8, 0 where nothing is; its depth, m, else 0.
+    """Rasterize T pictures; returns part + 1, uint8, 0 where nothing is (T, H, W), and depth, m, else 0 (T, H, W).
 
-    points (T, V, 3): column and row in cells, depth in m; size: width and height.
+    points: vertices (T, V, 3), column and row in cells, depth in m.
+    faces: vertex numbers (F, 3).
+    part: of each vertex (V,).
+    size: width and height of the grid.
     """
     code = np.zeros((len(points), size[1], size[0]), np.uint8)
     depth = np.zeros(code.shape, np.float32)

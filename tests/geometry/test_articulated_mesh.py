@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.geometry.articulated_mesh import Body, Figure
+from embodiedreamer_gym.geometry.articulated_mesh import Body, DetailLevels
 
 
 def two_parts() -> Body:
@@ -44,7 +44,7 @@ def test_a_coarser_body_keeps_its_shape_and_its_boxes() -> None:
 
 
 def test_a_figure_has_levels_and_knows_what_is_loose() -> None:
-    figure = Figure.of(two_parts(), 0.3, ["box"], 0.02)
+    figure = DetailLevels.of(two_parts(), 0.3, ["box"], 0.02)
     assert figure.loose.tolist() == [False, True]
     assert len(figure.coarse.faces) < len(figure.middle.faces) < len(figure.fine.faces)
 
@@ -71,6 +71,6 @@ def test_wrong_poses_links_and_margins_are_named() -> None:
     with pytest.raises(VisionError, match=r"poses must be .T, 2, 4, 4., one 4x4 per part, not .5, 3, 4, 4."):
         body.at(np.zeros((5, 3, 4, 4)))
     with pytest.raises(VisionError, match="no visible link 'hand'; it has ball, box"):
-        Figure.of(body, 0.3, ["hand"])
+        DetailLevels.of(body, 0.3, ["hand"])
     with pytest.raises(VisionError, match="margin around loose links is -1 m"):
-        Figure.of(body, 0.3, ["box"], -1)
+        DetailLevels.of(body, 0.3, ["box"], -1)

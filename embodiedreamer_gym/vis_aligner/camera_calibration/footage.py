@@ -1,4 +1,4 @@
-"""Recordings before a camera that stands still, and what of them a fit looks at."""
+"""Recordings of a robot by a static camera, and the frames and foreground that a fit uses."""
 
 from __future__ import annotations
 
@@ -12,25 +12,27 @@ import numpy as np
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.geometry.articulated_mesh import Body
 from embodiedreamer_gym.recordings import FrameSource
-from embodiedreamer_gym.vis_aligner.camera_calibration.motion_mask import moving_evidence, smooth
+from embodiedreamer_gym.vis_aligner.camera_calibration.motion_mask import foreground_of_motion, smooth
 from embodiedreamer_gym.vis_aligner.farthest_points import spread
 
-FEWEST = 6  # pictures of one recording
-LOOKED_AT = 24  # pictures that are fitted
-BACKGROUND = 40  # pictures of which the background is the median
+MIN_FRAMES = 6  # of one recording
+SELECTED = 24  # frames of a recording that are fitted
+BACKGROUND = 40  # frames whose median is the background
 WIDTHS = (240, 384)  # pixels: smaller pictures are enlarged for a fit, larger ones reduced
-MARKS = 64  # vertices by which motion is told
-STILL = 0.005  # m: a robot whose points all stay within it does not move
-FAINT = 1e-4  # variance of the evidence over time below which nothing is seen to move
+MARKERS = 64  # vertices by which motion is measured
+STILL = 0.005  # m: a point that moves less counts as static
+FAINT = 1e-4  # variance of the foreground over time below which nothing moves
 
 
 @dataclass(frozen=True, eq=False)
 class Footage:
-    """One recording of a robot before a camera that stands still meanwhile.
+    """One recording of a robot by a camera that does not move meanwhile.
 
-    frames: T pictures (H, W, 3) uint8 RGB, an array or read one by one; poses (T, P, 4, 4): of the body's parts, in the
-    frame of the robot's root link, m; masks: T pictures (H, W) of where the robot is, or None, where motion shows it.
-    Raises: VisionError where these do not fit together.
+    frames: T pictures (H, W, 3), uint8 RGB, an array or read one by one.
+    poses: of the body's parts in the frame of the robot's root link (T, P, 4, 4), m.
+    masks: T pictures (H, W), nonzero where the robot is; None: the robot is found by its motion.
+    name: of the recording.
+    Raises: VisionError where the lengths or shapes differ, or a pose is not finite.
     """
 
     frames: FrameSource | np.ndarray
@@ -51,8 +53,8 @@ class Footage:
                 raise VisionError(
                     f"{self.name}: {len(given)} {what} for {len(poses)} rows of joint angles; give one each."
                 )
-        if len(poses) < FEWEST:
-            raise VisionError(f"{self.name}: {len(poses)} frames are too few; at least {FEWEST} are needed.")
+        if len(poses) < MIN_FRAMES:
+            raise VisionError(f"{self.name}: {len(poses)} frames are too few; at least {MIN_FRAMES} are needed.")
 
     def __repr__(self) -> str:
         return f"Footage({self.name!r}, {len(self.poses)} frames{', masks' if self.masks is not None else ''})"
@@ -73,79 +75,83 @@ class Footage:
         """
         picture = np.asarray(self.frames[int(row)])
         if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
-            raise VisionError(f"{self.name}: frame {row} is {_said(picture)}, not uint8 RGB (H, W, 3).")
+            raise VisionError(f"{self.name}: frame {row} is {_describe(picture)}, not uint8 RGB (H, W, 3).")
         return picture
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """What a fit sees of some footage.
+class Observations:
+    """What a fit uses of one recording.
 
-    rows (K,): which frames; evidence (K, h, w): 0 .. 1, how surely the robot covers a pixel of the working size; poses
-    (K, P, 4, 4); drift (K, P, 4, 4): change of place (homogeneous) per row of the recording; moving (P,) bool: parts
-    that do not stand still; size: width and height of the working pictures; few (k,): indices into rows of those that a
-    search looks at.
+    name: of the recording.
+    rows: numbers of the selected frames (K,).
+    foreground: how surely the robot covers a pixel, 0..1, at the working size (K, h, w).
+    poses: of the parts in these frames (K, P, 4, 4).
+    velocity: change of the parts' places (homogeneous) per row of the recording (K, P, 4, 4).
+    moving: parts that move (P,), bool.
+    size: width and height of the working pictures.
+    few: indices into `rows` of the frames used by a search (k,).
     """
 
     name: str
     rows: np.ndarray
-    evidence: np.ndarray
+    foreground: np.ndarray
     poses: np.ndarray
-    drift: np.ndarray
+    velocity: np.ndarray
     moving: np.ndarray
     size: tuple[int, int]
     few: np.ndarray
 
-    def placed(self, body: Body, few: bool = False, delay: float = 0.0) -> np.ndarray:
-        """Vertices (K, V, 3), m, in the rows looked at, or in the few; delay: rows that the pictures are late by."""
-        poses = self.poses if delay == 0.0 else self.poses - delay * self.drift @ self.poses
+    def vertices(self, body: Body, few: bool = False, delay: float = 0.0) -> np.ndarray:
+        """Vertices (K, V, 3) in the selected frames, or in those of a search, m; delay of the pictures in rows."""
+        poses = self.poses if delay == 0.0 else self.poses - delay * self.velocity @ self.poses
         return body.at(poses[self.few] if few else poses)
 
 
 def working_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Width and height in which pictures of a size are fitted."""
+    """Width and height at which pictures of this size are fitted."""
     width = min(max(size[0], WIDTHS[0]), WIDTHS[1])
     return width, max(round(size[1] * width / size[0]), 1)
 
 
-def look(footage: Footage, body: Body, size: tuple[int, int]) -> Scene:
-    """Choose frames that differ from each other and in which the robot is slow, and find the robot in them.
+def observe(footage: Footage, body: Body, size: tuple[int, int]) -> Observations:
+    """Select frames that differ from each other and in which the robot is slow, and segment the robot in them.
 
     size: width and height that the pictures must have.
-    Raises: VisionError when the robot does not move, or is not seen to, or frames differ in size.
+    Raises: VisionError when the robot does not move, no motion is visible, or frames differ in size.
     """
-    marker = _marks(body)
-    marks = marker.at(footage.poses)
-    ways = np.ptp(marks, axis=0).max(axis=1)
-    moving = np.array([ways[marker.part == k].max(initial=0.0) > STILL for k in range(len(body.names))])
+    markers = _markers(body)
+    points = markers.at(footage.poses)
+    travel = np.ptp(points, axis=0).max(axis=1)
+    moving = np.array([travel[markers.part == k].max(initial=0.0) > STILL for k in range(len(body.names))])
     if not moving.any():
         raise VisionError(f"{footage.name}: the robot does not move; give a recording in which it does.")
-    speed = np.linalg.norm(np.gradient(marks, axis=0), axis=2).mean(axis=1)
+    speed = np.linalg.norm(np.gradient(points, axis=0), axis=2).mean(axis=1)
     calm = 1.0 / (1.0 + (speed / max(float(np.median(speed)), 1e-6)) ** 2)
-    rows = spread(marks, LOOKED_AT, calm)
+    rows = spread(points, SELECTED, calm)
     working = working_size(size)
     if footage.masks is None:
-        wide = np.unique(np.r_[rows, spread(marks, BACKGROUND, np.ones(len(marks)))])
+        wide = np.unique(np.r_[rows, spread(points, BACKGROUND, np.ones(len(points)))])
         pictures = np.stack([_scaled(_of_size(footage, row, size), working) for row in wide])
-        evidence = moving_evidence(pictures)[np.searchsorted(wide, rows)]
+        foreground = foreground_of_motion(pictures)[np.searchsorted(wide, rows)]
     else:
-        evidence = smooth(np.stack([_mask(footage, row, size, working) for row in rows]))
-        if evidence.max() < 0.5:
+        foreground = smooth(np.stack([_mask(footage, row, size, working) for row in rows]))
+        if foreground.max() < 0.5:
             raise VisionError(
-                f"{footage.name}: the masks are empty in the {len(rows)} frames looked at; mark the robot in them."
+                f"{footage.name}: the masks are empty in the {len(rows)} selected frames; mark the robot in them."
             )
-    if float(evidence.var(axis=0).mean()) < FAINT:
+    if float(foreground.var(axis=0).mean()) < FAINT:
         raise VisionError(
             f"{footage.name}: nothing moves in the pictures, so no robot is visible; give other frames, or masks."
         )
-    few = np.searchsorted(rows, spread(marks[rows], LOOKED_AT // 2, np.ones(len(rows)), rows))
+    few = np.searchsorted(rows, spread(points[rows], SELECTED // 2, np.ones(len(rows)), rows))
     poses = footage.poses[rows]
-    return Scene(footage.name, rows, evidence, poses, _drift(footage.poses, rows), moving, working, few)
+    return Observations(footage.name, rows, foreground, poses, _velocity(footage.poses, rows), moving, working, few)
 
 
-def _marks(body: Body) -> Body:
+def _markers(body: Body) -> Body:
     """A few vertices of every part, as a body without proper faces."""
-    each = max(MARKS // len(body.names), 3)
+    each = max(MARKERS // len(body.names), 3)
     keep = np.zeros(len(body.vertices), bool)
     for k in np.unique(body.part):
         own = np.flatnonzero(body.part == k)
@@ -153,8 +159,8 @@ def _marks(body: Body) -> Body:
     return Body(body.vertices[keep], np.zeros((1, 3), int), body.part[keep], body.names)
 
 
-def _drift(poses: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Change of each part's place per row: multiplied with points (homogeneous) it gives their velocity."""
+def _velocity(poses: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Change of each part's pose per row: multiplied with points (homogeneous) it gives their velocity."""
     before, after = np.maximum(rows - 1, 0), np.minimum(rows + 1, len(poses) - 1)
     return (poses[after] - poses[before]) / (after - before)[:, None, None, None] @ np.linalg.inv(poses[rows])
 
@@ -173,7 +179,7 @@ def _mask(footage: Footage, row: int, size: tuple[int, int], working: tuple[int,
     mask = np.asarray(footage.masks[int(row)])  # pyright: ignore[reportOptionalSubscript]
     if mask.shape != (size[1], size[0]):
         raise VisionError(
-            f"{footage.name}: mask {row} is {_said(mask)}, but must be ({size[1]}, {size[0]}) like the frames."
+            f"{footage.name}: mask {row} is {_describe(mask)}, but must be ({size[1]}, {size[0]}) like the frames."
         )
     return _scaled((mask != 0).astype(np.float32), working)
 
@@ -183,19 +189,19 @@ def _scaled(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return cv2.resize(picture, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
 
 
-def _said(array: Any) -> str:
+def _describe(array: Any) -> str:
     return f"{array.dtype} of shape {array.shape}"
 
 
-def extent(body: Body, poses: np.ndarray) -> tuple[np.ndarray, float]:
-    """Middle (3,) and radius, m, of the sphere in which what moves is, nine tenths of the time.
+def bounding_sphere(body: Body, poses: np.ndarray) -> tuple[np.ndarray, float]:
+    """Centre (3,) and radius of the sphere that holds 90 % of the moving points over time, m.
 
     Raises: VisionError when nothing moves.
     """
-    marks = _marks(body).at(poses)
-    moving = np.ptp(marks, axis=0).max(axis=1) > STILL
+    markers = _markers(body).at(poses)
+    moving = np.ptp(markers, axis=0).max(axis=1) > STILL
     if not moving.any():
         raise VisionError("the robot does not move in any recording; give some in which it does.")
-    points = marks[:, moving].reshape(-1, 3)
+    points = markers[:, moving].reshape(-1, 3)
     middle = np.median(points, axis=0)
     return middle, float(np.quantile(np.linalg.norm(points - middle, axis=1), 0.9))

@@ -1,4 +1,4 @@
-"""Points of the robot that somebody marked in pictures, and the views that they alone give."""
+"""Marked points of the robot in pictures (2D-3D correspondences), and initial views from them."""
 
 from __future__ import annotations
 
@@ -9,33 +9,37 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.vis_aligner.camera_calibration.search import FOCAL
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
 
-FEWEST = 4  # marks of one stand that give a pose
-FOCALS = 12  # lengths tried
-CONSENT = 0.03  # of the picture's width: farther marks do not support a first pose
-TRIALS = 300
+MIN_MARKS = 4  # of one station, for a pose
+FOCALS = 12  # focal lengths tried
+INLIER = 0.03  # of the picture's width: RANSAC's largest reprojection error of an inlier
+TRIALS = 300  # RANSAC's iterations
 
 
+@renamed_arguments(stand="station")
 @dataclass(frozen=True, eq=False)
 class Keypoints:
-    """N marks: a point of the robot, and where it is seen.
+    """N marks: correspondences of a point of the robot and a pixel.
 
-    stand (N,): from which place of the camera, counted from 0; point (N, 3): m, in the robot's root frame at the joint
-    angles of that frame; pixel (N, 2): column and row, the middle of the first pixel is 0, 0; sd (N,): pixels, how
-    sure the mark is. Raises: VisionError where these do not fit together.
+    station: number of the camera's place (N,), from 0.
+    point: in the robot's root frame at the joint angles of that frame (N, 3), m.
+    pixel: column and row (N, 2); the centre of the first pixel is 0, 0.
+    sd: standard deviation of the mark (N,), pixels.
+    Raises: VisionError where shapes differ or values are not finite.
     """
 
-    stand: np.ndarray
+    station: np.ndarray
     point: np.ndarray
     pixel: np.ndarray
     sd: np.ndarray
 
     def __post_init__(self) -> None:
-        for field, kind in (("stand", int), ("point", float), ("pixel", float), ("sd", float)):
+        for field, kind in (("station", int), ("point", float), ("pixel", float), ("sd", float)):
             object.__setattr__(self, field, np.asarray(getattr(self, field), kind))
-        n = len(self.stand)
+        n = len(self.station)
         if self.point.shape != (n, 3) or self.pixel.shape != (n, 2) or self.sd.shape != (n,):
             raise VisionError(
                 f"{n} marks need points ({n}, 3), pixels ({n}, 2) and sd ({n},), "
@@ -43,51 +47,51 @@ class Keypoints:
             )
         if not (np.isfinite(self.point).all() and np.isfinite(self.pixel).all() and (self.sd > 0.0).all()):
             raise VisionError("marks must be finite, and their standard deviations above 0 pixels.")
-        if n and self.stand.min() < 0:
-            raise VisionError("the stands of marks count from 0.")
+        if n and self.station.min() < 0:
+            raise VisionError("the stations of marks count from 0.")
 
     def __len__(self) -> int:
-        return len(self.stand)
+        return len(self.station)
 
     def __repr__(self) -> str:
-        return f"Keypoints({len(self)} marks, {len(np.unique(self.stand))} stands)"
+        return f"Keypoints({len(self)} marks, {len(np.unique(self.station))} stations)"
 
     def of(self, which: np.ndarray) -> Keypoints:
-        """Return some of the marks, by number or bool."""
-        return Keypoints(self.stand[which], self.point[which], self.pixel[which], self.sd[which])
+        """A subset of the marks, by number or bool."""
+        return Keypoints(self.station[which], self.point[which], self.pixel[which], self.sd[which])
 
     def scaled(self, size: tuple[int, int], to: tuple[int, int]) -> Keypoints:
-        """Return the marks for the same pictures in another size (width, height)."""
+        """The marks in the same pictures at another size (width, height)."""
         factor = np.array(to) / np.array(size)
-        return Keypoints(self.stand, self.point, (self.pixel + 0.5) * factor - 0.5, self.sd * factor[0])
+        return Keypoints(self.station, self.point, (self.pixel + 0.5) * factor - 0.5, self.sd * factor[0])
 
     def errors(self, views: Sequence[View]) -> np.ndarray:
-        """Distance (N,), pixels, of each mark from where its stand's view sees the point."""
-        found = np.zeros(len(self))
+        """Reprojection error (N,) of each mark in its station's view, pixels."""
+        errors = np.zeros(len(self))
         for k, view in enumerate(views):
-            own = self.stand == k
-            found[own] = np.linalg.norm(view.see(self.point[own])[:, :2] - self.pixel[own], axis=1)
-        return found
+            own = self.station == k
+            errors[own] = np.linalg.norm(view.project(self.point[own])[:, :2] - self.pixel[own], axis=1)
+        return errors
 
 
-def first_views(marks: Keypoints, stands: int, size: tuple[int, int], aspect: float = 1.0) -> list[View]:
-    """A view of every stand from its marks alone, with the focal length that suits all of them best.
+def initial_views(marks: Keypoints, stations: int, size: tuple[int, int], aspect: float = 1.0) -> list[View]:
+    """A view of every station by PnP, with the focal length of least total reprojection error.
 
-    Raises: VisionError for a stand with fewer than four marks, or marks that no camera sees so.
+    Raises: VisionError for a station with fewer than four marks, or marks consistent with no camera.
     """
-    for k in range(stands):
-        count = int((marks.stand == k).sum())
-        if count < FEWEST:
+    for k in range(stations):
+        count = int((marks.station == k).sum())
+        if count < MIN_MARKS:
             raise VisionError(
-                f"stand {k} of the camera has {count} marks; without a start at least {FEWEST} are needed."
+                f"station {k} of the camera has {count} marks; without a start at least {MIN_MARKS} are needed."
             )
     best: tuple[float, list[View]] | None = None
     for focal in size[0] * np.geomspace(*FOCAL, FOCALS):
-        views = [_pose(marks.of(marks.stand == k), float(focal), size, aspect) for k in range(stands)]
+        views = [_pose(marks.of(marks.station == k), float(focal), size, aspect) for k in range(stations)]
         seen = [view for view in views if view is not None]
-        if len(seen) < stands:
+        if len(seen) < stations:
             continue
-        error = float(np.minimum(marks.errors(seen) / marks.sd, CONSENT * size[0] / marks.sd).sum())
+        error = float(np.minimum(marks.errors(seen) / marks.sd, INLIER * size[0] / marks.sd).sum())
         if best is None or error < best[0]:
             best = error, seen
     if best is None:
@@ -96,19 +100,19 @@ def first_views(marks: Keypoints, stands: int, size: tuple[int, int], aspect: fl
 
 
 def _pose(marks: Keypoints, focal: float, size: tuple[int, int], aspect: float) -> View | None:
-    """The view of one stand at a focal length."""
-    lens = View.looking(np.zeros(3), np.eye(3), focal, size, aspect)
+    """The view of one station at a focal length, by PnP with RANSAC; None where there is none."""
+    lens = View.from_pose(np.zeros(3), np.eye(3), focal, size, aspect)
     matrix = np.array([[lens.fx, 0.0, lens.cx], [0.0, lens.fy, lens.cy], [0.0, 0.0, 1.0]])
     cv2.setRNGSeed(0)
     try:
-        good, turn, shift, _ = cv2.solvePnPRansac(
-            marks.point, marks.pixel, matrix, None, reprojectionError=CONSENT * size[0], iterationsCount=TRIALS,
+        good, rotation_vector, translation, _ = cv2.solvePnPRansac(
+            marks.point, marks.pixel, matrix, None, reprojectionError=INLIER * size[0], iterationsCount=TRIALS,
             flags=cv2.SOLVEPNP_SQPNP,
         )  # fmt: skip
     except cv2.error:  # points on a line, or all alike
         return None
     if not good:
         return None
-    rotation = cv2.Rodrigues(turn)[0]
-    view = View(rotation, shift.ravel(), lens.fx, lens.fy, lens.cx, lens.cy, size)
-    return view if (view.see(marks.point)[:, 2] > 0.0).mean() > 0.5 else None
+    rotation = cv2.Rodrigues(rotation_vector)[0]
+    view = View(rotation, translation.ravel(), lens.fx, lens.fy, lens.cx, lens.cy, size)
+    return view if (view.project(marks.point)[:, 2] > 0.0).mean() > 0.5 else None

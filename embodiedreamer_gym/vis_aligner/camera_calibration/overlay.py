@@ -1,4 +1,4 @@
-"""Pictures that show whether a camera is right: the robot's outline as the camera predicts it, over the real frames."""
+"""Visual check of a calibration: the robot's predicted outline over the real frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.keypoints import Keypoint
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
 from embodiedreamer_gym.vis_aligner.farthest_points import spread
 
-WIDE = 480  # pixels, of one frame in the picture
+WIDE = 480  # pixels, least width of one frame in the picture
 COLUMNS = 3
 OUTLINE, INNER, MARK, SEEN = (40, 230, 40), (255, 190, 40), (255, 60, 60), (60, 160, 255)  # RGB
 
@@ -21,10 +21,11 @@ OUTLINE, INNER, MARK, SEEN = (40, 230, 40), (255, 190, 40), (255, 60, 60), (60, 
 def overlay(
     body: Body, footage: Footage, view: View, rows: list[int] | None = None, count: int = 6, delay: float = 0.0
 ) -> np.ndarray:
-    """Frames side by side (h, w, 3), uint8 RGB, with the outlines that a view predicts.
+    """Frames side by side (h, w, 3), uint8 RGB, with predicted outlines: green of the robot, orange between its links.
 
-    Green: of the whole robot; orange: between its links. rows: which frames, else such as differ most.
-    Raises: VisionError for a row that the footage does not have.
+    rows: numbers of the frames; by default `count` that differ most.
+    delay: of the pictures, rows.
+    Raises: VisionError for a row outside the footage.
     """
     total = len(footage.poses)
     chosen = spread(footage.poses[:, :, :3, 3], count, np.ones(total)).tolist() if rows is None else rows
@@ -42,11 +43,11 @@ def overlay(
 
 
 def draw_outlines(frame: np.ndarray, body: Body, pose: np.ndarray, view: View, label: str = "") -> np.ndarray:
-    """Return a frame (H, W, 3), enlarged, with the outlines of a body in a pose (P, 4, 4) that a view predicts."""
+    """A frame (H, W, 3), enlarged, with the predicted outlines of a body in a pose (P, 4, 4)."""
     factor = max(WIDE / frame.shape[1], 1.0)
     size = (round(frame.shape[1] * factor), round(frame.shape[0] * factor))
     picture = cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC)
-    code = draw_parts(view.of_size(size).see(body.at(pose[None])), body.faces, body.part, size)[0][0]
+    code = draw_parts(view.of_size(size).project(body.at(pose[None])), body.faces, body.part, size)[0][0]
     whole = code > 0
     picture[_edges(code) & ~_edges(whole)] = INNER
     picture[_edges(whole)] = OUTLINE
@@ -58,21 +59,21 @@ def draw_outlines(frame: np.ndarray, body: Body, pose: np.ndarray, view: View, l
 
 
 def draw_marks(picture: np.ndarray, marks: Keypoints, view: View) -> np.ndarray:
-    """Return a picture with crosses where marks are (red) and where a view sees their points (blue)."""
-    shown = picture.copy()
+    """A picture with crosses at the marks (red) and at the projections of their points (blue)."""
+    drawn = picture.copy()
     factor = np.array(picture.shape[1::-1]) / view.size
-    for pixels, colour in ((marks.pixel, MARK), (view.see(marks.point)[:, :2], SEEN)):
+    for pixels, colour in ((marks.pixel, MARK), (view.project(marks.point)[:, :2], SEEN)):
         for x, y in np.rint((pixels + 0.5) * factor - 0.5).astype(int):
-            cv2.drawMarker(shown, (int(x), int(y)), colour, cv2.MARKER_CROSS, 9, 1)
-    return shown
+            cv2.drawMarker(drawn, (int(x), int(y)), colour, cv2.MARKER_CROSS, 9, 1)
+    return drawn
 
 
 def _edges(code: np.ndarray) -> np.ndarray:
-    """Pixels (h, w), bool, beside which another value stands, below or to the right."""
-    found = np.zeros(code.shape, bool)
-    found[:, :-1] |= code[:, :-1] != code[:, 1:]
-    found[:-1] |= code[:-1] != code[1:]
-    return found
+    """Pixels (h, w), bool, that differ from their right or lower neighbour."""
+    edges = np.zeros(code.shape, bool)
+    edges[:, :-1] |= code[:, :-1] != code[:, 1:]
+    edges[:-1] |= code[:-1] != code[1:]
+    return edges
 
 
 def _tiled(tiles: list[np.ndarray]) -> np.ndarray:

@@ -1,7 +1,8 @@
-"""What a calibration found, and how sure it is."""
+"""Result of a camera calibration, with its residuals and standard deviations."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,18 +14,22 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
 
-WEAK = 0.5  # of the largest score: a stand that scores less is doubtful
-LEAST = 0.3  # score below which it is too: 0.42 .. 0.76 where a robot was recognised, 0.21 in noise without one
+MIN_RELATIVE_SCORE = 0.5  # of the largest score: a station below it is doubtful
+MIN_SCORE = 0.3  # a station below it is doubtful: measured 0.42 .. 0.76 with a robot in view, 0.21 in noise
 
 
 @dataclass(frozen=True)
-class StandFit:
-    """What was found of one place of the camera; errors in pixels of the frames.
+class StationFit:
+    """Result for one station (place of the camera); errors in pixels of the frames, None where not applicable.
 
-    outline: median distance of the robot's predicted outline from its edge in the pictures, where one is found; found:
-    share of the moving links' outline where it is; score: correlation, -1 .. 1, of silhouettes and evidence over space and time;
-    overlap: intersection over union of the two; marks, unused: median error of marks that were fitted, and of others;
-    position_sd m, rotation_sd rad, picture_sd pixels: standard deviations. None where there is no such thing.
+    camera: calibrated pinhole camera.
+    frames: number of frames used.
+    outline: median distance of the predicted silhouette edge from the matched edge.
+    found: share of the moving links' predicted edge that has a matched edge.
+    score: correlation of silhouettes and foreground over space and time, -1..1.
+    overlap: intersection over union of silhouettes and foreground.
+    marks: median reprojection error of the fitted marks.
+    position_sd, rotation_sd, picture_sd: standard deviations of position, m, rotation, rad, and projected points, pixels.
     """
 
     camera: Camera
@@ -41,48 +46,56 @@ class StandFit:
 
 @dataclass(frozen=True, eq=False)
 class CameraFit:
-    """Cameras of one lens, one for each place where it stood.
+    """A calibrated camera: shared intrinsics, and a pose for each station.
 
-    stands: what was found of each; free: what was fitted of the lens; k1: radial distortion as in OpenCV, which a
-    Camera does not have (see `undistorted`); delay: rows by which pictures are later than joint angles;
-    sd: standard deviation of each free parameter, focal in pixels, cx and cy too.
+    stations: result of each station.
+    free: fitted parameters.
+    k1: radial distortion as in OpenCV; a Camera has none, see `undistorted`.
+    delay: rows by which pictures are later than joint angles.
+    sd: standard deviation of each free parameter; focal, cx and cy in pixels.
     """
 
-    stands: tuple[StandFit, ...]
+    stations: tuple[StationFit, ...]
     free: tuple[str, ...]
     k1: float = 0.0
     delay: float = 0.0
     sd: Mapping[str, float] = field(default_factory=dict)
 
     @property
+    def stands(self) -> tuple[StationFit, ...]:
+        """Former name of `stations`."""
+        warnings.warn("CameraFit.stands is now CameraFit.stations", DeprecationWarning, stacklevel=2)
+        return self.stations
+
+    @property
     def cameras(self) -> tuple[Camera, ...]:
-        """The camera of every stand."""
-        return tuple(one.camera for one in self.stands)
+        """The camera of every station."""
+        return tuple(one.camera for one in self.stations)
 
     @property
     def camera(self) -> Camera:
-        """The camera, where it stood in one place.
+        """The camera of the only station.
 
-        Raises: VisionError when it stood in several.
+        Raises: VisionError when there are several.
         """
-        if len(self.stands) != 1:
-            names = ", ".join(one.camera.name for one in self.stands)
-            raise VisionError(f"the camera stood in {len(self.stands)} places ({names}); take one of fit.cameras.")
-        return self.stands[0].camera
+        if len(self.stations) != 1:
+            names = ", ".join(one.camera.name for one in self.stations)
+            raise VisionError(f"the camera stood in {len(self.stations)} places ({names}); take one of fit.cameras.")
+        return self.stations[0].camera
 
     @property
     def doubtful(self) -> tuple[str, ...]:
-        """Names of the stands whose silhouettes fit badly, or far worse than the best one's."""
-        scored = [(one.score, one.camera.name) for one in self.stands if one.score is not None]
+        """Names of the stations with a low score, absolute or relative to the best one's."""
+        scored = [(one.score, one.camera.name) for one in self.stations if one.score is not None]
         best = max((score for score, _ in scored), default=0.0)
-        return tuple(name for score, name in scored if score < max(LEAST, WEAK * best))
+        return tuple(name for score, name in scored if score < max(MIN_SCORE, MIN_RELATIVE_SCORE * best))
 
     def views(self) -> tuple[View, ...]:
-        """Every camera with its distortion, for pictures of the camera's size."""
-        return tuple(View.of_camera(camera, k1=self.k1) for camera in self.cameras)
+        """Views of all stations, with distortion, for pictures of the camera's size."""
+        return tuple(View.from_camera(camera, k1=self.k1) for camera in self.cameras)
 
     def undistorted(self, frame: np.ndarray) -> np.ndarray:
-        """Return a frame (H, W, 3) as the pinhole camera would have taken it."""
+        """A frame (H, W, 3) without the radial distortion."""
         if self.k1 == 0.0:
             return frame
         matrix = self.cameras[0].matrix((frame.shape[1], frame.shape[0]))
@@ -96,7 +109,7 @@ class CameraFit:
         size = f"{camera.size[0]} x {camera.size[1]}"
         known = ", ".join(f"{name} ± {value:.2g}" for name, value in self.sd.items()) or "nothing"
         lines = [f"lens at {size}: {', '.join(lens)} px (fitted: {known})", ""]
-        rows = [_row(one) for one in self.stands]
+        rows = [_row(one) for one in self.stations]
         head = ("camera", "frames", "position m", "± mm", "outline px", "found", "score", "overlap", "marks px", "± px")
         widths = [max(len(row[k]) for row in (head, *rows)) for k in range(len(head))]
         lines += [
@@ -107,29 +120,29 @@ class CameraFit:
         return "\n".join(lines)
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything as JSON: m, rad, pixels, quaternions xyzw."""
-        stands = [
+        """The result as JSON-compatible data (m, rad, pixels, quaternions xyzw); the stations stand under "stands"."""
+        stations = [
             {
                 "camera": {key: value for key, value in vars(one.camera).items() if not key.startswith("_")},
                 **{key: value for key, value in vars(one).items() if key != "camera"},
             }
-            for one in self.stands
+            for one in self.stations
         ]
-        return {"stands": stands, "fitted": list(self.free), "k1": self.k1, "delay": self.delay, "sd": dict(self.sd),
+        return {"stands": stations, "fitted": list(self.free), "k1": self.k1, "delay": self.delay, "sd": dict(self.sd),
                 "doubtful": list(self.doubtful)}  # fmt: skip
 
 
-def _row(one: StandFit) -> tuple[str, ...]:
+def _row(one: StationFit) -> tuple[str, ...]:
     place = " ".join(f"{x:+.3f}" for x in one.camera.position)
 
-    def said(value: float | None, form: str, factor: float = 1.0) -> str:
+    def cell(value: float | None, form: str, factor: float = 1.0) -> str:
         return "" if value is None else format(value * factor, form)
 
-    return (one.camera.name, str(one.frames or ""), place, said(one.position_sd, ".1f", 1e3), said(one.outline, ".2f"),
-            said(one.found, ".0%"), said(one.score, ".2f"), said(one.overlap, ".2f"), said(one.marks, ".2f"),
-            said(one.picture_sd, ".2f"))  # fmt: skip
+    return (one.camera.name, str(one.frames or ""), place, cell(one.position_sd, ".1f", 1e3), cell(one.outline, ".2f"),
+            cell(one.found, ".0%"), cell(one.score, ".2f"), cell(one.overlap, ".2f"), cell(one.marks, ".2f"),
+            cell(one.picture_sd, ".2f"))  # fmt: skip
 
 
 def names_of(names: Sequence[str], prefix: str) -> tuple[str, ...]:
-    """Names of cameras: the prefix alone for one stand, else with the name of what was recorded there."""
+    """Names of cameras: the prefix alone for one station, else with the name of its recording."""
     return (prefix,) if len(names) == 1 else tuple(f"{prefix}/{name}" for name in names)

@@ -1,4 +1,4 @@
-"""Frames of a video file, as of a recording."""
+"""Frames of a video file as the frames of a recording."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from embodiedreamer_gym.errors import VisionError
 
 
 class VideoFrames:
-    """Frames of a video file, each (H, W, 3) uint8 RGB; the file is read once, when the first frame is asked for.
+    """Frames of a video file, each (H, W, 3), uint8 RGB; the file is read when the first frame is requested.
 
-    length: frames that are wanted, the first of the file; None: all. first: frames of the file that are left out.
-    Raises: VisionError when the file does not exist, and later when it is no video or has too few frames.
+    length: number of frames; None: all.
+    first: number of frames to skip at the beginning of the file.
+    Raises: VisionError when the file does not exist; on reading, when it is no video or has too few frames.
     """
 
     def __init__(self, path: str | Path, length: int | None = None, first: int = 0) -> None:

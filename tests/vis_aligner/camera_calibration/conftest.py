@@ -78,14 +78,14 @@ def marks_of(camera: Camera, angles: np.ndarray, count: int = 12, sd: float = 0.
     points = surface().points(angles)
     arm = np.flatnonzero(np.ptp(points, axis=0).max(axis=1) > 0.1)
     point = points[rng.integers(len(points), size=count), rng.choice(arm, count)].astype(float)
-    pixel = View.of_camera(camera).see(point)[:, :2] + rng.normal(0.0, sd, (count, 2))
+    pixel = View.from_camera(camera).project(point)[:, :2] + rng.normal(0.0, sd, (count, 2))
     return Keypoints(np.zeros(count), point, pixel, np.full(count, max(sd, 0.5)))
 
 
 def apart(camera: Camera, truth: Camera, angles: np.ndarray) -> float:
     """Median distance, pixels, between where two cameras see the robot's points."""
     points = surface().points(angles)[:, ::7].reshape(-1, 3)
-    first, second = (View.of_camera(c).see(points) for c in (camera, truth))
+    first, second = (View.from_camera(c).project(points) for c in (camera, truth))
     width, height = truth.size
     inside = (second[:, 0] > 0) & (second[:, 0] < width) & (second[:, 1] > 0) & (second[:, 1] < height)
     return float(np.median(np.linalg.norm(first[inside, :2] - second[inside, :2], axis=1)))

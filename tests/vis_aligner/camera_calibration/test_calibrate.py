@@ -36,9 +36,9 @@ def test_a_camera_is_found_from_nothing(found: CameraFit) -> None:
     assert apart(found.camera, TRUTH, motion()) < 1.0
     np.testing.assert_allclose(found.camera.position, TRUTH.position, atol=0.05)
     assert found.camera.fx == pytest.approx(TRUTH.fx, rel=0.05) and found.camera.name == "head"
-    stand = found.stands[0]
-    assert stand.outline < 0.7 and stand.found > 0.7 and stand.score > 0.7 and stand.frames == 24
-    assert 0.0 < stand.picture_sd < 0.5 and found.doubtful == ()
+    station = found.stations[0]
+    assert station.outline < 0.7 and station.found > 0.7 and station.score > 0.7 and station.frames == 24
+    assert 0.0 < station.picture_sd < 0.5 and found.doubtful == ()
 
 
 def test_the_same_seed_finds_the_same(found: CameraFit, bench: Bench, near: Camera) -> None:
@@ -59,13 +59,13 @@ def test_masks_and_another_gripper_do_as_well(bench: Bench, near: Camera) -> Non
     masks = bench.masks.copy()
     loose = [name for name in surface().body.names if "finger" in name or "gripper" in name or "link6" in name]
     fit = calibrate_camera(surface().body, [bench.footage(masks=masks)], start=near, loose=loose)
-    assert apart(fit.camera, TRUTH, motion()) < 1.0 and fit.stands[0].overlap > 0.9
+    assert apart(fit.camera, TRUTH, motion()) < 1.0 and fit.stations[0].overlap > 0.9
 
 
 def test_marks_of_the_robot_take_the_place_of_a_search(bench: Bench) -> None:
     marks = marks_of(TRUTH, bench.angles, 8, sd=1.5)
     fit = calibrate_camera(surface().body, [bench.footage()], marks=marks)
-    assert apart(fit.camera, TRUTH, motion()) < 1.0 and fit.stands[0].marks < 4.0
+    assert apart(fit.camera, TRUTH, motion()) < 1.0 and fit.stations[0].marks < 4.0
 
 
 def test_a_camera_that_was_moved_has_two_poses_and_one_lens(bench: Bench, near: Camera) -> None:
@@ -84,7 +84,7 @@ def test_a_fixed_camera_has_one_pose_for_all(bench: Bench, near: Camera) -> None
     frames, _ = film(TRUTH, angles, seed=2)
     more = bench.footage(frames=frames, poses=surface().poses(angles), name="more")
     fit = calibrate_camera(surface().body, [bench.footage(), more], start=near, fixed=True)
-    assert apart(fit.camera, TRUTH, motion()) < 0.7 and fit.stands[0].frames == 48
+    assert apart(fit.camera, TRUTH, motion()) < 0.7 and fit.stations[0].frames == 48
 
 
 def test_pictures_of_any_size(near: Camera) -> None:
@@ -99,7 +99,7 @@ def test_pictures_of_any_size(near: Camera) -> None:
 
 def test_without_a_robot_in_view_there_is_no_camera(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames in which everything moves, but not as the joints do: no camera is better than a wrong one."""
-    for module, name, count in ((searching, "TRIED", 64), (calibrating, "TRIED", 2), (calibrating, "FOLLOWED", 1)):
+    for module, name, count in ((searching, "TRIED", 64), (calibrating, "TRIED", 2), (calibrating, "ADJUSTED", 1)):
         monkeypatch.setattr(module, name, count)
     noise = np.random.default_rng(0).integers(0, 255, (len(bench.frames), 48, 64, 3)).astype(np.uint8)
     with pytest.raises(VisionError, match=r"robot is not recognised .* \(score 0.[012]\d, at least 0.3 is needed\)"):
@@ -115,8 +115,8 @@ def test_wrong_arguments_are_named(bench: Bench, near: Camera) -> None:
     with pytest.raises(VisionError, match="no visible link 'hand'"):
         calibrate_camera(body, [footage], loose=("hand",))
     marks = marks_of(TRUTH, bench.angles, 4)
-    marks.stand[:] = 1
-    with pytest.raises(VisionError, match=r"a mark is of stand 1, but stands are 0 .. 0"):
+    marks.station[:] = 1
+    with pytest.raises(VisionError, match=r"a mark is of station 1, but stations are 0 .. 0"):
         calibrate_camera(body, [footage], marks=marks)
     with pytest.raises(VisionError, match=r"poses must be .T, 27, 4, 4.|poses must be"):
         calibrate_camera(body, [bench.footage(poses=footage.poses[:, :3])])

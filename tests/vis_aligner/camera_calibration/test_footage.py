@@ -8,8 +8,8 @@ import pytest
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.camera_calibration.footage import (
     Footage,
-    extent,
-    look,
+    bounding_sphere,
+    observe,
     spread,
     working_size,
 )
@@ -30,30 +30,30 @@ def test_calm_rows_are_preferred() -> None:
 
 
 def test_a_scene_sees_the_robot_where_it_is(bench: Bench) -> None:
-    scene = look(bench.footage(), surface().body, SIZE)
-    assert scene.size == SIZE and len(scene.rows) == len(scene.evidence) == 24 and len(scene.few) == 12
-    found, true = scene.evidence > 0.5, bench.masks[scene.rows]
+    scene = observe(bench.footage(), surface().body, SIZE)
+    assert scene.size == SIZE and len(scene.rows) == len(scene.foreground) == 24 and len(scene.few) == 12
+    found, true = scene.foreground > 0.5, bench.masks[scene.rows]
     moving = true.any(axis=0) & ~true.all(axis=0)
     assert (found & true & moving).sum() > 0.5 * (true & moving).sum()
     assert (found & ~true).sum() < 0.1 * found.sum()
 
 
 def test_masks_take_the_place_of_motion(bench: Bench) -> None:
-    scene = look(bench.footage(masks=bench.masks), surface().body, SIZE)
-    found, true = scene.evidence > 0.5, bench.masks[scene.rows]
+    scene = observe(bench.footage(masks=bench.masks), surface().body, SIZE)
+    found, true = scene.foreground > 0.5, bench.masks[scene.rows]
     assert (found & true).sum() > 0.97 * (found | true).sum()
 
 
 def test_velocities_are_those_of_the_points(bench: Bench) -> None:
     footage = bench.footage()
-    scene = look(footage, surface().body, SIZE)
+    scene = observe(footage, surface().body, SIZE)
     body = surface().body
-    late = scene.placed(body, delay=0.1)
+    late = scene.vertices(body, delay=0.1)
     k = int(np.flatnonzero((scene.rows > 0) & (scene.rows < len(footage.poses) - 1))[0])
     row = scene.rows[k]
     before, after = body.at(footage.poses[[row - 1, row + 1]])
     expected = -0.1 * (after - before) / 2
-    np.testing.assert_allclose(late[k] - scene.placed(body)[k], expected, atol=1e-5)
+    np.testing.assert_allclose(late[k] - scene.vertices(body)[k], expected, atol=1e-5)
 
 
 def test_pictures_are_fitted_in_a_middling_size() -> None:
@@ -63,7 +63,7 @@ def test_pictures_are_fitted_in_a_middling_size() -> None:
 
 
 def test_the_extent_is_that_of_what_moves() -> None:
-    middle, radius = extent(surface().body, surface().poses(motion()))
+    middle, radius = bounding_sphere(surface().body, surface().poses(motion()))
     assert np.linalg.norm(middle - (0.45, 0.3, 0.95)) < 0.25 and 0.15 < radius < 0.6
 
 
@@ -99,14 +99,14 @@ def sizes(frames: np.ndarray) -> list[np.ndarray]:
         (lambda f: {"frames": f.frames.astype(float)}, r"frame \d+ is float64 of shape .180, 240, 3., not uint8 RGB"),
         (lambda f: {"frames": np.full_like(f.frames, 90)}, "nothing moves in the pictures, so no robot is visible"),
         (lambda f: {"poses": np.repeat(f.poses[:1], 30, axis=0)}, "the robot does not move"),
-        (lambda f: {"masks": np.zeros((30, 180, 240), bool)}, "the masks are empty in the 24 frames looked at"),
+        (lambda f: {"masks": np.zeros((30, 180, 240), bool)}, "the masks are empty in the 24 selected frames"),
         (lambda f: {"masks": np.zeros((30, 90, 120), bool)}, r"mask \d+ is bool of shape .90, 120., but must be"),
     ],
 )
 def test_footage_without_a_moving_robot_is_refused(bench: Bench, make, sentence: str) -> None:
     footage = bench.footage(**make(bench.footage()))
     with pytest.raises(VisionError, match=sentence):
-        look(footage, surface().body, SIZE)
+        observe(footage, surface().body, SIZE)
 
 
 def test_it_says_what_it_is(bench: Bench) -> None:

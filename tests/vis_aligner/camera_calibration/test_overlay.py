@@ -28,7 +28,7 @@ def pixels(picture: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
 
 
 def test_the_outline_lies_on_the_robots_edge(bench: Bench) -> None:
-    view, pose = View.of_camera(TRUTH), surface().poses(bench.angles)[3]
+    view, pose = View.from_camera(TRUTH), surface().poses(bench.angles)[3]
     picture = draw_outlines(bench.frames[3], surface().body, pose, view)
     assert picture.shape == (360, 480, 3) and pixels(picture, INNER).sum() > 100
     mask = cv2.resize(bench.masks[3].astype(np.uint8), (480, 360), interpolation=cv2.INTER_NEAREST)
@@ -38,7 +38,7 @@ def test_the_outline_lies_on_the_robots_edge(bench: Bench) -> None:
 
 
 def test_frames_stand_side_by_side(bench: Bench) -> None:
-    view = View.of_camera(TRUTH)
+    view = View.from_camera(TRUTH)
     assert overlay(surface().body, bench.footage(), view, count=4).shape == (720, 1440, 3)
     assert overlay(surface().body, bench.footage(), view, rows=[0, 5]).shape == (360, 960, 3)
     with pytest.raises(VisionError, match=r"bench has no frame 30; it has 0 .. 29"):
@@ -46,7 +46,7 @@ def test_frames_stand_side_by_side(bench: Bench) -> None:
 
 
 def test_a_delay_shifts_the_robot_not_the_frame(bench: Bench) -> None:
-    view = View.of_camera(TRUTH)
+    view = View.from_camera(TRUTH)
     late = overlay(surface().body, bench.footage(), view, rows=[6], delay=1.0)
     before = draw_outlines(bench.frames[6], surface().body, surface().poses(bench.angles)[5], view)
     apart = pixels(late, OUTLINE) != pixels(before, OUTLINE)
@@ -55,7 +55,7 @@ def test_a_delay_shifts_the_robot_not_the_frame(bench: Bench) -> None:
 
 def test_marks_and_what_is_seen_are_crosses(bench: Bench) -> None:
     marks = marks_of(TRUTH, bench.angles, 3, sd=4.0)
-    picture = draw_marks(np.zeros((360, 480, 3), np.uint8), marks, View.of_camera(TRUTH))
+    picture = draw_marks(np.zeros((360, 480, 3), np.uint8), marks, View.from_camera(TRUTH))
     assert pixels(picture, MARK).sum() >= 17 and pixels(picture, SEEN).sum() >= 17
 
 

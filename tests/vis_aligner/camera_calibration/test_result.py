@@ -7,16 +7,16 @@ import json
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.vis_aligner.camera_calibration import CameraFit, StandFit
+from embodiedreamer_gym.vis_aligner.camera_calibration import CameraFit, StationFit
 from tests.vis_aligner.camera_calibration.conftest import TRUTH
 
 
 def fit(*scores: float | None, **fields: object) -> CameraFit:
-    stands = tuple(
-        StandFit(TRUTH.with_(name=f"c/{k}"), 24, 0.5, 0.9, score, 0.6, None, 0.002, 0.001, 0.1)
+    stations = tuple(
+        StationFit(TRUTH.with_(name=f"c/{k}"), 24, 0.5, 0.9, score, 0.6, None, 0.002, 0.001, 0.1)
         for k, score in enumerate(scores)
     )
-    return CameraFit(stands, ("focal",), sd={"focal": 1.25}, **fields)  # pyright: ignore[reportArgumentType]
+    return CameraFit(stations, ("focal",), sd={"focal": 1.25}, **fields)  # pyright: ignore[reportArgumentType]
 
 
 def test_a_stand_that_fits_far_worse_than_the_best_is_doubtful() -> None:
@@ -42,7 +42,7 @@ def test_the_table_has_a_line_for_each_stand() -> None:
 def test_it_is_json() -> None:
     data = json.loads(json.dumps(fit(0.8, delay=0.4).as_dict()))
     assert data["delay"] == 0.4 and data["sd"] == {"focal": 1.25} and data["doubtful"] == []
-    assert data["stands"][0]["camera"]["fx"] == 205.0 and data["stands"][0]["picture_sd"] == 0.1
+    assert data["stands"][0]["camera"]["fx"] == 205.0 and data["stations"][0]["picture_sd"] == 0.1
 
 
 def test_a_pinhole_leaves_frames_alone() -> None:
@@ -54,9 +54,9 @@ def test_distortion_is_taken_off() -> None:
     """A point seen at a bent place is seen where the pinhole camera has it once the frame is straightened."""
     bent = fit(0.8, k1=-0.2)
     point = np.array([[0.4, 0.75, 0.95]])
-    (x, y, _), (u, v, _) = bent.views()[0].see(point)[0], fit(0.8).views()[0].see(point)[0]
+    (x, y, _), (u, v, _) = bent.views()[0].project(point)[0], fit(0.8).views()[0].project(point)[0]
     assert np.hypot(x - u, y - v) > 2.0
     frame = np.zeros((180, 240, 3), np.uint8)
     frame[round(y) - 1 : round(y) + 2, round(x) - 1 : round(x) + 2] = 255
-    rows, columns = np.nonzero(bent.undistorted(frame)[..., 0] > 100)
-    assert (columns.mean(), rows.mean()) == (pytest.approx(u, abs=0.8), pytest.approx(v, abs=0.8))
+    rows, jacobian_columns = np.nonzero(bent.undistorted(frame)[..., 0] > 100)
+    assert (jacobian_columns.mean(), rows.mean()) == (pytest.approx(u, abs=0.8), pytest.approx(v, abs=0.8))
