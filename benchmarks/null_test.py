@@ -149,7 +149,7 @@ def engines(robot: str, seconds: float = SECONDS, friction: bool = False) -> Ite
     standin = pair.build(effects)
     target = (FRICTION_TARGET, np.inf) if friction else TARGET
     for motion in motions(pair.span, seconds):
-        log = standin.record(motion, rate=DENSE)
+        log = standin.record(motion, hz=DENSE)
         for rate in PLANT_RATES:
             what = f"plant at {rate} Hz{', Coulomb friction' if friction else ''}"
             yield Row(robot, motion.kind, what, *error(model, standin, log, rate), target)
@@ -163,7 +163,7 @@ def between_samples(robot: str = "arm6", seconds: float = SECONDS) -> Iterator[R
     for rate in (100.0, 30.0):
         for robots, rule in RULES:
             for motion in kinds:
-                log = standin.record(motion, rate=rate, command_known=robots)  # type: ignore[arg-type]
+                log = standin.record(motion, hz=rate, command_known=robots)  # type: ignore[arg-type]
                 what = f"{rate:g} Hz log, robot {robots}, model {rule}"
                 yield Row(robot, motion.kind, what, *error(pair.model, standin, log, PLANT_RATES[0], rule))
 

@@ -268,7 +268,8 @@ def _standin(a: argparse.Namespace, progress: Progress) -> None:
     rng = np.random.default_rng(a.seed)
     effects = [str(rng.choice(sorted(CATALOGUE)))] if a.effect == "any" else a.effect.split(",")
     effect = None if a.effect == "none" else effects[0] if len(effects) == 1 else effects
-    log: dict[str, Any] = {name: getattr(a, name) for name in LOG if getattr(a, name) is not None}
+    given = {name: getattr(a, name) for name in LOG if getattr(a, name) is not None}
+    log: dict[str, Any] = {"hz" if name == "rate" else name: value for name, value in given.items()}
     log |= {"learnt": (a.motion,) * 2, "held_out": (a.motion,) * 2} if a.motion else {}
     log |= {"with_command": False} if a.no_command else {}
     if a.arm == "aloha":

@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.motions import MOTIONS, Motion, Span, span_of, teleoperation
 from embodiedreamer_gym.recordings import Recording, Recordings, save_recording
 from embodiedreamer_gym.recordings.hdf5 import COMMAND, EFFORT, LAYOUT_FLAGS, POSITION, VELOCITY, new_hdf5
@@ -81,6 +82,7 @@ class Case:
         return path
 
 
+@renamed_arguments(rate="hz")
 def draw_case(
     effect: str | Sequence[str] | None,
     arm: str,
@@ -94,7 +96,7 @@ def draw_case(
     learnt: Sequence[str] = ("multisine", "point_to_point"),
     reach: float = 0.7,
     speed: float = 0.8,
-    rate: float = 100.0,
+    hz: float = 100.0,
     with_command: bool = True,
     with_velocity: bool = True,
     with_effort: bool = True,
@@ -103,7 +105,7 @@ def draw_case(
     """One arm that plays motions to learn from and others held out, `seconds` each, at first multisine and fast moves.
 
     effect: a name, several or none; strength: of all of them, a name of STRENGTHS or a number (1.0 is plain); learnt,
-    held_out: names of MOTIONS; reach, speed: of every motion, see `span_of`; rate: Hz; with_...: what the logs hold
+    held_out: names of MOTIONS; reach, speed: of every motion, see `span_of`; hz: samples per second; with_...: what the logs hold
     beside positions; sensor: what replaces SENSOR or adds to it (jitter, noise, ...).
 
     Raises: EffectError for an unknown effect or strength, ModelError for an unknown arm or motion.
@@ -120,7 +122,7 @@ def draw_case(
         for name in _names(effect)
     }
     robot = StandIn(urdf, joints, **servo, effects=effects, rng=robot_rng, **IMPERFECT)
-    logging: dict[str, Any] = {**SENSOR, "command_known": command_known, "declare": declare, "rate": rate,
+    logging: dict[str, Any] = {**SENSOR, "command_known": command_known, "declare": declare, "hz": hz,
                                "with_effort": with_effort, **sensor}  # fmt: skip
     absent: dict[str, Any] = {"command": None} if not with_command else {}
     absent |= {"velocity": None} if not with_velocity else {}
@@ -179,7 +181,7 @@ def aloha_case(
     sensor = {**SENSOR, "quantum": np.where(gripper, 1e-3, SENSOR["quantum"]), "command_known": command_known}
 
     def record(motion: Motion, name: str) -> Recording:
-        return robot.record(motion, rate=30.0, name=name, **sensor).with_(kind="episode")
+        return robot.record(motion, hz=30.0, name=name, **sensor).with_(kind="episode")
 
     logs = [record(m, f"episode_{i}") for i, m in enumerate(motions)]
     model = {**model, "robot": {**robot_json, "urdf": "embodiedreamer:aloha.urdf"}, "effects": []}

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from embodiedreamer_gym.errors import ModelError, RecordingError
+from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.motions import Motion
 from embodiedreamer_gym.recordings.recording import Recording
 from embodiedreamer_gym.standin.engine import Engine
@@ -116,10 +117,11 @@ class StandIn:
         """Torque (T, n) N m that holds the arm still at measured positions (T, n)."""
         return self._engine.gravity_torque(position)
 
+    @renamed_arguments(rate="hz")
     def record(
         self,
         motion: Motion,
-        rate: float = 100.0,
+        hz: float = 100.0,
         noise: Any = 0.0,
         quantum: Any = 0.0,
         jitter: float = 0.0,
@@ -130,20 +132,20 @@ class StandIn:
         declare: str = "unknown",
         name: str | None = None,
     ) -> Recording:
-        """Play a motion and log it at `rate` Hz.
+        """Play a motion and log it at `hz` samples per second.
 
         noise, quantum: sd and step of the measured position, recorded units, one number or (n,); jitter: sd
         of the time stamps, s, cut at 0.45 of a step; effort_noise: share of `effort_scale`; velocity_noise: sd, unit/s;
         command_known: what the controller makes of the logged commands; declare: the log's `command_hold`.
         """
-        instants = np.arange(int(np.floor(motion.duration * rate + 1e-9)) + 1) / rate
+        instants = np.arange(int(np.floor(motion.duration * hz + 1e-9)) + 1) / hz
         command, n = motion(instants), len(self.joints)
         if command.shape[1] != n:
             raise RecordingError(f"the motion has {command.shape[1]} joints but the stand-in has {n}.")
         setpoint = {
             "continuous": motion,
             "linear": lambda t: np.stack([np.interp(t, instants, c) for c in command.T], axis=1),
-            "hold": lambda t: command[np.clip(np.floor(t * rate + 1e-6).astype(int), 0, len(command) - 1)],
+            "hold": lambda t: command[np.clip(np.floor(t * hz + 1e-6).astype(int), 0, len(command) - 1)],
         }[command_known]
         time, *signals = self.run(setpoint, instants[-1])
         position, velocity, effort = (_at(instants, time, signal) for signal in signals)
@@ -158,7 +160,7 @@ class StandIn:
         velocity = velocity + velocity_noise * self.rng.standard_normal(size)
         effort = effort + effort_noise * self.effort_scale * self.rng.standard_normal(size)
         jitter = max(jitter, *self._hidden.get("timestamp_jitter", "seconds"))
-        stamps = instants + np.clip(jitter * self.rng.standard_normal(len(instants)), -0.45 / rate, 0.45 / rate)
+        stamps = instants + np.clip(jitter * self.rng.standard_normal(len(instants)), -0.45 / hz, 0.45 / hz)
         return Recording(
             name=name or f"{motion.kind}-1",
             joints=self.joints,

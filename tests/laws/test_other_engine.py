@@ -33,7 +33,7 @@ def test_both_engines_agree_on_what_an_effect_does(effect: str) -> None:
     hidden = {name: np.array(list(values.values())) for name, values in kind.values.items()}
     standin = pair().build({effect: hidden}, timestep=2e-4)
     motion = multisine(pair().span, np.random.default_rng(1), SECONDS)
-    recording = standin.record(motion, rate=500.0)
+    recording = standin.record(motion, hz=500.0)
     without, _ = error(model, standin, recording, 240.0)
     position, torque = error(model.with_effect(kind), standin, recording, 240.0)
     assert without > LARGEST, "the effect does not show"
@@ -46,7 +46,7 @@ def test_both_engines_agree_on_what_an_effect_does(effect: str) -> None:
 def test_a_faultless_robot_is_the_same_in_both_engines(robot: str) -> None:
     faultless = twin(robot)
     standin = faultless.build()
-    recording = standin.record(multisine(faultless.span, np.random.default_rng(0), 2.0), rate=1000.0)
+    recording = standin.record(multisine(faultless.span, np.random.default_rng(0), 2.0), hz=1000.0)
     for rate in (240.0, 250.0):
         position, torque = error(faultless.model, standin, recording, rate)
         assert position < 0.05, "mrad"

@@ -58,7 +58,7 @@ def test_strength_and_sensor_can_be_chosen():
     sizes = [case.truth["values"] for case in both]
     faint, strong = (abs(values["torque"]["joint1"]) for values in sizes)
     assert strong == pytest.approx(faint * 2.5 / 0.3)
-    other = {"held_out": ("hold_poses", "staircase"), "rate": 50.0, "quantum": 0.01}
+    other = {"held_out": ("hold_poses", "staircase"), "hz": 50.0, "quantum": 0.01}
     coarse = draw_case(None, "pendulum1", rng(), seconds=SECONDS, **other)
     assert coarse.train[0].hz == pytest.approx(50.0)
     assert [r.kind for r in coarse.test] == ["hold_poses", "staircase"]
@@ -85,7 +85,7 @@ def test_two_effects_are_both_hidden():
 
 def test_motions_rate_and_signals_can_be_chosen(plain):
     motions = {"learnt": ("staircase",), "held_out": ("hold_poses", "multisine"), "reach": 0.1}
-    signals = {"with_command": False, "with_velocity": False, "rate": 50.0}
+    signals = {"with_command": False, "with_velocity": False, "hz": 50.0}
     case = draw_case(None, "pendulum1", rng(), seconds=SECONDS, **motions, **signals)
     assert [r.kind for r in (*case.train, *case.test)] == ["staircase", "hold_poses", "multisine"]
     log = case.train[0]
@@ -154,3 +154,9 @@ def test_wrong_names_are_refused():
         draw_case(None, "arm9", rng())
     with pytest.raises(ModelError, match="left or right, not 'top'"):
         aloha_case(None, "top", rng())
+
+
+def test_the_former_keyword_of_the_sampling_frequency_works_with_a_warning() -> None:
+    with pytest.warns(DeprecationWarning, match="'rate' of draw_case is now 'hz'"):
+        case = draw_case(None, "pendulum1", np.random.default_rng(0), seconds=1.0, rate=50.0)
+    assert case.train[0].rate == pytest.approx(50.0)

@@ -98,8 +98,8 @@ def test_a_tenth_of_a_millisecond_is_converged(build, span):
 def test_sampling_between_steps(build, span):
     motion = multisine(span(), np.random.default_rng(0), duration=1.0)
     robot = build("arm6")
-    dense = robot.record(motion, rate=600.0)
-    log = robot.record(motion, rate=30.0)
+    dense = robot.record(motion, hz=600.0)
+    log = robot.record(motion, hz=30.0)
     np.testing.assert_allclose(log.position, dense.position[::20], atol=1e-6)
 
 
@@ -107,7 +107,7 @@ def test_what_the_controller_makes_of_the_logged_commands(build, moves):
     ramp = moves.ramp(0.0, 1.0, 1.0)
     robot = build()
     smooth, straight, stairs = (
-        robot.record(ramp, rate=30.0, command_known=known, declare="hold") for known in ("continuous", "linear", "hold")
+        robot.record(ramp, hz=30.0, command_known=known, declare="hold") for known in ("continuous", "linear", "hold")
     )
     np.testing.assert_allclose(straight.position, smooth.position, atol=1e-9)
     assert np.mean(smooth.position[10:] - stairs.position[10:]) == pytest.approx(1 / 60, rel=0.1)

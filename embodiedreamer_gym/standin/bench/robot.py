@@ -9,6 +9,7 @@ import numpy as np
 
 from embodiedreamer_gym.envs.robots import load_robot
 from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.motions import MOTIONS, span_of
 from embodiedreamer_gym.recordings import Recordings
 from embodiedreamer_gym.robot import RobotModel
@@ -48,18 +49,19 @@ def build_robot(
     )  # fmt: skip
 
 
+@renamed_arguments(rate="hz")
 def logs(
     effects: Effects | None = None,
     seed_of_robot: int | None = 0,
     count: int = 10,
     seconds: float = 10.0,
     kind: str = "teleoperation",
-    rate: float = 30.0,
+    hz: float = 30.0,
     seed: int = 0,
 ) -> Recordings:
     """Episodes of free motion of the robot that the stand-in world has for the same effects and seed, nothing on its table.
 
-    kind: a name of MOTIONS; rate: Hz; seed: of the motions. The sensors have the noise of the stand-in's other logs, the
+    kind: a name of MOTIONS; hz: samples per second; seed: of the motions. The sensors have the noise of the stand-in's other logs, the
     controller ramps from one logged command to the next.
     Raises: ModelError for an unknown motion; EffectError; MissingExtraError without MuJoCo.
     """
@@ -71,7 +73,7 @@ def logs(
     sensor: dict[str, Any] = {**SENSOR, "quantum": np.where(gripper, GRIPPER_QUANTUM, SENSOR["quantum"])}
     rng = np.random.default_rng(seed)
     return Recordings([
-        robot.record(MOTIONS[kind](span, rng, seconds), rate=rate, name=f"{kind}_{i}", command_known="linear",
+        robot.record(MOTIONS[kind](span, rng, seconds), hz=hz, name=f"{kind}_{i}", command_known="linear",
                      declare="linear", **sensor).with_(kind="episode")
         for i in range(count)
     ])  # fmt: skip

@@ -7,7 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.vis_aligner.camera_calibration import CameraFit, StationFit
+from embodiedreamer_gym.vis_aligner import camera_calibration
+from embodiedreamer_gym.vis_aligner.camera_calibration import CameraFit, Keypoints, StationFit
 from tests.vis_aligner.camera_calibration.conftest import TRUTH
 
 
@@ -60,3 +61,13 @@ def test_distortion_is_taken_off() -> None:
     frame[round(y) - 1 : round(y) + 2, round(x) - 1 : round(x) + 2] = 255
     rows, jacobian_columns = np.nonzero(bent.undistorted(frame)[..., 0] > 100)
     assert (jacobian_columns.mean(), rows.mean()) == (pytest.approx(u, abs=0.8), pytest.approx(v, abs=0.8))
+
+
+def test_former_names_work_with_a_warning() -> None:
+    with pytest.warns(DeprecationWarning, match="StandFit is now StationFit"):
+        assert camera_calibration.StandFit is StationFit
+    with pytest.warns(DeprecationWarning, match=r"CameraFit\.stands is now CameraFit\.stations"):
+        assert CameraFit((), ()).stands == ()
+    with pytest.warns(DeprecationWarning, match="'stand' of Keypoints is now 'station'"):
+        marks = Keypoints(stand=np.zeros(1), point=np.zeros((1, 3)), pixel=np.zeros((1, 2)), sd=np.ones(1))
+    assert len(marks) == 1
