@@ -13,11 +13,13 @@ import numpy as np
 
 from embodiedreamer_gym.errors import EmbodieDreamerError, VisionError
 from embodiedreamer_gym.geometry.camera import Camera
+from embodiedreamer_gym.io.files import read_json
 from embodiedreamer_gym.recordings import Recording, load_recordings
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.files import write_json
 
 MARK = ("recording", "frame", "link", "point", "pixel")  # keys of a mark; "sd" may be added
+LARGEST = 1e6  # m or pixels, of a number in a marks file
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 
 
@@ -143,10 +145,7 @@ def _marks(path: Path, logs: Sequence[Recording], surface: Any, fixed: bool) -> 
     """Marks of a file {"marks": [{"recording": ..., "frame": ..., "link": ..., "point": [m], "pixel": [x, y]}]}."""
     from embodiedreamer_gym.vis_aligner.camera_calibration import Keypoints
 
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise VisionError(f"marks {path} are no readable JSON: {error}.") from error
+    data = read_json(path, VisionError, "marks")
     entries = data.get("marks") if isinstance(data, dict) else None
     if not isinstance(entries, list) or not entries:
         raise VisionError(f'marks {path} must be {{"marks": [{{{", ".join(MARK)}, sd}}]}}.')
@@ -159,9 +158,11 @@ def _marks(path: Path, logs: Sequence[Recording], surface: Any, fixed: bool) -> 
         if entry["recording"] not in names:
             continue  # of another recording, which is not looked at now
         log = names.index(entry["recording"])
-        if not isinstance(entry["frame"], int) or not 0 <= entry["frame"] < len(logs[log].time):
-            raise VisionError(f"{where}: {names[log]} has no frame {entry['frame']}.")
+        if type(entry["frame"]) is not int or not 0 <= entry["frame"] < len(logs[log].time):
+            raise VisionError(f"{where}: {names[log]} has no frame {json.dumps(entry['frame'])[:40]}.")
         place = _numbers(entry["point"], 3, f"{where}: point")
+        if not isinstance(entry["link"], str):
+            raise VisionError(f"{where}: link must be the name of a link, not {json.dumps(entry['link'])[:40]}.")
         point.append(surface.locate(entry["link"], place[None], logs[log].position[[entry["frame"]]])[0])
         pixel.append(_numbers(entry["pixel"], 2, f"{where}: pixel"))
         sd.append(_numbers([entry.get("sd", 1.0)], 1, f"{where}: sd")[0])
@@ -173,7 +174,7 @@ def _marks(path: Path, logs: Sequence[Recording], surface: Any, fixed: bool) -> 
 
 def _numbers(value: Any, count: int, what: str) -> np.ndarray:
     good = isinstance(value, list) and len(value) == count
-    if not good or not all(isinstance(x, int | float) and not isinstance(x, bool) and np.isfinite(x) for x in value):
+    if not good or not all(type(x) in (int, float) and abs(x) <= LARGEST for x in value):
         raise VisionError(f"{what} must be {count} finite numbers, not {json.dumps(value)[:60]}.")
     return np.array(value, float)
 

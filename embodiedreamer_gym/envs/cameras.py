@@ -14,6 +14,7 @@ import numpy as np
 
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.geometry.camera import Camera, look_at
+from embodiedreamer_gym.io.files import read_json
 from embodiedreamer_gym.robot.files import write_json
 
 __all__ = ["CAMERAS", "Camera", "load_cameras", "look_at", "save_cameras"]
@@ -53,10 +54,7 @@ def load_cameras(path: str | Path) -> dict[str, Camera]:
     Raises: ModelError that names the camera and the key.
     """
     path = Path(path)
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise ModelError(f"camera file {path} is no readable JSON: {error}.") from error
+    data = read_json(path, ModelError, "camera file")
     entries = data.get("cameras") if isinstance(data, dict) and set(data) == {"cameras"} else None
     if not isinstance(entries, dict) or not entries:
         raise ModelError(f'camera file {path} must be {{"cameras": {{name: {{{", ".join(NEEDED)}}}}}}} and no more.')
@@ -95,7 +93,7 @@ def _camera(name: str, entry: Any, path: Path) -> Camera:
         else:
             good, wanted = _is_number(value), "a number"
         if not good:
-            raise ModelError(f"{where}: {key} must be {wanted}, not {json.dumps(value)}.")
+            raise ModelError(f"{where}: {key} must be {wanted}, not {json.dumps(value)[:60]}.")
     try:
         return Camera(name=name, **entry)
     except ModelError as error:

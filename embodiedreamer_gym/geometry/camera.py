@@ -18,6 +18,9 @@ from embodiedreamer_gym.errors import EmbodieDreamerError, ModelError, Simulatio
 Pose = tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]  # position (3,) m, quaternion (4,) xyzw
 
 
+LARGEST = 1e6  # m or pixels, of any number of a camera
+
+
 @dataclass(frozen=True)
 class Camera:
     """A pinhole camera, on a link of the robot or standing in the world.
@@ -48,8 +51,8 @@ class Camera:
             self._fail(f"rotation has the length {length:.3g}, not 1, which a quaternion x, y, z, w must have")
         for field in ("fx", "fy", "cx", "cy", "near", "far"):
             number = float(getattr(self, field))
-            if not math.isfinite(number):
-                self._fail(f"{field} is {number}, not a finite number")
+            if not abs(number) <= LARGEST:
+                self._fail(f"{field} is {number}, not a finite number of at most {LARGEST:g}")
             if field not in ("cx", "cy") and number <= 0.0:
                 self._fail(f"{field} is {number}, not above 0")
             object.__setattr__(self, field, number)
@@ -61,8 +64,8 @@ class Camera:
 
     def _vector(self, field: str, count: int) -> tuple[float, ...]:
         numbers = tuple(float(x) for x in getattr(self, field))
-        if len(numbers) != count or not all(map(math.isfinite, numbers)):
-            self._fail(f"{field} needs {count} finite numbers, not {list(numbers)}")
+        if len(numbers) != count or not all(abs(x) <= LARGEST for x in numbers):
+            self._fail(f"{field} needs {count} finite numbers of at most {LARGEST:g}, not {str(list(numbers))[:60]}")
         return numbers
 
     def _fail(self, what: str) -> None:

@@ -97,7 +97,7 @@ def test_a_log_beside_a_video(logs: Path, tmp_path: Path) -> None:
         (["--model", "arm.urdf", "shot.hdf5"], "arm.urdf is a URDF; name the logs' columns with --joints"),
         (["--model", "aloha", "shot.hdf5", "--masks", "."], r"holds 0 masks, but shot has 12 frames"),
         (["--model", "aloha", "shot.hdf5", "--video", "a.mp4", "b.mp4"], "2 videos for 1 recordings"),
-        (["--model", "aloha", "shot.hdf5", "--marks", "shot.hdf5"], "are no readable JSON"),
+        (["--model", "aloha", "shot.hdf5", "--marks", "shot.hdf5"], "is no readable JSON"),
         (["--model", "aloha", "shot.hdf5", "--marks", "guess.json"], r"must be {\"marks\""),
         (["--model", "aloha", "shot.hdf5", "--start", "shot.hdf5"], "is no readable JSON"),
         (["--model", "aloha", "shot.hdf5", "--out", "none/c.json"], "its folder does not exist"),
@@ -119,7 +119,14 @@ def test_mistakes_are_one_sentence(
     ("change", "sentence"),
     [
         ({"frame": 99}, "number 0: shot has no frame 99"),
+        ({"frame": True}, "number 0: shot has no frame true"),
+        ({"frame": 10**30}, "number 0: shot has no frame 10000"),
         ({"pixel": [1, "2"]}, "number 0: pixel must be 2 finite numbers"),
+        ({"pixel": [1, 1e300]}, "number 0: pixel must be 2 finite numbers"),
+        ({"point": [10**400, 0, 0]}, "number 0: point must be 3 finite numbers, not .Infinity"),
+        ({"sd": float("nan")}, "number 0: sd must be 1 finite numbers"),
+        ({"sd": 10**30}, "number 0: sd must be 1 finite numbers"),
+        ({"link": 10**30}, "number 0: link must be the name of a link, not 10000"),
         ({"link": "tail"}, "no visible link 'tail'"),
         ({"recording": "none"}, "are of none of the recordings shot"),
     ],
@@ -127,5 +134,24 @@ def test_mistakes_are_one_sentence(
 def test_marks_that_do_not_fit_are_named(logs: Path, tmp_path: Path, change: dict, sentence: str) -> None:
     mark = json.loads((logs / "marks.json").read_text())["marks"][0] | change
     (tmp_path / "m.json").write_text(json.dumps({"marks": [mark]}))
-    with pytest.raises(EmbodieDreamerError, match=sentence):
+    with pytest.raises(EmbodieDreamerError, match=sentence) as raised:
         run("--model", "aloha", logs / "shot.hdf5", "--marks", tmp_path / "m.json", "--out", tmp_path / "c.json")
+    assert "\n" not in str(raised.value) and len(str(raised.value)) < 400
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"fx": 10**400}, "fx is inf, not a finite number"),
+        ({"cy": -1e300}, "cy is -1e.300, not a finite number of at most 1e.06"),
+        ({"position": [1e308, 0, 0]}, "position needs 3 finite numbers"),
+        ({"size": 10**300}, "size must be a list of numbers, not 1e.300"),
+        ({"near": float("nan")}, "near is nan"),
+    ],
+)
+def test_a_start_that_is_no_camera_is_named(logs: Path, tmp_path: Path, change: dict, sentence: str) -> None:
+    camera = {"position": [1, 0, 1], "rotation": [0, 0, 0, 1], "size": [64, 48], "fx": 60, "fy": 60, "cx": 31, "cy": 23}
+    (tmp_path / "s.json").write_text(json.dumps({"cameras": {"head": camera | change}}))
+    with pytest.raises(EmbodieDreamerError, match=sentence) as raised:
+        run("--model", "aloha", logs / "shot.hdf5", "--start", tmp_path / "s.json", "--out", tmp_path / "c.json")
+    assert "\n" not in str(raised.value) and len(str(raised.value)) < 400

@@ -37,7 +37,7 @@ WRONG = [
     ({"robot": "nobody"}, r"nobody is neither a file nor a built-in robot \(aloha, servo, so101\)"),
     ({"robot": "so101"}, "so101 has 6 joints on 1 arms; the ALOHA environments take 14: 6 and a normalised gripper"),
     ({"robot": 3}, "a built-in robot's name or a model file's path, not a int"),
-    ({"camera_file": "none.json"}, "camera file none.json is no readable JSON"),
+    ({"camera_file": "none.json"}, "camera file none.json cannot be read: No such file"),
 ]
 
 

@@ -16,10 +16,12 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.motion_mask import foregr
 from embodiedreamer_gym.vis_aligner.farthest_points import spread
 
 MIN_FRAMES = 6  # of one recording
+MIN_EDGE, MAX_RATIO = 8, 10  # pixels of a picture's shorter edge, and of the longer one per pixel of the shorter
 SELECTED = 24  # frames of a recording that are fitted
 BACKGROUND = 40  # frames whose median is the background
 WIDTHS = (240, 384)  # pixels: smaller pictures are enlarged for a fit, larger ones reduced
 MARKERS = 64  # vertices by which motion is measured
+FARTHEST = 1e4  # m, of a link from the robot's root
 STILL = 0.005  # m: a point that moves less counts as static
 FAINT = 1e-4  # variance of the foreground over time below which nothing moves
 
@@ -45,10 +47,15 @@ class Footage:
         object.__setattr__(self, "poses", poses)
         if poses.ndim != 4 or poses.shape[2:] != (4, 4):
             raise VisionError(f"{self.name}: poses must be (T, P, 4, 4), one 4x4 per row and link, not {poses.shape}.")
-        if not np.isfinite(poses).all():
-            row = int(np.flatnonzero(~np.isfinite(poses).all(axis=(1, 2, 3)))[0])
-            raise VisionError(f"{self.name}: the joint angles of row {row} are not finite; leave such rows out.")
+        good = (np.abs(poses) <= FARTHEST).all(axis=(1, 2, 3))
+        if not good.all():
+            row = int(np.argmin(good))
+            raise VisionError(f"{self.name}: the joint angles of row {row} are not finite, or too large; leave it out.")
         for what, given in (("frames", self.frames), ("masks", self.masks)):
+            if not hasattr(given, "__len__") and (what == "frames" or given is not None):
+                raise VisionError(
+                    f"{self.name}: {what} must be pictures, one per row of joint angles, not {given!r:.40}."
+                )
             if given is not None and len(given) != len(poses):
                 raise VisionError(
                     f"{self.name}: {len(given)} {what} for {len(poses)} rows of joint angles; give one each."
@@ -63,10 +70,15 @@ class Footage:
     def size(self) -> tuple[int, int]:
         """Width and height of the pictures.
 
-        Raises: VisionError when a frame is no picture.
+        Raises: VisionError when the first frame is no picture, or is too small or too narrow for a fit.
         """
-        first = self.frame(0)
-        return first.shape[1], first.shape[0]
+        height, width = self.frame(0).shape[:2]
+        if min(height, width) < MIN_EDGE or max(height, width) > MAX_RATIO * min(height, width):
+            raise VisionError(
+                f"{self.name}: frames are {width} x {height}; both edges must have at least {MIN_EDGE} pixels, and the longer "
+                f"one at most {MAX_RATIO} times the shorter one."
+            )
+        return width, height
 
     def frame(self, row: int) -> np.ndarray:
         """Return one picture (H, W, 3), uint8 RGB.

@@ -112,3 +112,21 @@ def test_footage_without_a_moving_robot_is_refused(bench: Bench, make, sentence:
 def test_it_says_what_it_is(bench: Bench) -> None:
     assert repr(bench.footage(masks=bench.masks)) == "Footage('bench', 30 frames, masks)"
     assert isinstance(bench.footage(), Footage)
+
+
+@pytest.mark.parametrize("size", [(48, 4), (4, 48), (20, 300)])
+def test_frames_that_are_too_small_or_too_narrow_are_refused(bench: Bench, size: tuple[int, int]) -> None:
+    """A narrow picture would be enlarged to one of gigabytes."""
+    frames = np.zeros((len(bench.frames), size[1], size[0], 3), np.uint8)
+    with pytest.raises(VisionError, match=f"frames are {size[0]} x {size[1]}; both edges must have at least 8 pixels"):
+        _ = bench.footage(frames=frames).size
+
+
+def test_what_are_no_frames_is_named(bench: Bench) -> None:
+    for frames in (None, 3):
+        with pytest.raises(VisionError, match=f"frames must be pictures, one per row of joint angles, not {frames}"):
+            bench.footage(frames=frames)
+    with pytest.raises(VisionError, match="joint angles of row 3 are not finite, or too large"):
+        poses = bench.footage().poses.copy()
+        poses[3, 0, 0, 3] = 1e30
+        bench.footage(poses=poses)

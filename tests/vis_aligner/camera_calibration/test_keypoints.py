@@ -95,7 +95,7 @@ def test_too_few_marks_and_wrong_choices_are_named() -> None:
     marks = marks_of(TRUTH, motion(), 3)
     with pytest.raises(VisionError, match="station 0 of the camera has 3 marks; without a start at least 4"):
         fit_keypoints(marks, SIZE)
-    with pytest.raises(VisionError, match="'fx' cannot be fitted; of the lens there are focal, aspect"):
+    with pytest.raises(VisionError, match="'fx' cannot be fitted; the parameters are focal, aspect"):
         fit_keypoints(marks, SIZE, free=("fx",))
     with pytest.raises(VisionError, match="marks alone do not show a delay"):
         fit_keypoints(marks, SIZE, free=("delay",))

@@ -43,7 +43,7 @@ def test_the_table_has_a_line_for_each_stand() -> None:
 def test_it_is_json() -> None:
     data = json.loads(json.dumps(fit(0.8, delay=0.4).as_dict()))
     assert data["delay"] == 0.4 and data["sd"] == {"focal": 1.25} and data["doubtful"] == []
-    assert data["stands"][0]["camera"]["fx"] == 205.0 and data["stations"][0]["picture_sd"] == 0.1
+    assert data["stands"][0]["camera"]["fx"] == 205.0 and data["stands"][0]["picture_sd"] == 0.1
 
 
 def test_a_pinhole_leaves_frames_alone() -> None:
