@@ -159,4 +159,4 @@ def test_wrong_names_are_refused():
 def test_the_former_keyword_of_the_sampling_frequency_works_with_a_warning() -> None:
     with pytest.warns(DeprecationWarning, match="'rate' of draw_case is now 'hz'"):
         case = draw_case(None, "pendulum1", np.random.default_rng(0), seconds=1.0, rate=50.0)
-    assert case.train[0].rate == pytest.approx(50.0)
+    assert case.train[0].hz == pytest.approx(50.0)
