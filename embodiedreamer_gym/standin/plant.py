@@ -21,14 +21,12 @@ HARD = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp: the highest impedance that M
 def import_mujoco() -> Any:
     """The engine of the stand-in.
 
-    Raises: MissingExtraError when the extra is not installed.
+    Raises: MissingExtraError when MuJoCo cannot be imported.
     """
     try:
         import mujoco
     except ImportError as error:
-        raise MissingExtraError(
-            "the stand-in robot needs MuJoCo; run: pip install 'embodiedreamer-gym[standin]'"
-        ) from error
+        raise MissingExtraError("the stand-in robot needs MuJoCo; run: pip install 'mujoco>=3.3,<5'") from error
     return mujoco
 
 

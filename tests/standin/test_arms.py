@@ -62,7 +62,7 @@ def test_an_unknown_arm_is_refused():
         arm_urdf("arm9")
 
 
-def test_without_the_extra_the_line_to_install_it_is_named(monkeypatch):
+def test_without_mujoco_the_line_to_install_it_is_named(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'embodiedreamer-gym\[standin\]'"):
+    with pytest.raises(MissingExtraError, match="pip install 'mujoco"):
         import_mujoco()
