@@ -199,7 +199,7 @@ def test_explained_is_a_share_of_the_excess() -> None:
 def test_the_special_case_goes_before_the_richer_law() -> None:
     class Fake:
         def __init__(self, name: str, chi2: float) -> None:
-            self.kind = type(name, (), {"name": name})
+            self.kind = CATALOGUE[name]
             self.held_out, self.trained = held(np.array([chi2])), np.array([chi2])
 
     before = held(np.array([99.0]))
