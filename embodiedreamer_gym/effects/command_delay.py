@@ -19,21 +19,17 @@ class CommandDelay(SignalLaw):
 
     @staticmethod
     def start(signal, p, dt):
-        """A line (B, n, k) full of the first command, the place where the next one goes, and each delay in steps."""
+        """The last k commands (B, n, k), the latest last; in that array the place of each delay's later neighbour; its share."""
         steps = np.array(np.broadcast_to(p.seconds / dt, signal.shape))
         slots = int(np.ceil(np.max(steps))) + 2
-        first = np.arange(signal.size).reshape(signal.shape) * slots  # of each joint's line, in the flat array
         whole = np.floor(steps).astype(np.intp)
-        return np.repeat(signal[..., None], slots, axis=-1), -1, first, whole, steps - whole
+        place = np.arange(slots - 1, signal.size * slots, slots).reshape(signal.shape) - whole
+        return np.repeat(signal[..., None], slots, axis=-1), place, steps - whole
 
     @staticmethod
     def law(signal, joint, memory, p):
         """Linear interpolation between the two neighbours on the line."""
-        line, head, first, whole, share = memory
-        slots = line.shape[-1]
-        head = (head + 1) % slots
-        line = line.copy()
-        line[..., head] = signal
-        later = line.take(first + (head - whole) % slots)
-        earlier = line.take(first + (head - whole - 1) % slots)
-        return later + share * (earlier - later), (line, head, first, whole, share)
+        line, place, share = memory
+        line = np.concatenate([line[..., 1:], signal[..., None]], axis=-1)
+        later, earlier = line.take(place), line.take(place - 1)
+        return later + share * (earlier - later), (line, place, share)

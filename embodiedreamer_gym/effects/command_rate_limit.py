@@ -23,5 +23,6 @@ class CommandRateLimit(SignalLaw):
     @staticmethod
     def law(signal, joint, memory, p):
         """Follow the command by at most rate * dt per step."""
-        value = memory + np.clip(signal - memory, -p.rate * joint.dt, p.rate * joint.dt)
+        most = p.rate * joint.dt
+        value = memory + np.minimum(np.maximum(signal - memory, -most), most)
         return value, value

@@ -165,8 +165,10 @@ class TorqueBudget(Effect):
         return None
 
     @staticmethod
-    def drive(joint: JointState, p: SimpleNamespace) -> tuple[Array, Array, Array, Array, Array] | None:
-        """What the drive can give: five arrays (B, n), np.inf where there is no limit, or None.
+    def drive(
+        joint: JointState, p: SimpleNamespace
+    ) -> tuple[Array | float, Array | float, Array | float, Array | float, Array | float] | None:
+        """What the drive can give: five arrays (B, n) or numbers, np.inf where there is no limit, or None.
 
         Highest torque forward and backward, N m; speeds forward and backward, rad/s, at which the torque of a motor
         on a fixed voltage fades to nothing; that motor's torque at rest (stall torque), N m.

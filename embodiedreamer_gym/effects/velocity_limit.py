@@ -22,5 +22,4 @@ class VelocityLimit(TorqueBudget):
     @staticmethod
     def drive(joint, p):
         """A line from the stall torque (B, n) N m at rest to nothing at the highest speed of each direction."""
-        never = np.full_like(joint.velocity, np.inf)
-        return never, never, p.forward, p.backward, p.stall_torque
+        return np.inf, np.inf, p.forward, p.backward, p.stall_torque

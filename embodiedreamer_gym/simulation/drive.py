@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
+from operator import is_
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.effects import Effect, JointState, Mechanics, MechanicsChange, SignalLaw, TorqueBudget
+from embodiedreamer_gym.effects import JointState, SignalLaw, TorqueBudget
 from embodiedreamer_gym.effects.effect import STAGES
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
-from embodiedreamer_gym.robot.data import GRAVITY, SERVO_GROUPS
+from embodiedreamer_gym.robot.data import SERVO_GROUPS
 from embodiedreamer_gym.robot.parameters import by_key
-from embodiedreamer_gym.simulation.joint_solver import end_stops, solve_step, tightened, within_limits
+from embodiedreamer_gym.simulation.drive_limits import within_limits
+from embodiedreamer_gym.simulation.drive_setup import (
+    arm_blocks,
+    changed_mechanics,
+    cut_memory,
+    gear_parts,
+    parameter_values,
+    tile,
+)
+from embodiedreamer_gym.simulation.joint_solver import solve_step
 
 TIME_STEP = 1.0 / 240.0  # s, the environment's own
 UNLIMITED = 1e12  # N m or rad/s
@@ -39,19 +50,24 @@ class Drive:
             g: np.broadcast_to(values.get(ParameterKey(g), model.group_values(ParameterKey(g))), (self.sets, model.n))
             for g in SERVO_GROUPS
         }
-        effects = [(effect, _values(effect, model, values, self.sets)) for effect in model.effects]
-        self.mechanics = _mechanics(model, servo["rotor_inertia"], effects)
+        effects = [(effect, parameter_values(effect, model, values, self.sets)) for effect in model.effects]
+        self.mechanics = changed_mechanics(model, servo["rotor_inertia"], effects)
         servo["rotor_inertia"] = self.mechanics.rotor_inertia
-        self.servo = {g: _tile(v, rollouts) for g, v in servo.items()}
-        tiled = [(e, SimpleNamespace(**{k: _tile(v, rollouts) for k, v in p.items()})) for e, p in effects]
+        self._servo = np.stack([tile(v, rollouts) for v in servo.values()])
+        tiled = [(e, SimpleNamespace(**{k: tile(v, rollouts) for k, v in p.items()})) for e, p in effects]
         self.laws = {s: [(e, p) for e, p in tiled if isinstance(e, SignalLaw) and e.stage == s] for s in STAGES}
         self.budgets = [(e, p) for e, p in tiled if isinstance(e, TorqueBudget)]
-        self._gear = _gear(self.mechanics, self.sets, model.n, rollouts)
+        self._gear = gear_parts(self.mechanics, self.sets, model.n, rollouts)
         self._gives = self._gear.shape[1] > 0
         self._loose = self._gear[0] + self._gear[2] > 0.0
-        self._lower, self._upper = model.tree.lower, model.tree.upper
-        self._blocks = _blocks(model.tree.arm)
+        self._stops = np.stack([model.tree.lower, model.tree.upper])
+        self._blocks = arm_blocks(model.tree.arm)
         self.batch = self.sets * rollouts
+
+    @property
+    def servo(self) -> dict[str, np.ndarray]:
+        """Values (B, n) of the servo's groups."""
+        return dict(zip(SERVO_GROUPS, self._servo, strict=True))
 
     def start(self, measured: np.ndarray, velocity: np.ndarray, command: np.ndarray) -> None:
         """Put the joints where the sensors (B, n) saw them, with all memories at rest at the first command."""
@@ -65,7 +81,7 @@ class Drive:
         self._joint = JointState(measured, self.velocity, np.zeros_like(self.velocity), self.dt, 0.0)
         self.measured = np.array(measured, float)
         self._joint.position = self.position = 2 * measured - self._begin("sensor", measured)  # exact for an offset
-        pull = self.servo["stiffness"] * self._begin("servo", self._begin("command", command) - measured)
+        pull = self._servo[0] * self._begin("servo", self._begin("command", command) - measured)
         surplus = self._begin("drive", pull) - self._weight()
         load = self._begin("load", surplus) - surplus
         self.motor, self.spin = self.position, self.velocity
@@ -75,7 +91,7 @@ class Drive:
         self._impulse = np.zeros_like(self.position)
         self._before, self._spun = self.velocity, self.spin
         self.torque = self.measured_acceleration = np.zeros_like(self.position)
-        self._free = self._unlimited()
+        self._neutral()
 
     def _weight(self) -> np.ndarray:
         """Torque (B, n) that holds the joints where they are."""
@@ -90,10 +106,13 @@ class Drive:
             signal, _ = effect.law(signal, self._joint, memory, p)
         return signal
 
-    def _unlimited(self) -> tuple[np.ndarray, ...]:
-        """Without friction, limits and laws of the drive: torques, limits, the share of a torque that arrives, and a shift."""
+    def _neutral(self) -> None:
+        """Arrays of a drive without friction, limits and laws, and of what the budgets gave last: nothing."""
         shape = self.position.shape
-        return np.zeros(shape), np.zeros(shape), np.full((5, *shape), UNLIMITED), np.ones(shape), np.zeros(shape)
+        self._zero, self._no_friction = np.zeros(shape), np.zeros((2, *shape))
+        self._unlimited, self._straight = np.full((5, *shape), UNLIMITED), np.stack([np.ones(shape), np.zeros(shape)])
+        self._limited: tuple[list[Any], np.ndarray] = [], self._unlimited
+        self._rubbed: tuple[list[Any], np.ndarray] = [], self._no_friction
 
     def accelerate(self, command: np.ndarray) -> np.ndarray:
         """Acceleration (B, n) of this step under the command (B, n); sets `measured` and `torque` of this instant.
@@ -104,31 +123,37 @@ class Drive:
         joint, motor = self._instant()
         self.measured = self._pass("sensor", motor.position, motor)
         heard = self._pass("command", command, motor)
-        servo = self.servo
-        pull = servo["stiffness"] * self._pass("servo", heard - self.measured, motor)
-        load = self._pass("load", self._free[0], joint)
-        forward, backward, limits, gain, shift = self._free
+        pull = self._servo[0] * self._pass("servo", heard - self.measured, motor)
+        load = self._pass("load", self._zero, joint)
+        limits, line, friction = self._unlimited, self._straight, self._no_friction
         if self.budgets or self.laws["drive"]:
             limits = self._limits(motor)
-            wanted = within_limits(pull - servo["damping"] * motor.velocity, motor.velocity, limits)
-            gain, shift = self._line(wanted, motor)
-            forward, backward = self._friction(joint, gain * wanted + shift if self.laws["drive"] else wanted)
-        slowest, fastest = end_stops(joint.position, self._lower, self._upper, self.dt)
+            wanted = within_limits(pull, self._servo[1], motor.velocity, limits)
+            line = self._line(wanted, motor)
+            friction = self._friction(joint, line[0] * wanted + line[1] if self.laws["drive"] else wanted)
         mass, bias = self.model.bodies.mass_matrix_and_bias(joint.position, joint.velocity, self.mechanics)
-        acceleration, torque = np.empty_like(bias), np.empty_like(bias)
-        wound = motor.position - joint.position if self._gives else self._free[0]
-        impulse, spin = self._impulse, self.velocity
-        for _ in range(PASSES):
-            impulse, spin = self._impulse.copy(), self.spin.copy() if self._gives else spin
-            solve_step(mass, bias, self.velocity, pull, servo["stiffness"], servo["damping"], servo["viscous_friction"],
-                       servo["rotor_inertia"], gain, shift, load, limits, forward, backward, slowest, fastest,
-                       self._gear, wound, spin, self._blocks, self.dt, impulse, acceleration, torque)  # fmt: skip
-            if not self._bent(torque, motor, gain, shift):
+        wound, spin = (motor.position - joint.position, self.spin) if self._gives else (self._zero, self.velocity)
+        solve = partial(solve_step, mass, bias, pull, load)
+        bodies = (
+            joint.position,
+            self.velocity,
+            wound,
+            spin,
+            self._servo,
+            limits,
+            self._stops,
+            self._gear,
+            self._blocks,
+        )
+        acceleration, torque, impulse, turned = solve(line, friction, *bodies, self.dt, self._impulse)
+        for _ in range(PASSES - 1):
+            if not self._bent(torque, motor, line):
                 break
-            gain, shift = self._line(torque, motor)
+            line = self._line(torque, motor)
+            acceleration, torque, impulse, turned = solve(line, friction, *bodies, self.dt, self._impulse)
         self._pass("drive", torque, motor)
         self._impulse, self.torque = impulse, torque
-        self._turn(spin, acceleration)
+        self._turn(turned, acceleration)
         return acceleration
 
     def _instant(self) -> tuple[JointState, JointState]:
@@ -153,20 +178,20 @@ class Drive:
             self.spin = np.clip(spin, -1e3, 1e3)
             self.motor = self.motor + self.spin * self.dt
 
-    def _line(self, torque: np.ndarray, joint: JointState) -> tuple[np.ndarray, np.ndarray]:
-        """What arrives at the joints of a drive's torque about this one (B, n): the gain and shift of a line."""
+    def _line(self, torque: np.ndarray, joint: JointState) -> np.ndarray:
+        """What arrives at the joints of a drive's torque about this one (B, n): gain and shift (2, B, n) of a line."""
         if not self.laws["drive"]:
-            return self._free[3], self._free[4]
+            return self._straight
         given, step = self._try("drive", torque, joint), NUDGE * (1.0 + np.abs(torque))
         gain = np.maximum((self._try("drive", torque + step, joint) - given) / step, 0.0)
-        return gain, given - gain * torque
+        return np.stack([gain, given - gain * torque])
 
-    def _bent(self, torque: np.ndarray, joint: JointState, gain: np.ndarray, shift: np.ndarray) -> bool:
+    def _bent(self, torque: np.ndarray, joint: JointState, line: np.ndarray) -> bool:
         """Whether the drive's laws give something else at a torque (B, n) than their line."""
         if not self.laws["drive"]:
             return False
         given = self._try("drive", torque, joint)
-        return bool(np.any(np.abs(given - gain * torque - shift) > STRAIGHT * (1.0 + np.abs(given))))
+        return bool(np.any(np.abs(given - line[0] * torque - line[1]) > STRAIGHT * (1.0 + np.abs(given))))
 
     def read(self) -> np.ndarray:
         """What the sensors (B, n) see of the present position; no memory moves on."""
@@ -185,7 +210,7 @@ class Drive:
     def advance(self, acceleration: np.ndarray) -> None:
         """Move freely for one step, as PyBullet would: v += a dt, q += v dt."""
         self.velocity = self.velocity + acceleration * self.dt
-        np.clip(self.velocity, -1e3, 1e3, out=self.velocity)
+        np.minimum(np.maximum(self.velocity, -1e3, out=self.velocity), 1e3, out=self.velocity)
         self.position = self.position + self.velocity * self.dt
         self.time += self.dt
 
@@ -197,12 +222,12 @@ class Drive:
                      "_before", "_spun", "_loose"):  # fmt: skip
             setattr(self, name, getattr(self, name)[:b])
         self._gear = np.ascontiguousarray(self._gear[:, :b])
-        self._free = self._unlimited()
-        self.servo = {k: v[:b] for k, v in self.servo.items()}
+        self._servo = np.ascontiguousarray(self._servo[:, :b])
+        self._neutral()
         for _, p in [*(law for laws in self.laws.values() for law in laws), *self.budgets]:
             for key, value in vars(p).items():
                 setattr(p, key, value[:b])
-        self._memory = [_cut(m, b) for m in self._memory]
+        self._memory = [cut_memory(m, b) for m in self._memory]
 
     def _pass(self, stage: str, signal: np.ndarray, joint: JointState) -> np.ndarray:
         for effect, p in self.laws[stage]:
@@ -218,88 +243,26 @@ class Drive:
 
     def _limits(self, joint: JointState) -> np.ndarray:
         """The drive's limits (5, B, n) of all budgets together."""
-        limits, shape = self._free[2], joint.position.shape
-        for effect, p in self.budgets:
-            given = effect.drive(joint, p)
-            if given is not None:
-                limits = tightened(limits, tuple(x if x.shape == shape else _spread(x, shape) for x in given))
-        return limits
+        given = [limit for effect, p in self.budgets for limit in effect.drive(joint, p) or ()]
+        if not _same(given, self._limited[0]):
+            limits = self._unlimited.copy()
+            for k, limit in enumerate(given):
+                np.minimum(limits[k % 5], limit, out=limits[k % 5])
+            self._limited = given, limits
+        return self._limited[1]
 
-    def _friction(self, joint: JointState, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Friction's torque forward and backward (B, n) of all budgets, the gears loaded by a torque (B, n)."""
-        forward, backward = self._free[:2]
+    def _friction(self, joint: JointState, torque: np.ndarray) -> np.ndarray:
+        """Friction's torque forward and backward (2, B, n) of all budgets, the gears loaded by a torque (B, n)."""
         joint = JointState(joint.position, joint.velocity, torque, joint.dt, joint.time)
-        for effect, p in self.budgets:
-            taken = effect.friction(joint, p)
-            if taken is not None:
-                forward, backward = forward + taken[0], backward + taken[1]
-        return forward, backward
+        given = [taken for effect, p in self.budgets for taken in effect.friction(joint, p) or ()]
+        if not _same(given, self._rubbed[0]):
+            friction = self._no_friction.copy()
+            for k, taken in enumerate(given):
+                friction[k % 2] += taken
+            self._rubbed = given, friction
+        return self._rubbed[1]
 
 
-def _gear(mechanics: Mechanics, sets: int, n: int, rollouts: int) -> np.ndarray:
-    """Compliance, settling time and half the gap (3, B, n) between motors and joints; of no samples where none gives."""
-    parts = mechanics.compliance, mechanics.settling, mechanics.gap / 2
-    if not (mechanics.compliance.any() or mechanics.gap.any()):
-        return np.zeros((3, 0, 0))
-    return np.stack([_tile(np.broadcast_to(part, (sets, n)), rollouts) for part in parts])
-
-
-def _spread(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    return np.ascontiguousarray(np.broadcast_to(values, shape))
-
-
-def _tile(values: np.ndarray, rollouts: int) -> np.ndarray:
-    """Values (P, m) once for each rollout, in C order: each memory layout would be compiled on its own."""
-    return np.ascontiguousarray(np.tile(values, (rollouts, 1)))
-
-
-def _values(
-    effect: Effect, model: RobotModel, sets: Mapping[ParameterKey, np.ndarray], count: int
-) -> dict[str, np.ndarray]:
-    """An effect's parameters as arrays (P, joints or arms): what the sets give, else the model's own values."""
-    arrays = {}
-    for p in effect.parameters:
-        key = ParameterKey(p.name, effect.name)
-        own = model.group_values(key)
-        values = np.array(np.broadcast_to(sets.get(key, own), (count, len(own))))
-        if p.off == p.high:  # a limit that is off is none
-            values[values >= model.parameter_off(p) * (1 - 1e-9)] = np.inf
-        arrays[p.name] = values
-    return arrays
-
-
-def _blocks(arm: np.ndarray) -> np.ndarray:
-    """First joint of each arm, then n; one block when the arms' joints are not in a row."""
-    starts = [0, *(np.flatnonzero(np.diff(arm)) + 1).tolist()]
-    if len(starts) > len(np.unique(arm)):
-        starts = [0]
-    return np.array([*starts, len(arm)], np.int64)
-
-
-def _mechanics(model: RobotModel, rotor_inertia: np.ndarray, values) -> Mechanics:
-    """The rigid bodies of P parameter sets, after all changes of mechanics."""
-    count = len(rotor_inertia)
-    changes = [(e, p) for e, p in values if isinstance(e, MechanicsChange)]
-    nominal = model.nominal_mechanics
-    many = count if changes else 1
-    mechanics = Mechanics(
-        *(np.repeat(x, many, axis=0) for x in (nominal.mass, nominal.first_moment, nominal.inertia)),
-        gravity=np.broadcast_to(GRAVITY, (many, model.tree.arms, 3)).copy(),
-        rotor_inertia=np.array(rotor_inertia),
-        tip_body=nominal.tip_body,
-        tip_point=nominal.tip_point,
-    )
-    for effect, p in changes:
-        effect.change(mechanics, SimpleNamespace(**p))
-    return mechanics
-
-
-def _cut(memory: Any, batch: int) -> Any:
-    """Keep the first samples of a memory: arrays (B, ...), or tuples and dicts of them."""
-    if isinstance(memory, np.ndarray) and memory.ndim:
-        return memory[:batch]
-    if isinstance(memory, tuple):
-        return tuple(_cut(m, batch) for m in memory)
-    if isinstance(memory, dict):
-        return {k: _cut(m, batch) for k, m in memory.items()}
-    return memory
+def _same(a: Sequence[Any], b: Sequence[Any]) -> bool:
+    """Whether two lists hold the same arrays: laws return new arrays where a value changes."""
+    return len(a) == len(b) and all(map(is_, a, b))
