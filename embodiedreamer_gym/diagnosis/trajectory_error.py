@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from embodiedreamer_gym.geometry.pose_error import EndEffector, rotation_error, translation_error
+from embodiedreamer_gym.geometry.pose_error import rotation_error, translation_error
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.forward_kinematics import EndEffector
 from embodiedreamer_gym.simulation import Rollout
 
 

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 import trimesh
 import yourdfpy
-from scipy.spatial.transform import Rotation
 
 from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.robot.forward_kinematics import joint_poses, joint_values, joints_from_root
 from embodiedreamer_gym.robot.model import RobotModel
-from embodiedreamer_gym.robot.urdf import read_urdf, root_link
+from embodiedreamer_gym.robot.urdf import MOVABLE, read_urdf, root_link
 from embodiedreamer_gym.vis_aligner.camera_calibration import Body
 
-MOVABLE = ("revolute", "continuous", "prismatic")
 ROUND = 32  # sides of a cylinder
 
 
@@ -32,7 +31,7 @@ class Surface:
         self, urdf: str | Path, joints: Sequence[str], normalised: Mapping[str, tuple[float, float]] | None = None
     ) -> None:
         path = Path(urdf)
-        robot = read_urdf(path).robot
+        robot = read_urdf(path)
         self.joints = tuple(joints)
         self._normalised = dict(normalised or {})
         movable = [joint.name for joint in robot.joints if joint.type in MOVABLE]
@@ -42,7 +41,7 @@ class Surface:
         if len(set(self.joints)) != len(self.joints):
             raise ModelError(f"a joint is named twice: {', '.join(self.joints)}.")
         self._root = root_link(robot, path)
-        self._order = _from_the_root(robot.joints, self._root)
+        self._order = joints_from_root(robot, self._root)
         self.body = _body(robot, path)
 
     @staticmethod
@@ -70,8 +69,8 @@ class Surface:
         given = {name: self._value(name, column) for name, column in zip(self.joints, angles.T, strict=True)}
         places = {self._root: np.broadcast_to(np.eye(4), (len(angles), 4, 4))}
         for joint in self._order:
-            fixed = np.eye(4) if joint.origin is None else np.asarray(joint.origin, float)
-            places[joint.child] = places[joint.parent] @ fixed @ _motion(joint, given, len(angles))
+            motion = joint_poses(joint, joint_values(joint, given), len(angles))
+            places[joint.child] = places[joint.parent] @ motion
         return np.stack([places[name] for name in self.body.names], axis=1)
 
     def points(self, angles: np.ndarray) -> np.ndarray:
@@ -96,37 +95,6 @@ class Surface:
             return column
         zero, one = self._normalised[name]
         return zero + (one - zero) * column
-
-
-def _from_the_root(joints: Sequence[yourdfpy.Joint], root: str) -> list[yourdfpy.Joint]:
-    """Joints in an order in which parents come first."""
-    reached, order, left = {root}, [], list(joints)
-    while left:
-        ready = [joint for joint in left if joint.parent in reached]
-        order += ready
-        reached |= {joint.child for joint in ready}
-        left = [joint for joint in left if joint not in ready]
-    return order
-
-
-def _motion(joint: yourdfpy.Joint, given: Mapping[str, np.ndarray], rows: int) -> np.ndarray:
-    """Motion (rows, 4, 4) of a joint at the values given by name."""
-    motion = np.broadcast_to(np.eye(4), (rows, 4, 4)).copy()
-    if joint.type not in MOVABLE:
-        return motion
-    value = given.get(joint.name)
-    if value is None and joint.mimic is not None and joint.mimic.joint in given:
-        gain = 1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier
-        value = gain * given[joint.mimic.joint] + (joint.mimic.offset or 0.0)
-    if value is None:
-        return motion
-    axis = np.asarray(joint.axis, float)
-    axis = axis / np.linalg.norm(axis)
-    if joint.type == "prismatic":
-        motion[:, :3, 3] = value[:, None] * axis
-    else:
-        motion[:, :3, :3] = Rotation.from_rotvec(value[:, None] * axis).as_matrix()
-    return motion
 
 
 def _body(robot: yourdfpy.Robot, path: Path) -> Body:

@@ -9,7 +9,7 @@ import numpy as np
 import yourdfpy
 
 from embodiedreamer_gym.errors import ModelError
-from embodiedreamer_gym.robot.urdf import read_urdf, root_link
+from embodiedreamer_gym.robot.urdf import MOVABLE, read_urdf, root_link
 
 WORLD = -1
 
@@ -68,22 +68,22 @@ def build_tree(
 
     Raises: ModelError for a missing joint or link, a moving body without mass, or an inertia no body can have.
     """
-    urdf = read_urdf(path)
+    robot = read_urdf(path)
     normalised = normalised or {}
     if len(set(end_effectors)) != len(end_effectors):
         raise ModelError(f"the end effectors of the model are not unique: {', '.join(end_effectors)}.")
-    by_name = {j.name: j for j in urdf.robot.joints}
-    movable = [j.name for j in urdf.robot.joints if j.type in ("revolute", "continuous", "prismatic")]
+    by_name = {j.name: j for j in robot.joints}
+    movable = [j.name for j in robot.joints if j.type in MOVABLE]
     for name in joints:
         if name not in movable:
             raise ModelError(f"joint '{name}' is no movable joint of {path.name}; movable: {', '.join(movable)}.")
     if len(set(joints)) != len(joints):
         raise ModelError(f"the joints of the model are not unique: {', '.join(joints)}.")
     children: dict[str, list[yourdfpy.Joint]] = {}
-    for joint in urdf.robot.joints:
+    for joint in robot.joints:
         children.setdefault(joint.parent, []).append(joint)
-    root = root_link(urdf.robot, path)
-    links = {link.name: link for link in urdf.robot.links}
+    root = root_link(robot, path)
+    links = {link.name: link for link in robot.links}
     rows: list[dict] = []
     frames: dict[str, tuple[int, np.ndarray, np.ndarray]] = {}
 
@@ -99,8 +99,6 @@ def build_tree(
                 visit(joint.child, body, turned, moved)
                 continue
             axis = np.asarray(joint.axis, float)
-            if not np.linalg.norm(axis) > 0:
-                raise ModelError(f"joint '{joint.name}' of {path.name} has an axis of length zero.")
             rows.append(
                 {"name": joint.name, "parent": body, "rotation": turned, "origin": moved,
                  "axis": axis / np.linalg.norm(axis), "prismatic": joint.type == "prismatic",
@@ -138,7 +136,7 @@ def build_tree(
 
 def _driver(joint, by_name, joints, normalised) -> tuple[int | None, float, float]:
     """Which driven joint moves this one, and how: value = gain * coordinate + offset."""
-    if joint.type not in ("revolute", "continuous", "prismatic"):
+    if joint.type not in MOVABLE:
         return None, 1.0, 0.0
     name, gain, offset = joint.name, 1.0, 0.0
     if joint.mimic is not None and joint.name not in joints:

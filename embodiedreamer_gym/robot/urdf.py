@@ -1,8 +1,9 @@
-"""Read a URDF through yourdfpy, and say in one sentence what is wrong with one."""
+"""The one reader of URDFs: XML checked first, then yourdfpy; one sentence says what is wrong with a file."""
 
 from __future__ import annotations
 
 from collections import Counter
+from io import BytesIO
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,28 +13,63 @@ import yourdfpy
 from embodiedreamer_gym.errors import ModelError
 
 MOST_JOINTS = 300
+MOST_BYTES = 20_000_000
+DEEPEST = 20  # tags inside each other; a URDF needs six
+MOVABLE = ("revolute", "continuous", "prismatic")
+SHAPE = {"box": 3, "cylinder": 2, "sphere": 1}  # numbers that a shape has
 
 
-def read_urdf(path: Path) -> yourdfpy.URDF:
-    """Parse a URDF without its meshes.
+def read_xml(urdf: str | Path) -> ElementTree.Element:
+    """The XML of a URDF, given as a path or as text.
 
-    Raises: ModelError when the file is missing, is no URDF, or does not describe one tree of bodies.
+    Raises: ModelError when it is missing, larger than 20 MB, no XML, no <robot>, or nested too deeply.
     """
+    data, name = _bytes(urdf)
+    try:
+        root = ElementTree.fromstring(data)  # yourdfpy's parser would repair broken XML without a word
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise ModelError(f"{name} cannot be read: it is no XML: {' '.join(str(error).split())}.") from error
+    if root.tag != "robot":
+        raise ModelError(f"{name} cannot be read: its root is <{root.tag}>, not <robot>.")
+    level = [root]
+    for _ in range(DEEPEST):
+        level = [child for element in level for child in element]
+    if level:
+        raise ModelError(f"{name} cannot be read: tags are nested more than {DEEPEST} deep.")
+    return root
+
+
+def read_urdf(urdf: str | Path) -> yourdfpy.Robot:
+    """Parse a URDF, given as a path or as text, without its meshes.
+
+    Raises: ModelError when it is missing, no URDF, not one tree of bodies, or holds an impossible number.
+    """
+    data, name = _bytes(urdf)
+    read_xml(urdf)
+    path = Path(name.removeprefix("URDF "))
+    try:
+        with np.errstate(all="ignore"):  # numbers that are not finite are refused below
+            robot = yourdfpy.URDF.load(BytesIO(data), load_meshes=False, build_scene_graph=False).robot
+    except Exception as error:  # yourdfpy raises many kinds
+        text = " ".join(str(error).split())[:200]
+        raise ModelError(f"{name} cannot be read: {type(error).__name__}: {text}.") from error
+    _check_names(robot, path)
+    _check_numbers(robot, path)
+    return robot
+
+
+def _bytes(urdf: str | Path) -> tuple[bytes, str]:
+    """Content of a URDF given as a path or as text, and what to call it in a sentence."""
+    if isinstance(urdf, str) and urdf.lstrip().startswith("<"):
+        return urdf.encode(), "the URDF"
+    path = Path(urdf)
     if not path.is_file():
         raise ModelError(f"URDF {path} does not exist.")
-    try:
-        root = ElementTree.fromstring(path.read_bytes())  # yourdfpy's parser repairs broken XML in silence
-        if root.tag != "robot":
-            raise ModelError(f"URDF {path} cannot be read: its root is <{root.tag}>, not <robot>.")
-        urdf = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=False)
-    except ModelError:
-        raise
-    except Exception as error:  # yourdfpy and the XML parsers raise many kinds
-        text = " ".join(str(error).split())[:200]
-        raise ModelError(f"URDF {path} cannot be read: {type(error).__name__}: {text}.") from error
-    _check_names(urdf.robot, path)
-    _check_numbers(urdf.robot, path)
-    return urdf
+    if path.stat().st_size > MOST_BYTES:
+        raise ModelError(
+            f"URDF {path} has {path.stat().st_size / 1e6:.0f} MB; at most {MOST_BYTES // 1_000_000} are read."
+        )
+    return path.read_bytes(), f"URDF {path}"
 
 
 def root_link(robot: yourdfpy.Robot, path: Path) -> str:
@@ -86,8 +122,33 @@ def _check_numbers(robot: yourdfpy.Robot, path: Path) -> None:
         values = [] if inertial is None else [inertial.mass, inertial.inertia, inertial.origin]
         if not all(np.all(np.isfinite(np.asarray(v, float))) for v in values if v is not None):
             raise ModelError(f"{path.name}: the inertial of link '{link.name}' is not finite.")
+        for shape in (*link.visuals, *link.collisions):
+            _check_shape(shape, link.name, path)
     for joint in robot.joints:
         for what in ("origin", "axis"):
             value = getattr(joint, what)
             if value is not None and not np.all(np.isfinite(np.asarray(value, float))):
                 raise ModelError(f"{path.name}: the {what} of joint '{joint.name}' is not finite.")
+        if joint.type in MOVABLE and (np.shape(joint.axis) != (3,) or not np.linalg.norm(joint.axis) > 0):
+            raise ModelError(f"joint '{joint.name}' of {path.name} has an axis of length zero.")
+
+
+def _check_shape(shape: yourdfpy.Visual | yourdfpy.Collision, link: str, path: Path) -> None:
+    """Check the numbers of a box, cylinder, sphere or mesh."""
+    if shape.origin is not None and not np.isfinite(shape.origin).all():
+        raise ModelError(f"{path.name}: the origin of a shape of link '{link}' is not finite.")
+    for kind, count in SHAPE.items():
+        solid = getattr(shape.geometry, kind, None)
+        if solid is None:
+            continue
+        sizes = np.concatenate([np.ravel(value) for value in vars(solid).values()]).astype(float)
+        if len(sizes) != count or not np.all(np.isfinite(sizes) & (sizes > 0)):
+            raise ModelError(
+                f"{path.name}: a {kind} of link '{link}' needs {count} positive sizes, m, not {sizes.tolist()}."
+            )
+    mesh = getattr(shape.geometry, "mesh", None)
+    if mesh is None:
+        return
+    scale = np.ravel(1.0 if mesh.scale is None else mesh.scale).astype(float)
+    if not mesh.filename or len(scale) not in (1, 3) or not np.all(np.isfinite(scale) & (scale != 0)):
+        raise ModelError(f"{path.name}: a mesh of link '{link}' needs a file name, and a scale of 1 or 3 numbers.")

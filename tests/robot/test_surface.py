@@ -8,10 +8,10 @@ import numpy as np
 import pybullet
 import pytest
 import trimesh
+import yourdfpy
 from pybullet_utils.bullet_client import BulletClient
 
 from embodiedreamer_gym.errors import ModelError, VisionError
-from embodiedreamer_gym.geometry.pose_error import EndEffector
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.surface import Surface
 
@@ -85,10 +85,11 @@ def test_another_kinematics_agrees() -> None:
     model = RobotModel.load("aloha")
     surface = Surface.of_model(model)
     angles = np.random.default_rng(0).uniform(-1, 1, (5, 14)) * np.r_[np.ones(6), 0, np.ones(6), 0]
-    position, rotation = EndEffector(model.urdf, "left_link6").pose(angles, model.joints)
-    pose = surface.poses(angles)[:, surface.body.names.index("left_link6")]
-    np.testing.assert_allclose(pose[:, :3, 3], position, atol=1e-6)
-    np.testing.assert_allclose(pose[:, :3, :3], rotation, atol=1e-6)
+    urdf = yourdfpy.URDF.load(str(model.urdf), load_meshes=False)
+    for row, poses in zip(angles, surface.poses(angles), strict=True):
+        urdf.update_cfg(dict(zip(model.joints, row, strict=True)))
+        for name, pose in zip(surface.body.names, poses, strict=True):
+            np.testing.assert_allclose(pose, urdf.get_transform(name), rtol=0, atol=1e-12)
 
 
 def test_meshes_are_read_as_pybullet_reads_them(tmp_path: Path) -> None:
