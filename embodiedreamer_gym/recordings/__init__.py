@@ -7,8 +7,8 @@ from embodiedreamer_gym.recordings.jitter import estimate_jitter, stamp_errors
 from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum, noise_floor, sensor_sd
 from embodiedreamer_gym.recordings.preflight import Preflight, preflight
 from embodiedreamer_gym.recordings.recording import Recording, Recordings
+from embodiedreamer_gym.recordings.segments import pieces, thin, window
 from embodiedreamer_gym.recordings.smoothing import Motion, smooth_motion, smoothing_gain, smoothing_half
-from embodiedreamer_gym.recordings.windows import pieces, thin, window
 
 __all__ = [
     "Finding",

@@ -16,7 +16,7 @@ LOWEST_RATE = 29.0  # Hz; the 30 Hz of ALOHA logs, measured with some jitter
 
 @dataclass(frozen=True)
 class Finding:
-    """One remark: severity "error", "warning" or "info", a code, the joints concerned, one sentence."""
+    """One finding: severity "error", "warning" or "info", a code, the joints concerned, one sentence."""
 
     severity: str
     code: str
@@ -51,7 +51,7 @@ def time_base(recording: Recording) -> Iterator[Finding]:
             "warning",
             "low-rate",
             (),
-            f"{recording.hz:.1f} Hz is below 30 Hz: delays and friction will hardly be told apart",
+            f"{recording.hz:.1f} Hz is below 30 Hz: delays and friction can hardly be distinguished",
         )
 
 
@@ -124,24 +124,24 @@ def _followed(x: np.ndarray, u: np.ndarray, run: slice, hz: float) -> bool:
 
 
 def _mostly_follows(x: np.ndarray, u: np.ndarray) -> bool:
-    """Whether a joint moves by most of what it is told: one that friction holds has no end to stop at."""
+    """Whether a joint covers most of its command's range; one that friction holds does not reach an end stop."""
     return bool(np.ptp(np.percentile(x, [1, 99])) > 0.4 * np.ptp(np.percentile(u, [1, 99])))
 
 
 def mixed_up(recording: Recording, tracking: Tracking) -> tuple[list[Finding], set[int]]:
-    """Joints that follow each other's command, joints that move against theirs; and their columns."""
+    """Findings about joints that follow each other's command or move against their own, and their columns."""
     x, u, n = recording.position, tracking.expected, len(recording.joints)
     moves = np.ptp(x, axis=0)
     still = (tracking.span < 3 * tracking.small, moves < 3 * tracking.small)
-    zu, zx = _standard(u, ~still[0]), _standard(x, ~still[1])
+    zu, zx = _standardised(u, ~still[0]), _standardised(x, ~still[1])
     c = zu.T @ zx / len(x)  # command of the row, position of the column
     c *= moves[None, :] > 0.3 * tracking.span[:, None]  # a coupled joint follows too, but little
     findings: list[Finding] = []
     columns: set[int] = set()
     for i in range(n):
         for j in range(i + 1, n):
-            quiet = (still[0][j] and still[1][i], still[0][i] and still[1][j])
-            crossed = (abs(c[i, j]) > 0.8 or quiet[1]) and (abs(c[j, i]) > 0.8 or quiet[0])
+            silent = (still[0][j] and still[1][i], still[0][i] and still[1][j])
+            crossed = (abs(c[i, j]) > 0.8 or silent[1]) and (abs(c[j, i]) > 0.8 or silent[0])
             if crossed and max(abs(c[i, j]), abs(c[j, i])) > 0.8 and max(abs(c[i, i]), abs(c[j, j])) < 0.5:
                 pair = (recording.joints[i], recording.joints[j])
                 message = f"{pair[0]} and {pair[1]} follow each other's command: columns or cables are swapped"
@@ -156,11 +156,11 @@ def mixed_up(recording: Recording, tracking: Tracking) -> tuple[list[Finding], s
     return findings, columns
 
 
-def _standard(x: np.ndarray, live: np.ndarray) -> np.ndarray:
+def _standardised(x: np.ndarray, moving: np.ndarray) -> np.ndarray:
     """Columns with mean 0 and sd 1; zero where a column does not move."""
     centred = x - x.mean(axis=0)
     sd = centred.std(axis=0)
-    return np.where(live & (sd > 0), centred / np.where(sd > 0, sd, 1), 0.0)
+    return np.where(moving & (sd > 0), centred / np.where(sd > 0, sd, 1), 0.0)
 
 
 def frozen(recording: Recording, tracking: Tracking, skip: set[int]) -> tuple[list[Finding], np.ndarray]:

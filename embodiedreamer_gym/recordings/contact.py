@@ -1,12 +1,12 @@
-"""When an arm touches something: samples a fit of the free arm must not use.
+"""Contact of an arm with something: samples that a fit of the free arm must not use.
 
 Two rules, meant to stay silent on ordinary lag, delay, friction and gravity sag, not to find everything:
 
 * held: a gripper is commanded further closed (to smaller values) and stands still well short of that for
   0.3 s or longer. A gripper of unit "1" below 0.05, or at its lower limit, is closed on nothing. Without
-  limits, an empty gripper in rad commanded past its end stop counts as held: that costs samples, not truth.
+  limits, an empty gripper in rad commanded past its end stop counts as held: that costs samples, not correctness.
 * pushed: no joint of the arm has been commanded to move for 0.5 s, all stood still for 0.3 s, and then one
-  moves by 40 mrad or more within 0.2 s: a force from outside. A push during a motion is not found.
+  moves by 40 mrad or more within 0.2 s: a force from outside. A push during a motion is not contact.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ CLOSED = 0.05  # of a normalised gripper
 
 def held(recording: Recording, tracking: Tracking, limits: Mapping[str, tuple[float, float]]) -> np.ndarray:
     """Samples (T, n) at which a gripper holds something, in the gripper's own column."""
-    found = np.zeros(recording.position.shape, dtype=bool)
+    contact = np.zeros(recording.position.shape, dtype=bool)
     still = trailing_range(recording.position, samples(recording, SUDDEN))
     for j, joint in enumerate(recording.joints):
         if not is_gripper(joint, recording.units[j]):
@@ -36,14 +36,14 @@ def held(recording: Recording, tracking: Tracking, limits: Mapping[str, tuple[fl
         mask = (error > short) & (still[:, j] < 0.5 * tracking.small[j]) & (x > low + tracking.small[j])
         for run in runs(mask):
             if recording.time[run.stop - 1] - recording.time[run.start] >= HELD_FOR - SUDDEN:
-                found[max(0, run.start - samples(recording, SUDDEN)) : run.stop, j] = True
-    return found
+                contact[max(0, run.start - samples(recording, SUDDEN)) : run.stop, j] = True
+    return contact
 
 
 def pushed(recording: Recording, tracking: Tracking, command: np.ndarray) -> np.ndarray:
     """Samples (T, n) at which a joint was moved from outside while its whole arm was to stand still."""
     x, back = recording.position, samples(recording, SUDDEN) - 1
-    found = np.zeros(x.shape, dtype=bool)
+    contact = np.zeros(x.shape, dtype=bool)
     standing = trailing_range(command, samples(recording, STANDING + SUDDEN)) < 0.25 * tracking.small
     settled = trailing_range(x, samples(recording, SETTLED)) < 0.5 * tracking.small
     for arm in arms(recording.joints):
@@ -58,8 +58,8 @@ def pushed(recording: Recording, tracking: Tracking, command: np.ndarray) -> np.
                     rest = x[starts[0] - back, j]
                     away = np.abs(x[starts[0] : stretch.stop, j] - rest) > tracking.small[j]
                     last = starts[0] + int(np.flatnonzero(away)[-1]) + 1 if away.any() else starts[0] + 1
-                    found[starts[0] - back : last, j] = True
-    return found
+                    contact[starts[0] - back : last, j] = True
+    return contact
 
 
 def whole_arm(recording: Recording, mask: np.ndarray, margin: float = 0.2) -> np.ndarray:

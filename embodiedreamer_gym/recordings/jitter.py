@@ -1,8 +1,8 @@
-"""Time stamps that are off: how far each is, and their standard deviation, from the log alone.
+"""Errors of time stamps: the error of each stamp and their standard deviation, estimated from the log alone.
 
 A stamp that is late by d shifts the position of every joint by -velocity * d at once, which no smooth motion does. Two
-witnesses are heard: the part of the positions that a local cubic does not follow, and the unevenness of the stamps. What
-the second is worth, the first says: stamps may be uneven because the samples were.
+signals are used: the residual of the positions about a local cubic, and the deviation of the stamps from an even clock. A
+regression of the first on the second gives the share of that deviation that is error: samples may really be uneven.
 """
 
 from __future__ import annotations
@@ -17,33 +17,38 @@ from scipy.sparse.linalg import spsolve
 from embodiedreamer_gym.recordings.recording import Recording
 from embodiedreamer_gym.recordings.smoothing import smoothing_half
 
-SURE = 4.0  # standard errors from which jitter is believed
-LEAST = 0.1  # share of the stamps' unevenness, the like
-STRETCH = 0.25  # s; pieces of a log whose scatter gives the standard errors
-EVEN = 100  # stamps to either side through which an even clock is drawn
-NEAR = 8  # stamps to either side that tell a lost sample from a late stamp
-USUAL = 0.003  # s, jitter for which the moments are weighted best
+SIGNIFICANT = 4.0  # standard errors from which jitter counts
+LEAST = 0.1  # share of the stamps' unevenness from which it counts as error
+STRETCH = 0.25  # s; segments of a log whose scatter gives the standard errors
+EVEN = 100  # stamps to either side to which an even clock is fitted
+NEAR = 8  # stamps to either side that distinguish a lost sample from a late stamp
+USUAL = 0.003  # s, jitter for which the weights of the moments are optimal
 WIDEST = 0.45  # of a sample period, that a stamp may be off
 
 
 @dataclass(frozen=True, eq=False)
-class _Witness:
-    """What a log says: positions' rest (T, n) and speed (T, n) in sensor noises, stamps' unevenness (T,) s, and I - S."""
+class _Evidence:
+    """Signals of one log.
 
-    rest: np.ndarray
+    residual, speed (T, n): of the positions about the local cubic, and the cubic's slope, in sensor noises; unevenness
+    (T,): stamps minus an even clock, s; highpass (T, T): identity minus the cubic's smoothing; period: usual step, s;
+    segment (T,): number of the stretch of STRETCH seconds.
+    """
+
+    residual: np.ndarray
     speed: np.ndarray
-    uneven: np.ndarray
+    unevenness: np.ndarray
     highpass: csr_array
     period: float
-    piece: np.ndarray
+    segment: np.ndarray
 
-    def seen(self, delay: np.ndarray) -> np.ndarray:
-        """What stamps late by (T,) s leave in the positions' rest (T, n)."""
+    def effect_of(self, delay: np.ndarray) -> np.ndarray:
+        """Residual (T, n) that stamps late by (T,) s cause."""
         return -(self.highpass @ (self.speed * delay[:, None]))
 
 
 def estimate_jitter(recording: Recording) -> float:
-    """Standard deviation of a log's time stamps, s; 0 where none is plain.
+    """Standard deviation of a log's time stamps, s; 0 where none is significant.
 
     Needs two joints that move at once, or uneven stamps; a motion that a cubic follows for 0.12 s.
     """
@@ -51,30 +56,30 @@ def estimate_jitter(recording: Recording) -> float:
 
 
 def stamp_errors(recordings: Sequence[Recording]) -> tuple[float, list[np.ndarray]]:
-    """Standard deviation of the stamps of logs of one clock, s, and how late (T,) s each stamp probably is; 0 where none.
+    """Standard deviation of the stamps of logs of one clock, s, and the delay (T,) s of each stamp; 0 where none.
 
-    The errors are conditional means: where a log does not show a stamp's error, it is nearly none.
+    The delays are conditional means: near 0 where a log does not show a stamp's error.
     """
-    heard = [_listen(r) for r in recordings]
-    trust = _share_of_unevenness(heard)
-    rests = [w.rest - w.seen(trust * w.uneven) for w in heard]
-    further = _common_variance(heard, rests)
-    unevenness = np.concatenate([w.uneven for w in heard])
-    found = []
-    for w, rest in zip(heard, rests, strict=True):
-        late = trust * w.uneven + (_common_part(w, rest, further) if further > 0 else 0.0)
-        found.append(np.clip(late, -WIDEST * w.period, WIDEST * w.period))
-    return float(np.sqrt(trust**2 * np.mean(unevenness**2) + further)), found
+    logs = [_evidence(r) for r in recordings]
+    trust = _share_of_unevenness(logs)
+    residuals = [w.residual - w.effect_of(trust * w.unevenness) for w in logs]
+    further = _common_variance(logs, residuals)
+    unevenness = np.concatenate([w.unevenness for w in logs])
+    delays = []
+    for w, residual in zip(logs, residuals, strict=True):
+        late = trust * w.unevenness + (_common_part(w, residual, further) if further > 0 else 0.0)
+        delays.append(np.clip(late, -WIDEST * w.period, WIDEST * w.period))
+    return float(np.sqrt(trust**2 * np.mean(unevenness**2) + further)), delays
 
 
-def _listen(recording: Recording) -> _Witness:
+def _evidence(recording: Recording) -> _Evidence:
     time, sigma = recording.time, np.maximum(recording.sigma, 1e-5)
     smooth, slope = _local_cubic(time, smoothing_half(recording))
     highpass = csr_array(eye_array(len(time)) - smooth)
-    piece = ((time - time[0]) / STRETCH).astype(int)
+    segment = ((time - time[0]) / STRETCH).astype(int)
     speed = slope @ (recording.position / sigma)
     period = float(np.median(np.diff(time)))
-    return _Witness(highpass @ (recording.position / sigma), speed, _unevenness(time), highpass, period, piece)
+    return _Evidence(highpass @ (recording.position / sigma), speed, _unevenness(time), highpass, period, segment)
 
 
 def _local_cubic(time: np.ndarray, half: int) -> tuple[csr_array, csr_array]:
@@ -90,7 +95,7 @@ def _local_cubic(time: np.ndarray, half: int) -> tuple[csr_array, csr_array]:
 
 
 def _unevenness(time: np.ndarray) -> np.ndarray:
-    """How late (T,) s each stamp is on the even clock of the second around it, drawn anew where samples are lost."""
+    """Delay (T,) s of each stamp on an even clock fitted to its neighbours, fitted anew after lost samples."""
     usual, late = float(np.median(np.diff(time))), np.zeros(len(time))
     for part in np.split(np.arange(len(time)), _gaps(time, usual)):
         if len(part) > NEAR:
@@ -100,7 +105,7 @@ def _unevenness(time: np.ndarray) -> np.ndarray:
 
 
 def _gaps(time: np.ndarray, usual: float) -> np.ndarray:
-    """Samples before which others are lost: after a long step the stamps stay late, as after a late one they do not."""
+    """Samples before which others are lost: then the stamps stay late, after a single late stamp they do not."""
     late = np.pad(time - usual * np.arange(len(time)), NEAR, mode="reflect", reflect_type="odd")
     level = np.median(np.lib.stride_tricks.sliding_window_view(late, NEAR), axis=1)
     shift = level[NEAR:] - level[:-NEAR]  # of a sample and those after it, from those before
@@ -116,12 +121,12 @@ def _local_line(x: np.ndarray) -> np.ndarray:
     return mean + slope * (np.arange(count) - columns.mean(axis=1))
 
 
-def _ratio(heard: Sequence[_Witness], parts: Callable[[int], tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:
-    """Ratio of two sums over samples, and its standard error by the scatter of the pieces; parts: of log i, (T,) each."""
+def _ratio(logs: Sequence[_Evidence], parts: Callable[[int], tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:
+    """Ratio of two sums over samples, and its standard error by the scatter of the segments; parts: of log i, (T,) each."""
     above, below = [], []
-    for i, w in enumerate(heard):
+    for i, w in enumerate(logs):
         for sums, values in zip((above, below), parts(i), strict=True):
-            sums.append(np.bincount(w.piece, values))
+            sums.append(np.bincount(w.segment, values))
     top, bottom = np.concatenate(above), np.concatenate(below)
     total = float(bottom.sum())
     if total <= 0:
@@ -130,39 +135,39 @@ def _ratio(heard: Sequence[_Witness], parts: Callable[[int], tuple[np.ndarray, n
     return ratio, float(np.linalg.norm(top - ratio * bottom)) / total
 
 
-def _share_of_unevenness(heard: Sequence[_Witness]) -> float:
-    """Share of the stamps' unevenness that is their error, 0 .. 1: by regression of the positions' rest on it."""
+def _share_of_unevenness(logs: Sequence[_Evidence]) -> float:
+    """Share of the stamps' unevenness that is their error, 0 .. 1: by regression of the positions' residual on it."""
 
     def parts(i: int) -> tuple[np.ndarray, np.ndarray]:
-        expected = heard[i].seen(heard[i].uneven)
+        expected = logs[i].effect_of(logs[i].unevenness)
         weight = 1.0 / (1.0 + np.sum(expected**2, axis=1))
-        return weight * np.sum(expected * heard[i].rest, axis=1), weight * np.sum(expected**2, axis=1)
+        return weight * np.sum(expected * logs[i].residual, axis=1), weight * np.sum(expected**2, axis=1)
 
-    share, error = _ratio(heard, parts)
-    return min(share, 1.0) if share > max(SURE * error, LEAST) else 0.0
+    share, error = _ratio(logs, parts)
+    return min(share, 1.0) if share > max(SIGNIFICANT * error, LEAST) else 0.0
 
 
-def _common_variance(heard: Sequence[_Witness], rests: Sequence[np.ndarray]) -> float:
-    """Variance of the stamps, s^2, from rests (T, n): by products of different joints, whose noises differ."""
+def _common_variance(logs: Sequence[_Evidence], residuals: Sequence[np.ndarray]) -> float:
+    """Variance of the stamps, s^2, from residuals (T, n): by products of different joints, whose noises differ."""
 
     def parts(i: int) -> tuple[np.ndarray, np.ndarray]:
-        w = heard[i]
-        along, power = w.speed * rests[i], w.speed**2
+        w = logs[i]
+        along, power = w.speed * residuals[i], w.speed**2
         kept = np.asarray(w.highpass.multiply(w.highpass).sum(axis=1)).ravel()
         weight = 1.0 / (1.0 + USUAL**2 * power.sum(axis=1)) ** 2
         pairs = [x.sum(axis=1) ** 2 - np.sum(x**2, axis=1) for x in (along, power)]
         return weight * pairs[0], weight * kept * pairs[1]
 
-    variance, error = _ratio(heard, parts)
-    return variance if variance > SURE * error else 0.0
+    variance, error = _ratio(logs, parts)
+    return variance if variance > SIGNIFICANT * error else 0.0
 
 
-def _common_part(w: _Witness, rest: np.ndarray, variance: float) -> np.ndarray:
-    """Errors (T,) s of the stamps, their conditional mean given a rest (T, n) and their variance."""
-    matrix = diags_array(np.full(len(rest), 1.0 / variance)).tocsc()
-    right = np.zeros(len(rest))
-    for j in range(rest.shape[1]):
+def _common_part(w: _Evidence, residual: np.ndarray, variance: float) -> np.ndarray:
+    """Errors (T,) s of the stamps, their conditional mean given a residual (T, n) and their variance."""
+    matrix = diags_array(np.full(len(residual), 1.0 / variance)).tocsc()
+    right = np.zeros(len(residual))
+    for j in range(residual.shape[1]):
         bent = csr_array(w.highpass @ diags_array(w.speed[:, j]))
         matrix = matrix + (bent.T @ bent).tocsc()
-        right -= bent.T @ rest[:, j]
+        right -= bent.T @ residual[:, j]
     return np.asarray(spsolve(matrix, right))

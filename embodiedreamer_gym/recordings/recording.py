@@ -1,4 +1,4 @@
-"""Recording: what a real or simulated robot did, joint by joint, in SI units; Recordings: several of them."""
+"""Recording: the log of one motion of a real or simulated robot, joint by joint, in SI units; Recordings: several."""
 
 from __future__ import annotations
 
@@ -236,8 +236,8 @@ class Recordings(Sequence[Recording]):
     @overload
     def __getitem__(self, index: slice) -> Recordings: ...
     def __getitem__(self, index: int | slice) -> Recording | Recordings:
-        found = self._recordings[index]
-        return found if isinstance(found, Recording) else Recordings(found)
+        item = self._recordings[index]
+        return item if isinstance(item, Recording) else Recordings(item)
 
     def __len__(self) -> int:
         return len(self._recordings)
@@ -257,7 +257,7 @@ class Recordings(Sequence[Recording]):
     def select(self, names: Iterable[str] | str) -> Recordings:
         """The recordings of these names, in this order.
 
-        Raises: RecordingError for a name that is not there.
+        Raises: RecordingError for an unknown name.
         """
         wanted = (names,) if isinstance(names, str) else tuple(names)
         have = [recording.name for recording in self]
@@ -267,10 +267,10 @@ class Recordings(Sequence[Recording]):
         return Recordings(recording for name in wanted for recording in self if recording.name == name)
 
     def split(self, test: float = 0.5) -> tuple[Recordings, Recordings]:
-        """Train and test part: whole recordings, dealt in turn within each kind; always the same split.
+        """Train and test part: whole recordings, assigned alternately within each kind; always the same split.
 
-        The dealing goes on from one kind to the next, so kinds of one recording are shared out
-        too; neither part is empty.
+        The alternation continues from one kind to the next, so kinds of one recording are divided too; neither part is
+        empty.
 
         Raises: RecordingError for fewer than two recordings or a share outside 0..1.
         """
@@ -278,10 +278,10 @@ class Recordings(Sequence[Recording]):
             raise RecordingError(f"the test share is {test:g}; it must lie between 0 and 1")
         if len(self) < 2:
             raise RecordingError(f"{len(self)} recording cannot be split into train and test: give at least two")
-        dealt = [recording for group in self.by_kind().values() for recording in group]
-        in_test = {id(r) for i, r in enumerate(dealt) if int((i + 1) * test) > int(i * test)}
-        if len(in_test) in (0, len(dealt)):
-            in_test = {id(dealt[-1])} if not in_test else in_test - {id(dealt[0])}
+        ordered = [recording for group in self.by_kind().values() for recording in group]
+        in_test = {id(r) for i, r in enumerate(ordered) if int((i + 1) * test) > int(i * test)}
+        if len(in_test) in (0, len(ordered)):
+            in_test = {id(ordered[-1])} if not in_test else in_test - {id(ordered[0])}
         chosen = [id(recording) in in_test for recording in self]
         train = Recordings(r for r, held in zip(self, chosen, strict=True) if not held)
         return train, Recordings(r for r, held in zip(self, chosen, strict=True) if held)

@@ -1,4 +1,4 @@
-"""How far a joint follows its command: the common ground of the checks before a fit."""
+"""How well each joint follows its command, and helpers that the checks before a fit share."""
 
 from __future__ import annotations
 
@@ -6,19 +6,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from embodiedreamer_gym.recordings.recording import Recording
 
-LONGEST_DELAY = 0.15  # s; a servo that answers later than this is not an ordinary one
-SMALL = {"rad": 0.02, "m": 0.001, "1": 0.02}  # what backlash, friction and a dead zone leave on any servo
+LONGEST_DELAY = 0.15  # s; a servo that responds later is not an ordinary one
+SMALL = {"rad": 0.02, "m": 0.001, "1": 0.02}  # error that backlash, friction and a dead zone leave on any servo
 
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
     """A recording beside its delayed command.
 
-    expected (T, n): the command, delayed as fits each joint best, at most 150 ms; error (T, n): position less
-    expected; span (n,): range of the command; small (n,): a deviation that means nothing, in units[j].
+    expected (T, n): the command, delayed by the best fit for each joint, at most 150 ms; error (T, n): position minus
+    expected; span (n,): range of the command; small (n,): a deviation that is not significant, in units[j].
     """
 
     expected: np.ndarray
@@ -28,7 +29,7 @@ class Tracking:
 
 
 def track(recording: Recording, command: np.ndarray) -> Tracking:
-    """Delay each joint's command by what brings it closest to the position, offset apart."""
+    """Delay each joint's command so that it is closest to the position, apart from an offset."""
     delays = np.unique(np.linspace(0, LONGEST_DELAY, 1 + min(15, max(1, round(LONGEST_DELAY * recording.hz)))))
     expected = np.empty_like(recording.position)
     for j, (x, u) in enumerate(zip(recording.position.T, command.T, strict=True)):
@@ -53,8 +54,10 @@ def trailing_range(x: np.ndarray, count: int) -> np.ndarray:
     """Range of the last `count` samples at each sample (T, n); infinite where there are not as many yet."""
     result = np.full(x.shape, np.inf)
     if len(x) >= count:
-        windows = np.lib.stride_tricks.sliding_window_view(x, count, axis=0)
-        result[count - 1 :] = windows.max(axis=-1) - windows.min(axis=-1)
+        last = (count - 1) // 2  # of the filter's window
+        extremes = (f(x, count, axis=0, origin=last) for f in (maximum_filter1d, minimum_filter1d))
+        span = np.subtract(*extremes)
+        result[count - 1 :] = span[count - 1 :]
     return result
 
 

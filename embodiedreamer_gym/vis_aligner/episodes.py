@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.recordings.frames import MAX_EDGE
 from embodiedreamer_gym.recordings.hdf5 import POSITION, open_hdf5
 from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, Condition, Episode
 
@@ -25,9 +26,17 @@ def load_episode(path: str | Path, camera: str = "head") -> Episode:
     """
     path, simulated = Path(path), f"observations/sim/{camera}"
     with open_hdf5(path, VisionError, ADVICE) as file:
-        frames, rgb, classes = (
-            file.read(key) for key in (f"observations/images/{camera}", f"{simulated}/rgb", f"{simulated}/classes")
-        )
+        images = f"observations/images/{camera}"
+        shape = file.dataset(images).shape
+        if len(shape) != 4 or max(shape[1:3]) > MAX_EDGE:
+            raise VisionError(f"/{images} has shape {shape}; (T, H, W, 3) with at most {MAX_EDGE} pixels is expected.")
+        keys = {"classes": 3, "rgb": 4, "depth": 3, "parts": 3, "projections": 1}  # axes shared with the images
+        places = {f"{simulated}/{name}": shape[:axes] for name, axes in keys.items()}
+        places |= {images: shape, f"observations/clean/{camera}": shape}
+        for key, expected in places.items():
+            if key in file and file.dataset(key).shape[: len(expected)] != expected:
+                raise VisionError(f"/{key} has shape {file.dataset(key).shape}, the images {shape}; they must agree.")
+        rgb, classes, frames = (file.read(key) for key in (f"{simulated}/rgb", f"{simulated}/classes", images))
         optional = (
             *(f"{simulated}/{name}" for name in ("depth", "parts", "projections")),
             f"observations/clean/{camera}",

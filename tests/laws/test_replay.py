@@ -12,7 +12,7 @@ pytest.importorskip("mujoco")
 from benchmarks.replay import TOLERANCE, round_trip
 from embodiedreamer_gym.diagnosis import diagnose
 from embodiedreamer_gym.effects import CATALOGUE
-from embodiedreamer_gym.recordings.windows import window
+from embodiedreamer_gym.recordings.segments import window
 from tests.bank import case, plain
 
 

@@ -57,7 +57,7 @@ def test_the_datasets_of_a_clip_are_counted_together(tmp_path: Path) -> None:
     path = tmp_path / "clip.hdf5"
     with h5py.File(path, "w") as file:
         for key in (HEAD, f"{SIM}/rgb", f"{SIM}/classes"):
-            shape = (700, 1000, 1000, 3)[: 3 if key.endswith("classes") else 4]
+            shape = (250, 1000, 1000, 3)[: 3 if key.endswith("classes") else 4]
             file.create_dataset(key, shape, "u1", chunks=(1, *shape[1:]), compression="gzip")
     code = f"""
 import resource
@@ -69,7 +69,7 @@ except ValueError as error:
     print(error)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "at most 1.5 GB of a file are read at once" in done.stdout
+    assert "at most 1.0 GB of a file are read at once" in done.stdout
 
 
 def png(width: int, height: int) -> bytes:

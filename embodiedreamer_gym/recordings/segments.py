@@ -1,4 +1,4 @@
-"""Windows of long recordings: a fit needs minutes of varied motion, not hours of it."""
+"""Segments of long recordings: a fit needs minutes of varied motion, not hours."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from embodiedreamer_gym.recordings.recording import Recording, Recordings
 SHORTEST = 4.0  # s
 LONGEST = 12.0  # s
 FEWEST = 16  # samples of a piece
-BURN_IN = 0.5  # s at a window's start that are simulated but not judged: what came before is not known there
+BURN_IN = 0.5  # s at a window's start that are simulated but not compared: the motion before is not in the window
 
 
 def window(recording: Recording, start: float, end: float) -> Recording:
@@ -19,11 +19,11 @@ def window(recording: Recording, start: float, end: float) -> Recording:
 
     The first half second counts as not usable, unless the window starts where the recording does.
     """
-    place = recording.time - recording.time[0]
-    rows = (place >= start - 1e-9) & (place <= end + 1e-9)
+    elapsed = recording.time - recording.time[0]
+    rows = (elapsed >= start - 1e-9) & (elapsed <= end + 1e-9)
     usable = recording.usable[rows].copy()
     if start > 0:
-        usable[place[rows] < start + BURN_IN] = False
+        usable[elapsed[rows] < start + BURN_IN] = False
     arrays = {k: getattr(recording, k)[rows] for k in ("time", "position")}
     optional = {k: getattr(recording, k) for k in ("command", "velocity", "effort")}
     optional = {k: None if v is None else v[rows] for k, v in optional.items()}
@@ -32,7 +32,7 @@ def window(recording: Recording, start: float, end: float) -> Recording:
 
 
 def pieces(recordings: Sequence[Recording], seconds: float) -> Recordings:
-    """Recordings cut into consecutive pieces of about `seconds`, of at least 16 samples each; all of them is judged."""
+    """Recordings cut into consecutive pieces of about `seconds`, of at least 16 samples each; all samples stay usable."""
     result: list[Recording] = []
     for recording in recordings:
         count = max(1, int(min(recording.duration / seconds, recording.time.size / FEWEST)))
@@ -47,7 +47,7 @@ def pieces(recordings: Sequence[Recording], seconds: float) -> Recordings:
 
 
 def thin(recordings: Sequence[Recording], seconds: float) -> Recordings:
-    """Recordings of at most about `seconds` in all: where they hold more, the liveliest window of each.
+    """Recordings of at most about `seconds` in all: where they hold more, the window of each with the most motion.
 
     Windows are 4 to 12 s long; of more recordings than have room at 4 s, every second, third, ... is taken.
     """
@@ -61,23 +61,23 @@ def thin(recordings: Sequence[Recording], seconds: float) -> Recordings:
     for recording in kept:
         count = max(1, int(share // LONGEST))
         length = min(share / count, LONGEST)
-        result += _liveliest(recording, length, count) if recording.duration > 1.5 * length else [recording]
+        result += _most_active(recording, length, count) if recording.duration > 1.5 * length else [recording]
     return Recordings(result)
 
 
-def _liveliest(recording: Recording, length: float, count: int) -> list[Recording]:
-    """The `count` windows in which the joints move most, each joint measured by its own usual motion."""
+def _most_active(recording: Recording, length: float, count: int) -> list[Recording]:
+    """The `count` windows in which the joints move most, relative to each joint's own motion in the recording."""
     spread = recording.position.std(axis=0)
     moving = spread > 5 * recording.sigma
     starts = np.arange(0.0, recording.duration - length + 1e-9, length / 2)
-    place = recording.time - recording.time[0]
-    life = []
+    elapsed = recording.time - recording.time[0]
+    activity = []
     for start in starts:
-        rows = (place >= start) & (place <= start + length)
+        rows = (elapsed >= start) & (elapsed <= start + length)
         part = recording.position[rows].std(axis=0)[moving] / spread[moving]
-        life.append(float(np.sum(np.log1p(part))) if rows.sum() > 10 and recording.usable[rows].any() else -1.0)
+        activity.append(float(np.sum(np.log1p(part))) if rows.sum() > 10 and recording.usable[rows].any() else -1.0)
     chosen: list[float] = []
-    for k in np.argsort(life, kind="stable")[::-1]:
+    for k in np.argsort(activity, kind="stable")[::-1]:
         if all(abs(starts[k] - other) >= length - 1e-9 for other in chosen):
             chosen.append(float(starts[k]))
         if len(chosen) == count:

@@ -10,7 +10,7 @@ import numpy as np
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.recordings.episodes.episode_set import SAME_HZ, EpisodeSet
-from embodiedreamer_gym.recordings.episodes.opening import open_episodes
+from embodiedreamer_gym.recordings.episodes.load import open_episodes
 
 
 class JoinedEpisodes(EpisodeSet):

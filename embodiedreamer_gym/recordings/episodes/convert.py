@@ -9,7 +9,7 @@ import numpy as np
 
 from embodiedreamer_gym.recordings.episodes.episode_set import EpisodeSet
 
-WINDOW = 16  # frames that are read at a time
+READ_FRAMES = 16  # frames that are read at a time
 
 
 class EpisodeWriter(Protocol):
@@ -22,11 +22,11 @@ class EpisodeWriter(Protocol):
 
 def copy_episodes(
     source: EpisodeSet, writer: EpisodeWriter, task: str | None = None, count: int | None = None,
-    tell: Callable[[int], None] | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> None:  # fmt: skip
     """Write the episodes of a set, or the first so many, a few frames at a time.
 
-    task: in place of what the set says; tell: called with their number so far.
+    task: in place of the set's own; progress: called with their number so far.
     Raises: RecordingError where an episode cannot be read or written.
     """
     for number in range(len(source) if count is None else count):
@@ -36,12 +36,12 @@ def copy_episodes(
             {camera: frames_of(source, number, camera) for camera in source.cameras},
             source.task(number) if task is None else task,
         )
-        if tell is not None:
-            tell(number + 1)
+        if progress is not None:
+            progress(number + 1)
 
 
 def frames_of(source: EpisodeSet, episode: int, camera: str) -> Iterator[np.ndarray]:
     """The frames of an episode, one after another."""
     length = source.lengths[episode]
-    for start in range(0, length, WINDOW):
-        yield from source.frames(episode, camera, start, min(start + WINDOW, length))
+    for start in range(0, length, READ_FRAMES):
+        yield from source.frames(episode, camera, start, min(start + READ_FRAMES, length))
