@@ -109,7 +109,10 @@ def read_source(path: Path, task: str | None = None, robot: str | None = None) -
     task = task or about.get("task") or str(attributes.get("task", ""))
     if task not in TASKS:
         raise RecordingError(f"{path} does not say which task it is of; give one of {', '.join(TASKS)}.")
-    seed = int(attributes["seed"]) if about and "seed" in attributes else None
+    seed = attributes["seed"] if about and "seed" in attributes else None
+    if seed is not None and not isinstance(seed, int | np.integer):
+        raise RecordingError(f"{path}: the attribute seed is no whole number.")
+    seed = None if seed is None else int(seed)
     if seed is None:
         _check_objects(path, task, objects)
     if episode.lengths[0] < 2:

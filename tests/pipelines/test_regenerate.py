@@ -236,3 +236,12 @@ def test_damaged_episodes(demos: Path, small: str, tmp_path: Path, harm: str) ->
         regenerate(given, out, small)
     assert "\n" not in str(caught.value)
     assert [path.name for path in out.glob("*")] == (["mine.hdf5"] if harm == "other" else [])
+
+
+def test_a_seed_that_is_no_number_is_refused(demos: Path, tmp_path: Path) -> None:
+    path = tmp_path / "episode_0.hdf5"
+    path.write_bytes((demos / "episode_0.hdf5").read_bytes())
+    with h5py.File(path, "r+") as file:
+        file.attrs["seed"] = "[1,2]"
+    with pytest.raises(RecordingError, match=r"episode_0\.hdf5: the attribute seed is no whole number"):
+        read_source(path)
