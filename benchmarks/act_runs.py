@@ -41,11 +41,11 @@ def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Calla
     training: of `TrainingConfig`; network: of `ActConfig`; told: hears of the steps of the optimiser.
     """
     from embodiedreamer_gym.envs.robots import load_robot
-    from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train, with_eyes
+    from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train, with_object_poses
     from embodiedreamer_gym.robot.mirror import mirrored_joints
 
     config = ActConfig(episodes.state_size, episodes.action_size, ("head",), small, source_size=SIZE, **network)
-    config = with_eyes(config, episodes) if eyes else config
+    config = with_object_poses(config, episodes) if eyes else config
     signs = mirrored_joints(load_robot("aloha")) if mirror else ()
     return train(episodes, config, TrainingConfig.usual(config, mirror=signs, **training), folder,
                  lambda stage, count, of, text: told(count, of, text) if stage == "training" else None)  # fmt: skip

@@ -33,7 +33,7 @@ from embodiedreamer_gym.vis_aligner import Condition, Episode, load_aligner, met
 from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames  # noqa: E402
 from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner  # noqa: E402
 from embodiedreamer_gym.vis_aligner.clip import ROBOT  # noqa: E402
-from embodiedreamer_gym.vis_aligner.held_out import judge, tables  # noqa: E402
+from embodiedreamer_gym.vis_aligner.held_out import evaluate_aligner, tables  # noqa: E402
 from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train  # noqa: E402
 
 SIZE = (160, 96)
@@ -91,10 +91,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(f"{stage}: step {step} of {a.steps}, loss {loss:.4f}", flush=True)
 
     known = [one[e] for one in both for e in EPISODES if e not in HELD]
-    train(aligner, known, TrainingConfig(steps=a.steps, rate=5e-4), a.out, said)  # pyright: ignore[reportArgumentType]
+    train(aligner, known, TrainingConfig(steps=a.steps, learning_rate=5e-4), a.out, said)  # pyright: ignore[reportArgumentType]
     save_aligner(aligner, a.out)
     for number, one in enumerate(both):
-        judged = [judge(aligner, one[e]) for e in HELD]
+        judged = [evaluate_aligner(aligner, one[e]) for e in HELD]
         print(
             f"\n## camera {number}, episodes {' and '.join(HELD)}, not seen in training\n\n{tables(judged, markdown=True)}"
         )

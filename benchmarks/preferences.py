@@ -44,7 +44,7 @@ from embodiedreamer_gym.wrappers.preference_rollout import PreferenceRolloutVect
 
 DEMOS, STARTS, TRIES, NOISE = 12, 100, 8, 0.1
 METRIC = "object_distance"
-SFT = CloningConfig(epochs=300, batch=128, rate=1e-3)
+SFT = CloningConfig(epochs=300, batch=128, learning_rate=1e-3)
 EPOCHS = 80  # of a cycle, as the paper's
 CLONING_BATCH, CLONING_RATE = 256, 1e-4  # chunks of a step, Adam
 RATE = 1e-4  # of the preference losses
@@ -60,7 +60,7 @@ def prefer(
 
     def learn(network: ChunkMlp, demos: list[Trajectory], rollouts: list[Trajectory], seed: int) -> str:
         pairs = PreferenceSet.choose(rollouts, metric, pairing)
-        config = TuningConfig(LossConfig(variant), epochs=EPOCHS, rate=rate, fall=fall, seed=seed)
+        config = TuningConfig(LossConfig(variant), epochs=EPOCHS, learning_rate=rate, fall=fall, seed=seed)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the paper's form warns of its missing gradient; it is in the remark
             tuned = fine_tune(network, pairs, config)
@@ -111,7 +111,7 @@ def _supervised(seed: int) -> tuple[ChunkMlp, list[Trajectory]]:
     demos = demonstrate([50_000_000 + 1000 * seed + i for i in range(DEMOS)])
     torch.manual_seed(seed)
     network = ChunkMlp(demos)
-    clone(network, demos, CloningConfig(SFT.epochs, SFT.batch, SFT.rate, seed))
+    clone(network, demos, CloningConfig(SFT.epochs, SFT.batch, SFT.learning_rate, seed))
     return network, demos
 
 

@@ -23,7 +23,7 @@ from benchmarks.common import pin_threads
 from embodiedreamer_gym.robot.files import write_json
 from embodiedreamer_gym.vis_aligner import load_episodes
 from embodiedreamer_gym.vis_aligner.bench import make_bench
-from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, judge
+from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, evaluate_aligner
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
 from embodiedreamer_gym.vis_aligner.network_inputs import Inputs
@@ -37,7 +37,7 @@ def variants(steps: int) -> dict[str, tuple[LeanConfig, TrainingConfig]]:
     """Network and training of each variant."""
     config, training = LeanConfig(), TrainingConfig(steps=steps)
     without = {"masks": "no masks", "depth": "no depth", "anchor": "no anchor", "plate": "no memory of the background",
-               "at_reference": "no view at the reference", "carry": "nothing carried along",
+               "at_reference": "no view at the reference", "reproject": "no reprojection",
                "gallery": "no gallery of the robot"}  # fmt: skip
     found = {FULL: (config, training)}
     for name, label in without.items():
@@ -62,7 +62,7 @@ def run(name: str, config: LeanConfig, training: TrainingConfig, a: argparse.Nam
     bench = make_bench(episodes)
     rows = []
     for episode in load_episodes([a.test]):
-        found = judge(aligner, episode, a.chunks, bench).measures
+        found = evaluate_aligner(aligner, episode, a.chunks, bench).measures
         rows.append({clip: {c: measured[c] for c in COLUMNS} for clip, measured in found.items()})
     return {"name": name, "steps": training.steps, "episodes": rows}
 

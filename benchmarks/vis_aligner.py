@@ -23,7 +23,7 @@ from embodiedreamer_gym.cli.command import main as embodiedreamer
 from embodiedreamer_gym.io.video import save_picture
 from embodiedreamer_gym.vis_aligner import Aligner, Episode, load_aligner, load_bank, load_episodes, metrics
 from embodiedreamer_gym.vis_aligner.clip import Bench, Condition
-from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, Judged, judge, tables
+from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, HeldOutResult, evaluate_aligner, tables
 
 CUP = "PutCupOnMat"
 FILMS: dict[str, Mapping[str, Any]] = {
@@ -71,9 +71,9 @@ def figures(out: Path, aligner: str, strips: Path | None) -> None:
             drift(judged)
 
 
-def report(title: str, episodes: Sequence[Episode], aligner: Aligner, bench: Bench | None) -> list[Judged]:
+def report(title: str, episodes: Sequence[Episode], aligner: Aligner, bench: Bench | None) -> list[HeldOutResult]:
     """Print the tables of some episodes."""
-    judged = [judge(aligner, episode, bench=bench) for episode in episodes]
+    judged = [evaluate_aligner(aligner, episode, bench=bench) for episode in episodes]
     print(f"\n## {title}: {len(judged)} episodes\n\n{tables(judged, markdown=True)}", flush=True)
     return judged
 
@@ -86,7 +86,7 @@ def there_and_back(episode: Episode) -> Episode:
     return replace(episode, frames=episode.frames[order], condition=condition, clean=clean)
 
 
-def drift(judged: Sequence[Judged]) -> None:
+def drift(judged: Sequence[HeldOutResult]) -> None:
     """Print how far the closed loop is from true references after 10 and after most chunks."""
     print(
         "\n| chunks | closed loop less after true frames, dB | IoU of objects | colour shift, 1/255 |\n|---|---|---|---|"
@@ -103,7 +103,7 @@ def drift(judged: Sequence[Judged]) -> None:
         print(f"| {count} | {mean[0]:+.2f} | {mean[1]:.2f} | {mean[2]:.2f} |")
 
 
-def write_strips(judged: Sequence[Judged], folder: Path, name: str) -> None:
+def write_strips(judged: Sequence[HeldOutResult], folder: Path, name: str) -> None:
     """Six frames of every episode: simulated, closed loop, real."""
     folder.mkdir(parents=True, exist_ok=True)
     for number, j in enumerate(judged):

@@ -7,7 +7,7 @@ import gymnasium as gym
 import embodiedreamer_gym
 from embodiedreamer_gym.pipelines.demonstrations import Demonstrations, record_demonstrations
 from embodiedreamer_gym.policies import evaluate
-from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train, with_eyes
+from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train, with_object_poses
 from embodiedreamer_gym.recordings.episodes import open_episodes
 
 
@@ -16,7 +16,7 @@ def main() -> None:
     episodes = open_episodes("demos")  # a folder of real logs, or a LeRobot set, will do as well
 
     config = ActConfig(episodes.state_size, episodes.action_size, episodes.cameras, image_size=(64, 48))
-    config = with_eyes(config, episodes)  # where the data tells objects by masks
+    config = with_object_poses(config, episodes)  # where the data tells objects by masks
     policy = train(episodes, config, TrainingConfig(steps=20, batch=8), "act")  # goes on where it was interrupted
 
     env = gym.make("EmbodieDreamer/GrabPaperCup-v0", image_size=(64, 48))

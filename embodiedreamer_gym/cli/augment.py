@@ -44,12 +44,8 @@ def _augment(a: argparse.Namespace, progress: Any) -> None:
     if a.prompt is not None and not any(edit.startswith("inpaint") for edit in a.edit):
         raise EmbodieDreamerError("--prompt is for --edit inpaint:FOLDER; leave it out.")
 
-    def tell(done: int, of: int, failed: int) -> None:
-        if not a.quiet:
-            progress(f"{of} episodes", done, failed)
-
     found = regenerate(
-        a.data, a.out, a.aligner, None if a.bank == "none" else a.bank, _editor(a.edit), a.copies, a.seed, tell,
+        a.data, a.out, a.aligner, None if a.bank == "none" else a.bank, _editor(a.edit), a.copies, a.seed, None if a.quiet else progress,
         prompt=a.prompt, task=task, robot=a.robot, jobs=a.jobs,
     )  # fmt: skip
     print(f"{found.written + found.kept} episodes in {a.out}, {found.kept} of them were there")

@@ -1,4 +1,4 @@
-"""The verb `policy`: train ACT on demonstrations, and judge a policy on seeds it has not seen."""
+"""The verb `policy`: train ACT on demonstrations, and evaluate a policy on seeds it has not seen."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FIRST_SEED = 100_000  # of an evaluation, as in the benchmark of the experts
 
 def add_policy(verbs: Any) -> Any:
     """Add the verb and its actions; returns them, for more to be added."""
-    text = "policies: trained on demonstrations, judged in the environments"
+    text = "policies: trained on demonstrations, evaluated in the environments"
     actions = verbs.add_parser("policy", help=text, description=text).add_subparsers(required=True, metavar="ACTION")
     _train_parser(actions)
     _evaluate_parser(actions)
@@ -88,8 +88,8 @@ def _evaluate_parser(actions: Any) -> None:
 def _train(a: argparse.Namespace, progress: Any) -> None:
     import torch
 
+    from embodiedreamer_gym.io.progress import Progress
     from embodiedreamer_gym.policies.act import TrainingConfig, train
-    from embodiedreamer_gym.policies.progress import Progress
     from embodiedreamer_gym.recordings.episodes import mixed, open_episodes
 
     if a.device == "cpu":
@@ -105,8 +105,8 @@ def _train(a: argparse.Namespace, progress: Any) -> None:
     said = Progress(a.quiet)
     rate = PRESETS[a.preset] if a.rate is None else a.rate
     mirror = () if a.mirror is None else _mirror(a.mirror)
-    settings = TrainingConfig.usual(config, steps=a.steps, batch=a.batch, rate=rate, mirror=mirror, asked=a.asked,
-                                    rest=not a.no_rest, seed=a.seed)  # fmt: skip
+    settings = TrainingConfig.usual(config, steps=a.steps, batch=a.batch, learning_rate=rate, mirror=mirror,
+                                    chunk_start_share=a.asked, rest=not a.no_rest, seed=a.seed)  # fmt: skip
     try:
         policy = train(episodes, config, settings, a.out, said, lambda text: print(text, file=sys.stderr), a.device)
     finally:
@@ -124,7 +124,7 @@ def _mirror(robot: str) -> tuple[int, ...]:
 def _config(a: argparse.Namespace, episodes: Any) -> Any:
     """The network's sizes, of the options and the episodes."""
     from embodiedreamer_gym.geometry.camera import read_size
-    from embodiedreamer_gym.policies.act import ActConfig, check_cameras, picture_size, with_eyes
+    from embodiedreamer_gym.policies.act import ActConfig, check_cameras, picture_size, with_object_poses
 
     cameras = tuple(a.cameras or episodes.cameras)
     check_cameras(episodes, cameras)
@@ -138,7 +138,7 @@ def _config(a: argparse.Namespace, episodes: Any) -> Any:
             file=sys.stderr,
         )
     config = ActConfig(episodes.state_size, episodes.action_size, cameras, size)
-    config = config.paper() if a.preset == "paper" else config if a.no_masks else with_eyes(config, episodes)
+    config = config.paper() if a.preset == "paper" else config if a.no_masks else with_object_poses(config, episodes)
     return config.with_(chunk=a.chunk, source_size=None if found == size else found)
 
 
@@ -156,8 +156,8 @@ def _shrunk(size: tuple[int, int], preset: str) -> tuple[int, int]:
 def _evaluate(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.envs import task_id
     from embodiedreamer_gym.io.parallel import many
+    from embodiedreamer_gym.io.progress import Progress
     from embodiedreamer_gym.policies.evaluation import Evaluation, executed
-    from embodiedreamer_gym.policies.progress import Progress
     from embodiedreamer_gym.robot.files import write_json
 
     if a.dream is not None and (a.ensemble is not None or a.size is not None):
@@ -174,7 +174,7 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
 
     def told(row: Any) -> None:
         rows.append(row)
-        said("evaluating", len(rows), a.episodes, f"success {sum(row.success for row in rows)}/{len(rows)}")
+        said("evaluating", len(rows), a.episodes, successes=sum(row.success for row in rows))
 
     def told_all(number: int, found: list[Any]) -> None:
         for row in found:
@@ -228,14 +228,14 @@ def _environment(a: argparse.Namespace, policy: Any) -> Any:
 
     from embodiedreamer_gym.envs import task_id
     from embodiedreamer_gym.geometry.camera import read_size
-    from embodiedreamer_gym.policies.protocol import sight
+    from embodiedreamer_gym.policies.protocol import picture_inputs
 
     if a.dream is not None:
         from embodiedreamer_gym.pipelines.policy_env import policy_world
 
         every = a.every or (1 if a.video else FRAME_INTERVAL)
         return policy_world(policy, a.task, a.robot, a.execute, a.dream, a.bank, every)
-    cameras, learnt = sight(policy)
+    cameras, learnt = picture_inputs(policy)
     size = learnt if a.size is None else read_size(a.size)
     return gymnasium.make(task_id(a.task), cameras=cameras, image_size=size, robot=a.robot)
 

@@ -93,8 +93,8 @@ def _prefer(a: argparse.Namespace, progress: Any) -> None:
     """Run the cycles that are missing, then print the table."""
     import torch
 
+    from embodiedreamer_gym.io.progress import Progress
     from embodiedreamer_gym.pipelines.preference_study import WEIGHTS, Study, StudySettings
-    from embodiedreamer_gym.policies.progress import Progress
     from embodiedreamer_gym.robot.files import write_json
 
     torch.set_num_threads(1)

@@ -21,8 +21,8 @@ def add_vis(verbs: Any) -> Any:
     for name, function, text in (
         ("train", _train, "train a model from nothing"),
         ("fine-tune", _fine_tune, "go on from a trained model with episodes of your own bench"),
-        ("evaluate", _evaluate, "hold a model against held-out episodes, beside copying and raw simulation"),
-        ("render", _render, "dream an episode, chunk by chunk, into a video"),
+        ("evaluate", _evaluate, "evaluate a model on held-out episodes, beside copying and raw simulation"),
+        ("render", _render, "generate an episode, chunk by chunk, as a video"),
         ("bank", _bank, "make references for any scene from the first frames of episodes"),
         ("prepare", _prepare, "episodes to learn from, of real recordings with video: adds the simulator's view"),
     ):
@@ -109,7 +109,7 @@ def _fit(a: argparse.Namespace, aligner: Any, share: float, progress: Any) -> No
     from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train
 
     check_counts(a, "steps", "batch")
-    config = TrainingConfig(a.steps, a.batch, share * TrainingConfig.rate, seed=a.seed)
+    config = TrainingConfig(a.steps, a.batch, share * TrainingConfig.learning_rate, seed=a.seed)
     train(aligner, load_episodes(a.episodes), config, a.out, None if a.quiet else progress)
     print(f"{save_aligner(aligner, a.out)}: {aligner!r}")
 
@@ -119,21 +119,23 @@ def _evaluate(a: argparse.Namespace, progress: Any) -> None:
     from embodiedreamer_gym.robot.files import write_json
     from embodiedreamer_gym.vis_aligner import metrics
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
-    from embodiedreamer_gym.vis_aligner.held_out import judge, tables
+    from embodiedreamer_gym.vis_aligner.held_out import evaluate_aligner, tables
 
-    aligner, judged, bench = _aligner(a), [], _bench(a)
+    aligner, results, bench = _aligner(a), [], _bench(a)
     episodes = load_episodes(a.episodes)
     for number, episode in enumerate(episodes):
-        judged.append(judge(aligner, episode, a.chunks, bench))
+        results.append(evaluate_aligner(aligner, episode, a.chunks, bench))
         if not a.quiet:
-            progress("evaluating", number + 1, judged[-1].measures["closed loop"]["psnr"])
+            progress(
+                "evaluating", number + 1, len(episodes), psnr=f"{results[-1].measures['closed loop']['psnr']:.2f} dB"
+            )
         if a.strips is not None:
             a.strips.mkdir(parents=True, exist_ok=True)
-            save_picture(metrics.strip(judged[-1].clips, zoom=2), a.strips / f"{episode.name}.png")
-    print(tables(judged))
+            save_picture(metrics.strip(results[-1].clips, zoom=2), a.strips / f"{episode.name}.png")
+    print(tables(results))
     if a.json is not None:
         rows = [
-            {"episode": j.episode.name, "measures": {k: m.as_dict() for k, m in j.measures.items()}} for j in judged
+            {"episode": j.episode.name, "measures": {k: m.as_dict() for k, m in j.measures.items()}} for j in results
         ]
         write_json({"aligner": repr(aligner), "episodes": rows}, a.json)
 
@@ -142,14 +144,14 @@ def _render(a: argparse.Namespace, progress: Any) -> None:
     import numpy as np
 
     from embodiedreamer_gym.io.video import write_video
-    from embodiedreamer_gym.vis_aligner import dream
+    from embodiedreamer_gym.vis_aligner import generate
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
 
     episodes = load_episodes(a.episodes)
     if len(episodes) != 1:
         raise EmbodieDreamerError(f"vis render takes one episode, not {len(episodes)}.")
     one = episodes[0]
-    frames, _ = dream(_aligner(a), [one.references(0, _bench(a))], [one.condition.part(1, len(one))])
+    frames, _ = generate(_aligner(a), [one.references(0, _bench(a))], [one.condition.part(1, len(one))])
     write_video(np.concatenate([one.frames[:1], frames[0]]), a.out)
     print(a.out)
 

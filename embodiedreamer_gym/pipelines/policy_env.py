@@ -9,7 +9,7 @@ import gymnasium
 from embodiedreamer_gym.envs import task_id
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.evaluation import executed
-from embodiedreamer_gym.policies.protocol import sight
+from embodiedreamer_gym.policies.protocol import picture_inputs
 from embodiedreamer_gym.vis_aligner import load_bank
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 from embodiedreamer_gym.wrappers.vis_aligner import VisAlignerObservationWrapper, VisAlignerVectorWrapper
@@ -26,7 +26,7 @@ def policy_world(
     height of the simulator's pictures, None for those that the policy learnt from.
     Raises: PolicyError for a policy that looks through other cameras than the one that is dreamed, or so many actions.
     """
-    (cameras, learnt), filmed = sight(policy), {}
+    (cameras, learnt), filmed = picture_inputs(policy), {}
     size = size or learnt
     if dream is not None:
         if cameras != ("head",):

@@ -160,7 +160,7 @@ class Study:
         done: dict[int, list[Any]] = {}
         for k, results in found:  # pyright: ignore[reportGeneralTypeIssues]
             done[k] = results
-            self.said("rollouts", sum(map(len, done.values())), len(seeds), f"{len(done)} of {len(parts)} processes")
+            self.said("rollouts", sum(map(len, done.values())), len(seeds), processes=f"{len(done)} of {len(parts)}")
         return [done[k % self.a.jobs][k // self.a.jobs] for k in range(len(seeds))]
 
     def _judge(self) -> dict[str, Any]:

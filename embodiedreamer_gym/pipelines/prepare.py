@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,18 +12,17 @@ from embodiedreamer_gym.engines.bullet.robot_view import RobotView
 from embodiedreamer_gym.engines.frame import stacked
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.geometry.camera import Camera
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.recordings.hdf5 import new_hdf5
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.vis_aligner.clip import ROBOT, Condition, Episode
 from embodiedreamer_gym.vis_aligner.masks import MaskSource, no_masks
 
-Progress = Callable[[str, int, float], None]
-
 
 def prepare(
     recording: Recording, model: RobotModel, camera: Camera, size: tuple[int, int] | None = None,
-    masks: MaskSource = no_masks, progress: Progress | None = None,
+    masks: MaskSource = no_masks, progress: ProgressCallback | None = None,
 ) -> Episode:  # fmt: skip
     """An episode of a recording: its frames, and the robot alone as the simulator shows it at the measured joints.
 
@@ -37,9 +35,11 @@ def prepare(
             f"{recording.name} has no video of camera '{camera.name}'; it has {', '.join(recording.frames) or 'none'}."
         )
     video, real, seen = recording.frames[camera.name], [], []
+    shown = progress_or_silence(progress)
     size = size or (video[0].shape[1], video[0].shape[0])
+    positions = recording.only(model.joints).position
     with RobotView(model, camera, size) as view:
-        for number, position in enumerate(recording.only(model.joints).position):
+        for number, position in enumerate(positions):
             frame = video[number]
             things = masks(frame, number)
             robot = view.at(position)
@@ -48,13 +48,12 @@ def prepare(
             classes = np.where(things > ROBOT, things, robot.segmentation)
             parts = np.where(things > ROBOT, 0, robot.parts)
             seen.append(replace(robot, segmentation=classes, parts=parts))
-            if progress is not None:
-                progress("simulated view", number + 1, 0.0)
+            shown("simulated view", number + 1, len(positions))
     return Episode(recording.name, np.stack(real), Condition(**stacked(seen)))
 
 
 def write_episode(episode: Episode, path: str | Path, camera: str = "head") -> None:
-    """Write an episode as `load_episode` reads it, beside and renamed.
+    """Write an episode as `load_episode` reads it.
 
     Raises: VisionError where it cannot be written.
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,12 @@ from joblib import Parallel, delayed
 
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.io.fingerprint import check_settings
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.pipelines.replay_episodes import Played, Source, play, read_source, source_files
 from embodiedreamer_gym.recordings.episodes import frames_of, write_aloha_episode
 from embodiedreamer_gym.recordings.episodes.aloha import AlohaEpisodes
 from embodiedreamer_gym.recordings.hdf5 import read_settings
-from embodiedreamer_gym.vis_aligner import Aligner, Bank, References, dream, load_aligner, load_bank
+from embodiedreamer_gym.vis_aligner import Aligner, Bank, References, generate, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.editing import ReferenceEditor, describe, draws_of, edited, masks_of
 from embodiedreamer_gym.wrappers.vis_aligner import first
 
@@ -33,8 +34,6 @@ OWN = (
     ABOUT,
 )  # attributes that are not taken over
 CAMERA = "head"
-
-Progress = Callable[[int, int, int], None]  # recorded episodes dealt with, of how many, and how many had to be left out
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ class _Work:
 
 def regenerate(
     episodes: str | Path | Sequence[str | Path], folder: str | Path, aligner: str = "lean", bank: str | None = "lab",
-    editor: ReferenceEditor | None = None, copies: int = 1, seed: int = 0, progress: Progress | None = None, *,
+    editor: ReferenceEditor | None = None, copies: int = 1, seed: int = 0, progress: ProgressCallback | None = None, *,
     prompt: str | None = None, task: str | None = None, robot: str | None = None, jobs: int = 1,
 ) -> Regenerated:  # fmt: skip
     """Write `<episode>_<copy>.hdf5` of recorded episodes into a folder: action and state as recorded, other frames.
@@ -95,14 +94,13 @@ def regenerate(
         Path(folder), load_aligner(aligner), None if bank is None else load_bank(bank), editor, settings
     )  # fmt: skip
     _check_folder(work.folder, settings)
-    written, kept, failed = 0, 0, []
+    written, kept, failed, shown = 0, 0, [], progress_or_silence(progress)
     for number, (source, made) in enumerate(_all(work, sources, copies, jobs), 1):
         if made is None:
             failed.append(source.name)
         else:
             written, kept = written + made, kept + copies - made
-        if progress is not None:
-            progress(number, len(sources), len(failed))
+        shown("replaying episodes", number, len(sources), failed=len(failed))
     return Regenerated(written, kept, tuple(failed))
 
 
@@ -165,7 +163,7 @@ def _write(work: _Work, source: Source, copy: int, played: Played, start: Refere
         start = edited(start, work.editor, own, prompt, played.names)
         about |= {"edit_seed": own, "draws": draws}
     about["replay_error"] = played.error
-    frames = dream(work.aligner, [start], [played.condition.part(1, len(played.condition))])[0][0]
+    frames = generate(work.aligner, [start], [played.condition.part(1, len(played.condition))])[0][0]
     attributes = {key: value for key, value in source.attributes.items() if key not in OWN}
     write_aloha_episode(
         work.path(source.name, copy), source.states, source.actions, {CAMERA: iter([start.last, *frames])},

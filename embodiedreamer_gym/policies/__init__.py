@@ -1,4 +1,4 @@
-"""Policies: what one is, ACT, and how one is judged. They know observations and actions, nothing of physics."""
+"""Policies: what one is, ACT, and how one is evaluated. They know observations and actions, nothing of physics."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from embodiedreamer_gym.errors import PolicyError
-from embodiedreamer_gym.policies.protocol import Policy, ask
+from embodiedreamer_gym.policies.protocol import Policy, predict
 
 Watch = Callable[[Any, dict[str, Any]], None]
 
@@ -124,7 +124,7 @@ def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | N
     observation, info = env.reset(seed=seed)
     steps, first, over = 0, None, False
     while not over:
-        actions = ask(policy, as_batch(observation, cameras), (1, execute, policy.action_size))[0]
+        actions = predict(policy, as_batch(observation, cameras), (1, execute, policy.action_size))[0]
         for observation, over, info, successes in _played(env, actions):
             reached = np.flatnonzero(successes)
             first = steps + int(reached[0]) + 1 if first is None and reached.size else first

@@ -73,7 +73,7 @@ def _made(spec: str, module: str, name: str) -> Policy:
     return policy
 
 
-def ask(policy: Any, batch: Mapping[str, Any], shape: tuple[int, int, int]) -> np.ndarray:
+def predict(policy: Any, batch: Mapping[str, Any], shape: tuple[int, int, int]) -> np.ndarray:
     """What a policy says (B, k, m) for a batch, float32, cut to a shape of which B and m have to be, and k can be longer.
 
     Raises: PolicyError where it fails, or says something of another shape.
@@ -92,7 +92,7 @@ def ask(policy: Any, batch: Mapping[str, Any], shape: tuple[int, int, int]) -> n
     return said[:, : shape[1]]
 
 
-def sight(policy: Any) -> tuple[tuple[str, ...], tuple[int, int]]:
+def picture_inputs(policy: Any) -> tuple[tuple[str, ...], tuple[int, int]]:
     """Cameras that a policy looks through, and width and height of the pictures it learnt from; head and 128 x 96 else."""
     config = getattr(getattr(policy, "network", None), "config", None)
     size = (128, 96) if config is None else getattr(config, "source_size", None) or config.image_size

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from embodiedreamer_gym.vis_aligner.aligner import Aligner, dream
+from embodiedreamer_gym.io.deprecation import deprecated_names
+from embodiedreamer_gym.vis_aligner.aligner import Aligner, generate
 from embodiedreamer_gym.vis_aligner.bank import Bank, make_bank, save_bank
 from embodiedreamer_gym.vis_aligner.checkpoint import load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.clip import Condition, Episode, References
@@ -14,7 +15,7 @@ __all__ = [
     "Condition",
     "Episode",
     "References",
-    "dream",
+    "generate",
     "load_aligner",
     "load_bank",
     "load_episode",
@@ -22,3 +23,5 @@ __all__ = [
     "make_bank",
     "save_bank",
 ]
+
+__getattr__ = deprecated_names(__name__, {"dream": "generate", "measures": "embodiedreamer_gym.vis_aligner.metrics"})

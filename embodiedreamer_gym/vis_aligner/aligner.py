@@ -9,13 +9,14 @@ import numpy as np
 from torch import Generator, Tensor, nn
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.io.deprecation import deprecated_names
 from embodiedreamer_gym.vis_aligner.clip import Condition, References
 
 Made = Callable[[], list[np.ndarray]]  # frames (T, H, W, 3) uint8 of each clip, once they are wanted
 
 
 class Aligner(Protocol):
-    """A model that gives simulated frames a real face; chunk: how many frames it makes at once."""
+    """A model that makes simulated frames look real; chunk: how many frames it generates at once."""
 
     name: str
     chunk: int
@@ -52,7 +53,7 @@ def check_batch(references: Sequence[References], conditions: Sequence[Condition
         )
 
 
-def dream(
+def generate(
     aligner: Aligner, references: Sequence[References], conditions: Sequence[Condition]
 ) -> tuple[list[np.ndarray], list[References]]:
     """Frames (T, H, W, 3) of whole episodes chunk by chunk, the last frame the next reference; and the references after."""
@@ -63,3 +64,6 @@ def dream(
         references = [r.after(f, c) for r, f, c in zip(references, frames, parts, strict=True)]
         done.append(frames)
     return [np.concatenate(clip) for clip in zip(*done, strict=True)], references
+
+
+__getattr__ = deprecated_names(__name__, {"dream": "generate"})

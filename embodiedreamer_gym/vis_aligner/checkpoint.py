@@ -7,9 +7,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.learning.checkpoint import read_state, write_state
 from embodiedreamer_gym.vis_aligner.aligner import Aligner
 from embodiedreamer_gym.vis_aligner.bank import Bank
 from embodiedreamer_gym.vis_aligner.bank import load_bank as read_bank
@@ -20,15 +19,17 @@ from embodiedreamer_gym.vis_aligner.network_inputs import Inputs
 ASSETS = resources.files("embodiedreamer_gym") / "assets" / "vis"
 SHIPPED = {"lean": "lean.pt"}
 BANKS = {"lab": "lab.npz"}
+MOST_FRAMES = 1000  # of a chunk
+OLD_INPUTS = {"carry": "reproject"}  # in models of version 0.1
 
 
 def save_lean(network: Lean, chunk: int, path: str | Path) -> None:
-    """Write a lean model (half precision), beside and renamed; chunk: frames that it was trained on."""
-    path = Path(path)
-    part = path.with_name(f".{path.name}.part")
+    """Write a lean model (half precision); chunk: frames that it was trained on.
+
+    Raises: VisionError where it cannot be written.
+    """
     state = {name: value.half() for name, value in network.state_dict().items()}
-    torch.save({"kind": "lean", "config": asdict(network.config), "chunk": chunk, "state": state}, part)
-    part.replace(path)
+    write_state({"kind": "lean", "config": asdict(network.config), "chunk": chunk, "state": state}, path, VisionError)
 
 
 def load_lean(path: str | Path) -> tuple[Lean, int]:
@@ -41,16 +42,21 @@ def load_lean(path: str | Path) -> tuple[Lean, int]:
         raise VisionError(
             f"aligner {path} does not exist; give 'lean', a file of `embodiedreamer vis train`, or a folder."
         )
+    damaged = VisionError(f"{path} is no lean model of this version: damaged, or another file.")
+    data = read_state(path, damaged)
     try:
-        data = torch.load(path, weights_only=True, map_location="cpu")
-        config = dict(data["config"])
-        config["inputs"] = Inputs(**config["inputs"])
-        config["widths"] = tuple(config["widths"])
-        network = Lean(LeanConfig(**config))
+        config: dict[str, Any] = dict(data["config"])
+        inputs: dict[str, Any] = {
+            OLD_INPUTS.get(name, name): bool(used) for name, used in dict(config["inputs"]).items()
+        }
+        widths, gate = tuple(config["widths"]), bool(config["gate"])
+        network, chunk = Lean(LeanConfig(widths, Inputs(**inputs), gate)), int(data["chunk"])
         network.load_state_dict({name: value.float() for name, value in data["state"].items()})
-        return network, int(data["chunk"])
-    except Exception as error:  # whatever a damaged or foreign file raises
-        raise VisionError(f"{path} is no lean model of this version: damaged, or another file.") from error
+    except (LookupError, TypeError, ValueError, AttributeError, RuntimeError, OverflowError) as error:
+        raise damaged from error
+    if not 1 <= chunk <= MOST_FRAMES:
+        raise damaged
+    return network, chunk
 
 
 def load_aligner(name: str | Path, steps: int = 1, seed: int = 0) -> Aligner:

@@ -9,22 +9,27 @@ import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner import metrics
-from embodiedreamer_gym.vis_aligner.aligner import Aligner, dream
+from embodiedreamer_gym.vis_aligner.aligner import Aligner, generate
 from embodiedreamer_gym.vis_aligner.clip import Bench, Episode
 
 AFTER_TRUE, CLOSED, CLEAN = "after true frames", "closed loop", "without noise"
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """One episode's clips by name, each (T, H, W, 3) uint8, and their measures; the reference is not among the T frames."""
+class HeldOutResult:
+    """Clips and measures of one episode, by name.
+
+    clips: each (T, H, W, 3) uint8; the reference is not among the T frames.
+    """
 
     episode: Episode
     clips: Mapping[str, np.ndarray]
     measures: Mapping[str, metrics.Measures]
 
 
-def judge(aligner: Aligner, episode: Episode, chunks: int | None = None, bench: Bench | None = None) -> Judged:
+def evaluate_aligner(
+    aligner: Aligner, episode: Episode, chunks: int | None = None, bench: Bench | None = None
+) -> HeldOutResult:
     """Render an episode's first chunks (default: all whole ones) after true frames, and with its own as references.
 
     bench: what is known of it, as a bank has it.
@@ -38,21 +43,21 @@ def judge(aligner: Aligner, episode: Episode, chunks: int | None = None, bench: 
     count = k * (most if chunks is None else min(chunks, most))
     part = episode.condition.part
     after = [aligner.render([episode.references(s, bench)], [part(s + 1, s + 1 + k)])[0] for s in range(0, count, k)]
-    closed, _ = dream(aligner, [episode.references(0, bench)], [part(1, count + 1)])
+    closed, _ = generate(aligner, [episode.references(0, bench)], [part(1, count + 1)])
     clips = {AFTER_TRUE: np.concatenate(after), CLOSED: closed[0]}
     if episode.clean is not None:
         clips[CLEAN] = episode.clean[1 : count + 1]
     classes = episode.condition.classes
-    truth = metrics.Truth(
+    truth = metrics.GroundTruth(
         episode.frames[1 : count + 1], classes[1 : count + 1], episode.frames[0], classes[0], episode.class_names
     )
     simulated = episode.condition.rgb[1 : count + 1]
     found = metrics.evaluate_all(clips, truth, simulated, chunk=k)
-    return Judged(episode, {"simulated": simulated, **clips, "real": truth.frames}, found)
+    return HeldOutResult(episode, {"simulated": simulated, **clips, "real": truth.frames}, found)
 
 
-def tables(judged: Sequence[Judged], markdown: bool = False) -> str:
+def tables(results: Sequence[HeldOutResult], markdown: bool = False) -> str:
     """Measures over episodes, mean and spread, and the drift from chunk to chunk."""
-    rows = {name: metrics.summarise([j.measures[name] for j in judged]) for name in judged[0].measures}
+    rows = {name: metrics.summarise([j.measures[name] for j in results]) for name in results[0].measures}
     drifting = {name: row for name, row in rows.items() if name in (AFTER_TRUE, CLOSED, "copy last")}
     return f"{metrics.table(rows, markdown=markdown)}\n\n{metrics.drift_table(drifting, markdown=markdown)}"

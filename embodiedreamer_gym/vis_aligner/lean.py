@@ -8,11 +8,13 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.network_inputs import Inputs
 
 PAIR = 2  # pixels to a side that are one cell of the finest level
 DEEPEST = 16  # pixels to a side that are one cell of the coarsest
-LEVEL = 64  # numbers that tell the noise level
+LEVEL = 64  # numbers that encode the noise level
+WIDEST = 1024  # channels
 OPEN, SHUT = 0.9, 0.1  # of the sigmoid, where the gate is wholly open or shut: exactly, and with a slope between
 
 
@@ -20,12 +22,21 @@ OPEN, SHUT = 0.9, 0.1  # of the sigmoid, where the gate is wholly open or shut: 
 class LeanConfig:
     """Sizes of the lean model.
 
-    widths: channels at 1/2, 1/4, 1/8 and 1/16 of the picture; inputs: what it sees; gate: False redraws every pixel.
+    Raises: VisionError for widths that cannot be built.
     """
 
     widths: tuple[int, int, int, int] = (16, 32, 64, 96)
+    """Channels at 1/2, 1/4, 1/8 and 1/16 of the picture, multiples of 8."""
     inputs: Inputs = field(default_factory=Inputs)
+    """What it sees."""
     gate: bool = True
+    """Whether pixels that need not be redrawn are kept; False redraws every pixel."""
+
+    def __post_init__(self) -> None:
+        """Check."""
+        good = all(isinstance(w, int) and 8 <= w <= WIDEST and w % 8 == 0 for w in self.widths)
+        if not good or len(self.widths) != 4:
+            raise VisionError(f"widths {self.widths} must be four multiples of 8, at most {WIDEST}.")
 
 
 class Block(nn.Module):

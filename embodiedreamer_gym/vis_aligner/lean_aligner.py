@@ -18,8 +18,8 @@ from embodiedreamer_gym.vis_aligner.motion_window import windows
 from embodiedreamer_gym.vis_aligner.network_inputs import (
     allowed,
     frame_channels,
+    known_pixels,
     reference_channels,
-    sources,
     to_frames,
     to_tensor,
 )
@@ -93,7 +93,7 @@ class LeanAligner:
         start = [r.crop(w) for r, w in zip(references, places, strict=True)]
         frame = [frame_channels(view, self.inputs, width) for view in views]
         clip = [reference_channels(one, self.inputs, width) for one in start]
-        made = [sources(r, v, self.inputs) for r, v in zip(start, views, strict=True)]
+        made = [known_pixels(r, v, self.inputs) for r, v in zip(start, views, strict=True)]
         parts = (frame, clip, *([getattr(one, key) for one in made] for key in ("still", "known", "stale")))
         return tuple(torch.stack(part) for part in parts)
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, TABLE, Condition, References
-from embodiedreamer_gym.vis_aligner.reprojection import Change, recall
+from embodiedreamer_gym.vis_aligner.reprojection import Change, reproject_gallery
 
 NEAR, REACH = 1.0, 0.5  # m; a depth of NEAR +- REACH is -1 .. 1
 EDGE = np.ones((3, 3), np.uint8)
@@ -23,21 +23,22 @@ SLOPE = 20.0 / 128  # per metre from a pixel to the next but one and pixel of wi
 
 @dataclass(frozen=True)
 class Inputs:
-    """Which inputs a model uses; what is switched off is not looked at, so that an ablation is one flag.
-
-    masks: channels of robot, object and goal (else objects are erased from the picture); depth: depth and its two
-    slopes; anchor: the true first frame; plate: what has been seen behind moving things; at_reference: the simulated
-    view at the reference's time; carry: links and objects that have moved are taken along from the pictures that show them;
-    gallery: links also from photos of the robot in other poses.
-    """
+    """Which inputs a model uses; one that is switched off is not computed, so that an ablation is one flag."""
 
     masks: bool = True
+    """Channels of robot, object and goal (else objects are erased from the picture)."""
     depth: bool = True
+    """Depth and its two slopes."""
     anchor: bool = True
+    """The true first frame."""
     plate: bool = True
+    """What has been seen behind moving things."""
     at_reference: bool = True
-    carry: bool = True
+    """The simulated view at the reference's time."""
+    reproject: bool = True
+    """Links and objects that have moved, reprojected from the pictures that show them."""
     gallery: bool = True
+    """Links also from photos of the robot in other poses."""
 
     @property
     def per_frame(self) -> int:
@@ -57,9 +58,9 @@ class Inputs:
 
 
 def allowed(condition: Condition, inputs: Inputs) -> Condition:
-    """A condition with that only which a model is to see: without masks no objects, without carrying no parts."""
+    """A condition with that only which a model is to see: without masks no objects, without reprojection no parts."""
     seen = condition if inputs.masks else without_objects(condition)
-    return seen if inputs.carry else seen.without_parts()
+    return seen if inputs.reproject else seen.without_parts()
 
 
 def frame_channels(condition: Condition, inputs: Inputs, width: int | None = None) -> Tensor:
@@ -117,11 +118,12 @@ def reference_channels(references: References, inputs: Inputs, width: int | None
 
 
 @dataclass(frozen=True, eq=False)
-class Sources:
-    """What frames can be made of without painting.
+class KnownPixels:
+    """What pictures of other moments show of frames.
 
-    still (T, 3, H, W): what they would be if nothing new had to be drawn; known (T, S, 3, H, W): what true pictures of other
-    moments tell, S is Inputs.known; stale (T, 1, H, W): 1 where a part of robot or object shows that no picture shows.
+    still (T, 3, H, W): the frames if nothing new had to be drawn.
+    known (T, S, 3, H, W): the same from true pictures of other moments; S is Inputs.known.
+    stale (T, 1, H, W): 1 where a part of robot or object shows that is in no picture.
     """
 
     still: Tensor
@@ -129,8 +131,8 @@ class Sources:
     stale: Tensor
 
 
-def sources(references: References, condition: Condition, inputs: Inputs) -> Sources:
-    """The sources of each frame.
+def known_pixels(references: References, condition: Condition, inputs: Inputs) -> KnownPixels:
+    """What other pictures show of each frame.
 
     still is the last frame; but where a thing has left and the plate shows what is behind it, the plate; and what is rigid
     where it has moved to, from the last frame, else from the anchor, else from the gallery. known are plate, anchor and
@@ -143,28 +145,28 @@ def sources(references: References, condition: Condition, inputs: Inputs) -> Sou
         left = references.seen & _left(before.classes[0] >= ROBOT, thing)
         _put(still, references.plate, left)
     since = Change(before, condition)
-    colours, there = since.carry(references.last)
+    colours, there = since.reproject(references.last)
     _put(still, colours, there)
     stale = since.differs & thing & ~there
-    told = []
+    others = []
     if inputs.anchor:
         since = Change(references.anchor_condition, condition)
-        colours, there = since.carry(references.anchor)
+        colours, there = since.reproject(references.anchor)
         same = ~since.differs
         _put(colours, references.anchor, same)
-        told.append((colours, there | same))
+        others.append((colours, there | same))
     if inputs.gallery:
-        told.append(recall(references.gallery, condition))
-    for colours, there in told:
+        others.append(reproject_gallery(references.gallery, condition))
+    for colours, there in others:
         _put(still, colours, stale & there)
         stale &= ~there
     if inputs.plate:
-        told.insert(0, (references.plate, references.seen & ~thing))
-    known = [still.copy() for _ in told]
-    for one, (colours, there) in zip(known, told, strict=True):
+        others.insert(0, (references.plate, references.seen & ~thing))
+    known = [still.copy() for _ in others]
+    for one, (colours, there) in zip(known, others, strict=True):
         _put(one, colours, there)
     stacked = np.stack(known, 1) if known else still[:, None][:, :0]
-    return Sources(to_tensor(still), to_tensor(stacked), torch.from_numpy(stale)[:, None].float())
+    return KnownPixels(to_tensor(still), to_tensor(stacked), torch.from_numpy(stale)[:, None].float())
 
 
 def _put(frames: np.ndarray, colours: np.ndarray, there: np.ndarray) -> None:

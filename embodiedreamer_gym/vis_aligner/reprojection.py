@@ -1,4 +1,4 @@
-"""A picture's rigid parts carried to where the simulator has moved them: what a link looked like, it looks like again."""
+"""Reprojection: pixels of a picture's rigid parts at the places to which the simulator has moved the parts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NEAR = 0.015  # m between two depths of one point of a part
 CHOICES = 2  # photos of a gallery that are tried for each part, the second where the first does not show it
 FEWEST = 4  # pixels of a part that make a photo of it
 MOST = 30000  # places that OpenCV looks up at once
-Carried = tuple[np.ndarray, np.ndarray]  # colours (T, H, W, 3) uint8, where there are any (T, H, W)
+Reprojected = tuple[np.ndarray, np.ndarray]  # colours (T, H, W, 3) uint8, where there are any (T, H, W)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,19 +42,19 @@ class Change:
         found = apart[..., 0] | apart[..., 1] | apart[..., 2] | (now.classes != before.classes) | self.moved
         return found if now.parts is None or before.parts is None else found | (now.parts != before.parts)
 
-    def carry(self, picture: np.ndarray) -> Carried:
+    def reproject(self, picture: np.ndarray) -> Reprojected:
         """Colours of parts that have moved, from a picture (H, W, 3) of the instant before.
 
-        A pixel is carried where its point of the part was in view.
+        A pixel is filled where its point of the part was in view.
         """
         out = _nothing(self.condition)
         if self.before.projections is not None:
             numbers = np.zeros(self.before.projections.shape[1], int)
-            _take(picture[None], self.before, self.before.projections[0], numbers, self.condition, self.moved, out)
+            _fill(picture[None], self.before, self.before.projections[0], numbers, self.condition, self.moved, out)
         return out
 
 
-def recall(gallery: Gallery | None, condition: Condition) -> Carried:
+def reproject_gallery(gallery: Gallery | None, condition: Condition) -> Reprojected:
     """Colours of the robot's parts, each from the photo of a gallery that shows it most nearly from the same side."""
     out = _nothing(condition)
     if gallery is None or condition.parts is None or gallery.condition.projections is None:
@@ -68,12 +68,12 @@ def recall(gallery: Gallery | None, condition: Condition) -> Carried:
         usable = np.isfinite(alike[numbers, np.arange(count)])
         wanted = _of_parts(np.broadcast_to(usable, (len(condition), count)), condition.parts) & ~out[1]
         projections = gallery.condition.projections[numbers, np.arange(count)]
-        _take(gallery.frames, gallery.condition, projections, numbers, condition, wanted, out)
+        _fill(gallery.frames, gallery.condition, projections, numbers, condition, wanted, out)
     return out
 
 
-def _take(pictures: np.ndarray, before: Condition, projections: np.ndarray, numbers: np.ndarray, condition: Condition,
-          wanted: np.ndarray, out: Carried) -> None:  # fmt: skip
+def _fill(pictures: np.ndarray, before: Condition, projections: np.ndarray, numbers: np.ndarray, condition: Condition,
+          wanted: np.ndarray, out: Reprojected) -> None:  # fmt: skip
     """Fill in the colours of wanted pixels (T, H, W).
 
     pictures (K, H, W, 3) and before (K frames): of which each part (L) is looked for in the one of its number, where it has
@@ -113,7 +113,7 @@ def _sampled(pictures: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.concatenate(taken)[:, 0]
 
 
-def _nothing(condition: Condition) -> Carried:
+def _nothing(condition: Condition) -> Reprojected:
     return np.zeros(condition.rgb.shape, np.uint8), np.zeros(condition.classes.shape, bool)
 
 

@@ -1,207 +1,196 @@
-"""Training on episodes: chunks after true or own references; a running average of the weights; goes on anywhere."""
+"""Training of an aligner on episodes: chunks that follow true references, or the model's own last frame."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.io.deprecation import renamed_arguments
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
+from embodiedreamer_gym.learning.training import CHECKPOINT, Training, TrainingSettings, train_in_folder
 from embodiedreamer_gym.vis_aligner.aligner import Trainable
 from embodiedreamer_gym.vis_aligner.bench import with_benches
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, Condition, Episode, References
 
-CHECKPOINT = "checkpoint.pt"
-SAVED_EVERY = 250  # steps
-WARM_UP = 100  # steps up to the peak learning rate
-Progress = Callable[[str, int, float], None]
+RENAMED = {"rate": "learning_rate", "told": "bench_share", "own": "own_reference_share"}  # settings of version 0.1
 
 
+@renamed_arguments(**RENAMED)
 @dataclass(frozen=True)
-class TrainingConfig:
-    """How a model is trained.
+class TrainingConfig(TrainingSettings):
+    """How an aligner is trained; an example is a clip of one chunk.
 
-    steps: of the optimiser; batch: clips; rate: peak learning rate; told: share of walks that know their bench and how
-    the objects move, the others only what a real clip tells; own: how likely a clip is followed by the next one of its
-    episode, with the model's own last frame as reference (1 / (1 - own) clips in a row on average); average: of the
-    weights, per step.
+    Raises: VisionError for numbers out of range.
     """
 
-    steps: int = 4000
     batch: int = 2
-    rate: float = 1e-3
-    told: float = 0.7
-    own: float = 0.8
+    """Clips of a step."""
+    weight_decay: float = 1e-3
+    """Weight decay of AdamW."""
     average: float = 0.998
-    seed: int = 0
+    """Share of the running average of the weights that each step keeps."""
+    bench_share: float = 0.7
+    """Share of sequences in which the bench and the objects' poses are known; in the others only what a real clip gives."""
+    own_reference_share: float = 0.8
+    """Probability that a clip is followed by the next one of its episode, with the model's own last frame as reference."""
+
+    def __post_init__(self) -> None:
+        """Check."""
+        self.check(VisionError, bench_share=self.bench_share, own_reference_share=self.own_reference_share)
 
 
 @dataclass(frozen=True, eq=False)
-class Walk:
-    """Where training is in an episode: its number, the frame the references show; whether bench and objects'
-    poses are known; pictures of the model's own, if any.
+class Position:
+    """Where training is in an episode.
+
+    episode: number of the episode.
+    at: the frame that the references show.
+    with_bench: whether the bench and the objects' poses are known.
+    last, plate: pictures (H, W, 3) of the model's own, if any.
     """
 
     episode: int
     at: int
-    told: bool
+    with_bench: bool
     last: Tensor | None = None
     plate: Tensor | None = None
 
     def references(self, episodes: Sequence[Episode]) -> References:
         """References of the chunk that follows."""
         one = episodes[self.episode]
-        true = one.references(self.at, one.bench if self.told else None).viewed(self._known)
+        true = one.references(self.at, one.bench if self.with_bench else None).viewed(self._visible)
         if self.last is None or self.plate is None:
             return true
         return replace(true, last=self.last.numpy(), plate=self.plate.numpy())
 
     def condition(self, episodes: Sequence[Episode], frames: int) -> Condition:
         """The condition of the chunk that follows."""
-        return self._known(episodes[self.episode].condition.part(self.at + 1, self.at + 1 + frames))
+        return self._visible(episodes[self.episode].condition.part(self.at + 1, self.at + 1 + frames))
 
-    def _known(self, condition: Condition) -> Condition:
-        """A condition as this walk knows it."""
-        return condition if self.told else condition.without_parts(OBJECT)
+    def _visible(self, condition: Condition) -> Condition:
+        """A condition without what is not known here."""
+        return condition if self.with_bench else condition.without_parts(OBJECT)
 
 
-class Training:
-    """A model under training: `run` goes on from where it is; `save` and `load` keep all that this takes."""
+class AlignerTraining(Training):
+    """An aligner under training on episodes, of which those count that are longer than a chunk.
 
-    def __init__(self, aligner: Trainable, config: TrainingConfig) -> None:
-        self.aligner, self.config = aligner, config
-        network = aligner.network
-        self.averaged = {k: v.detach().clone() for k, v in network.state_dict().items()}
-        trained = [p for p in network.parameters() if p.requires_grad]
-        self.optimiser = torch.optim.AdamW(trained, config.rate, weight_decay=1e-3)
-        self.walks: list[Walk | None] = [None] * config.batch
-        self.data: list[int] = []  # lengths of the episodes
-        self.step = 0
+    Raises: VisionError where none is.
+    """
 
-    def run(self, episodes: Sequence[Episode], progress: Progress | None = None, until: int | None = None) -> None:
-        """Train up to a step, by default the last one.
+    config: TrainingConfig
 
-        Raises: VisionError without an episode that is longer than a chunk.
-        """
-        long = [e for e in episodes if len(e) > self.aligner.chunk]
-        if not long:
-            raise VisionError(f"no episode is longer than {self.aligner.chunk} frames; record longer ones.")
-        if self.step and self.data != [len(e) for e in long]:
-            raise VisionError("this training was begun with other episodes; give another folder, or the same episodes.")
-        self.data = [len(e) for e in long]
-        self.aligner.network.train()
-        for step in range(self.step, self.config.steps if until is None else min(until, self.config.steps)):
-            loss = self._advance(long, step)
-            self.step = step + 1
-            if progress is not None:
-                progress("training", self.step, loss)
+    def __init__(self, aligner: Trainable, episodes: Sequence[Episode], config: TrainingConfig) -> None:
+        super().__init__(aligner.network, config, VisionError)
+        self.aligner, self.episodes = aligner, [e for e in episodes if len(e) > aligner.chunk]
+        if not self.episodes:
+            raise VisionError(f"no episode is longer than {aligner.chunk} frames; record longer ones.")
+        self.positions: list[Position | None] = [None] * config.batch
+        self._next_positions: Callable[[], list[Position | None]] = list
 
     def finish(self) -> None:
         """Give the network the averaged weights."""
-        self.aligner.network.load_state_dict(self.averaged)
+        self.network.load_state_dict(self.averaged)
 
-    def _advance(self, episodes: Sequence[Episode], step: int) -> float:
-        """One step of the optimiser; what is drawn depends on seed and step alone, so that a run can go on anywhere."""
+    def loss(self, step: int) -> dict[str, Tensor]:
+        """The aligner's loss of a batch of clips."""
         rng = np.random.default_rng([self.config.seed, step])
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
-        network, k = self.aligner.network, self.aligner.chunk
-        for group in self.optimiser.param_groups:
-            group["lr"] = self.config.rate * _share(step, self.config.steps)
-        walks = [self._begin(episodes, rng) if walk is None else walk for walk in self.walks]
-        chosen = [(episodes[w.episode], w.at) for w in walks]
-        conditions = [walk.condition(episodes, k) for walk in walks]
-        truth = [e.frames[at + 1 : at + 1 + k] for e, at in chosen]
-        references = [w.references(episodes) for w in walks]
+        k, episodes = self.aligner.chunk, self.episodes
+        positions = [self.begin(rng) if one is None else one for one in self.positions]
+        conditions = [one.condition(episodes, k) for one in positions]
+        truth = [episodes[one.episode].frames[one.at + 1 : one.at + 1 + k] for one in positions]
+        references = [one.references(episodes) for one in positions]
         loss, made = self.aligner.attempt(references, conditions, truth, generator)
-        self.optimiser.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(network.parameters(), 1.0)
-        self.optimiser.step()
-        self._average(min(self.config.average, (step + 1) / (step + 10)))
-        going = [at + 2 * k < len(e) and rng.random() < self.config.own for e, at in chosen]
-        self.walks = [None] * len(walks)
-        if any(going):
-            for i, (frames, condition) in enumerate(zip(made(), conditions, strict=True)):
-                after = references[i].after(frames, condition)
+
+        def next_positions() -> list[Position | None]:
+            after: list[Position | None] = [None] * len(positions)
+            share = self.config.own_reference_share
+            going = [one.at + 2 * k < len(episodes[one.episode]) and rng.random() < share for one in positions]
+            for i, frames in enumerate(made() if any(going) else ()):
                 if going[i]:
-                    pictures = torch.tensor(after.last), torch.tensor(after.plate)
-                    self.walks[i] = Walk(walks[i].episode, walks[i].at + k, walks[i].told, *pictures)
-        return float(loss.detach())
+                    reached = references[i].after(frames, conditions[i])
+                    pictures = torch.tensor(reached.last), torch.tensor(reached.plate)
+                    after[i] = Position(positions[i].episode, positions[i].at + k, positions[i].with_bench, *pictures)
+            return after
 
-    def _begin(self, episodes: Sequence[Episode], rng: np.random.Generator) -> Walk:
-        """A walk from a true frame, anywhere: each of all episodes' frames is as likely as any other."""
-        starts = np.cumsum([len(e) - self.aligner.chunk for e in episodes])
-        drawn = int(rng.integers(starts[-1]))
-        number = int(np.searchsorted(starts, drawn, side="right"))
-        return Walk(number, int(starts[number]) - 1 - drawn, bool(rng.random() < self.config.told))
+        self._next_positions = next_positions
+        return {"loss": loss}
 
-    def _average(self, keep: float) -> None:
-        with torch.no_grad():
-            for name, value in self.aligner.network.state_dict().items():
-                old = self.averaged[name]
-                self.averaged[name] = old.lerp_(value, 1 - keep) if value.is_floating_point() else value.clone()
+    def advance(self, step: int) -> dict[str, float]:
+        """One step of the optimiser."""
+        row = super().advance(step)
+        self.positions = self._next_positions()
+        return row
+
+    def begin(self, rng: np.random.Generator) -> Position:
+        """A true frame, anywhere: each of all episodes' frames is as likely as any other."""
+        ends = np.cumsum([len(e) - self.aligner.chunk for e in self.episodes])
+        drawn = int(rng.integers(ends[-1]))
+        number = int(np.searchsorted(ends, drawn, side="right"))
+        return Position(number, int(ends[number]) - 1 - drawn, bool(rng.random() < self.config.bench_share))
 
     # ---- files -------------------------------------------------------------------------------------------------
 
-    def save(self, path: str | Path) -> None:
-        """Write weights, averages, optimiser and step beside, then rename."""
-        path = Path(path)
-        part = path.with_name(f".{path.name}.part")
-        state: dict[str, Any] = {
-            "config": asdict(self.config), "step": self.step, "averaged": self.averaged,
-            "network": self.aligner.network.state_dict(), "optimiser": self.optimiser.state_dict(), "data": self.data,
-            "walks": [None if walk is None else vars(walk) for walk in self.walks],
-        }  # fmt: skip
-        torch.save(state, part)
-        part.replace(path)
+    def identity(self) -> dict[str, Any]:
+        """Lengths of the episodes."""
+        return {"episodes": [len(e) for e in self.episodes]}
 
-    def load(self, path: str | Path) -> None:
-        """Go on from what `save` wrote.
+    def state(self) -> dict[str, Any]:
+        """Where training is in each clip's episode."""
+        return {"positions": [None if one is None else vars(one) for one in self.positions]}
 
-        Raises: VisionError where it is of other settings, another model, or damaged.
-        """
-        try:
-            state = torch.load(path, weights_only=True, map_location="cpu")
-            config, step = dict(state["config"]), int(state["step"])
-            if config == asdict(self.config):
-                self.aligner.network.load_state_dict(state["network"])
-                self.optimiser.load_state_dict(state["optimiser"])
-                self.averaged, self.step, self.data = state["averaged"], step, list(state["data"])
-                self.walks = [None if walk is None else Walk(**walk) for walk in state["walks"]]
-        except Exception as error:  # whatever a damaged or foreign file raises
-            raise VisionError(f"{path} is no checkpoint of this training: damaged, or of another model.") from error
-        if config != asdict(self.config):
-            raise VisionError(f"{path} was trained with other settings; give another folder, or the same settings.")
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take over what `state` gave."""
+        positions = [None if one is None else Position(**one) for one in state["positions"]]
+        if len(positions) != self.config.batch:
+            raise ValueError("positions of another batch")
+        for one in positions:
+            if one is not None:
+                episode = self.episodes[one.episode]
+                wrong = [
+                    x for x in (one.last, one.plate) if x is not None and x.numpy().shape != episode.frames.shape[1:]
+                ]
+                if wrong or not 0 <= one.at < len(episode) - self.aligner.chunk:
+                    raise ValueError("a position outside its episode")
+        self.positions = positions
+
+    def migrate(self, state: dict[str, Any]) -> dict[str, Any]:
+        """A checkpoint of version 0.1 in today's names."""
+        if "walks" not in state:
+            return state
+        settings = {RENAMED.get(name, name): value for name, value in dict(state["config"]).items()}
+        names = {"told": "with_bench"}
+        positions = [one and {names.get(k, k): v for k, v in dict(one).items()} for one in state["walks"]]
+        return {**state, "training": settings, "episodes": state["data"], "positions": positions}
 
 
 def train(aligner: Trainable, episodes: Sequence[Episode], config: TrainingConfig, folder: str | Path | None = None,
-          progress: Progress | None = None) -> None:  # fmt: skip
+          progress: ProgressCallback | None = None) -> None:  # fmt: skip
     """Train an aligner in place; with a folder, a checkpoint is kept there, from which an interrupted training goes on.
 
     Raises: VisionError without long enough episodes, where the checkpoint is of other settings, or the folder cannot be made.
     """
-    training, episodes = Training(aligner, config), with_benches(episodes)
-    checkpoint = None if folder is None else Path(folder) / CHECKPOINT
-    if checkpoint is not None:
+    training, shown = AlignerTraining(aligner, with_benches(episodes), config), progress_or_silence(progress)
+
+    def report(row: dict[str, float]) -> None:
+        shown("training", int(row["step"]), config.steps, loss=f"{row['loss']:.4f}")
+
+    if folder is None:
+        training.run(report=report)
+    else:
         try:
-            checkpoint.parent.mkdir(parents=True, exist_ok=True)
+            Path(folder).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise VisionError(f"{folder} cannot be made a folder: {error.strerror}; give another place.") from error
-        if checkpoint.is_file():
-            training.load(checkpoint)
-    while training.step < config.steps:
-        training.run(episodes, progress, until=training.step + SAVED_EVERY)
-        if checkpoint is not None:
-            training.save(checkpoint)
+        if (Path(folder) / CHECKPOINT).is_file():
+            training.load(Path(folder) / CHECKPOINT)
+        train_in_folder(training, folder, report)
     training.finish()
-
-
-def _share(step: int, steps: int) -> float:
-    """Of the peak learning rate: up over the first steps, down as a cosine."""
-    return min(1.0, (step + 1) / WARM_UP) * 0.5 * (1 + math.cos(math.pi * step / max(steps, 1)))

@@ -12,16 +12,16 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.policies.preferences.files import save_trajectories
 from embodiedreamer_gym.policies.preferences.likelihood import spread_of
 from embodiedreamer_gym.policies.preferences.trajectory import OUTCOMES, Trajectory, flat
-from embodiedreamer_gym.policies.protocol import ask
+from embodiedreamer_gym.policies.protocol import predict
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 
 NOISE_PER = ("chunk", "step")
 MOST_CHUNKS = 10_000  # an environment that goes on longer has no time limit
 Policy = Callable[[Mapping[str, Any]], Any]
-Progress = Callable[[str, int, int, str], None]  # stage, count, of how many, and what to say of it
 
 
 class _Rollouts:
@@ -46,7 +46,11 @@ class _Rollouts:
         raise NotImplementedError
 
     def rollouts(
-        self, policy: Policy, seeds: Sequence[int], spread: np.ndarray | None = None, progress: Progress | None = None
+        self,
+        policy: Policy,
+        seeds: Sequence[int],
+        spread: np.ndarray | None = None,
+        progress: ProgressCallback | None = None,
     ) -> Iterator[Trajectory]:
         """Trajectories in order: all tries from the first seed's start, then from the second's, and so on.
 
@@ -56,17 +60,16 @@ class _Rollouts:
         """
         jobs = [(int(seed), attempt) for seed in seeds for attempt in range(self.tries)]
         spread = _spread(policy, self._batched().single_action_space.shape[1]) if spread is None else np.asarray(spread)
-        done = 0
+        done, shown = 0, progress_or_silence(progress)
         for first in range(0, len(jobs), self._batched().num_envs):
             for one in self._play(policy, jobs[first : first + self._batched().num_envs], spread):
                 done += 1
-                if progress is not None:
-                    progress("rollouts", done, len(jobs), ", ".join(f"{k} {v:.3g}" for k, v in one.outcome.items()))
+                shown("rollouts", done, len(jobs), **{name: f"{value:.3g}" for name, value in one.outcome.items()})
                 yield one
 
     def record(
         self, policy: Policy, seeds: Sequence[int], folder: str | Path, spread: np.ndarray | None = None,
-        progress: Progress | None = None,
+        progress: ProgressCallback | None = None,
     ) -> list[Path]:  # fmt: skip
         """Write the tries of each start to a file in a folder, and return the files; those that are there are kept."""
         folder = Path(folder)
@@ -93,7 +96,7 @@ class _Rollouts:
         limit = self.chunks or MOST_CHUNKS
         for number in range(limit):
             batch = policy_batch(observation, self.camera)
-            said = ask(policy, batch, (envs.num_envs, *envs.single_action_space.shape))
+            said = predict(policy, batch, (envs.num_envs, *envs.single_action_space.shape))
             actions = said + self.noise * spread * np.stack([self._draw(rng, said.shape[1:]) for rng in rngs])
             actions = actions.astype(np.float32)  # kept as drawn, so that without noise they are what was said
             played = np.clip(actions, envs.single_action_space.low, envs.single_action_space.high)

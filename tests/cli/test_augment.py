@@ -25,14 +25,15 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[dict[str, Any]]]:
     calls: list[dict[str, Any]] = []
 
     def regenerate(data, out, aligner, bank, editor, copies, seed, tell, **more: Any) -> Regenerated:
-        tell(1, 2, 0)
+        if tell is not None:
+            tell("replaying episodes", 1, 2, failed=0)
         calls.append({"data": data, "out": out, "aligner": aligner, "bank": bank, "editor": editor, "copies": copies,
                       "seed": seed, **more})  # fmt: skip
         return Regenerated(3, 1, ("episode_7",) if copies > 1 else ())
 
     monkeypatch.setattr(module, "regenerate", regenerate)
 
-    def call(*words: str, progress: Any = lambda *_: None) -> list[dict[str, Any]]:
+    def call(*words: str, progress: Any = lambda *_, **__: None) -> list[dict[str, Any]]:
         parser = argparse.ArgumentParser()
         cli_augment.add_augment(parser.add_subparsers())
         a = parser.parse_args(["augment", "--data", "real", "--out", "made", *words])
@@ -44,11 +45,14 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[dict[str, Any]]]:
 
 def test_without_edits_it_only_dreams(run, capsys: pytest.CaptureFixture[str]) -> None:
     said: list[Any] = []
-    assert run(progress=lambda *x: said.append(x)) == [{
+    assert run(progress=lambda *x, **more: said.append((*x, more))) == [{
         "data": ["real"], "out": Path("made"), "aligner": "lean", "bank": "lab", "editor": None, "copies": 1, "seed": 0,
         "prompt": None, "task": None, "robot": None, "jobs": 1,
     }]  # fmt: skip
-    assert said == [("2 episodes", 1, 0)] and capsys.readouterr().out == "4 episodes in made, 1 of them were there\n"
+    assert (
+        said == [("replaying episodes", 1, 2, {"failed": 0})]
+        and capsys.readouterr().out == "4 episodes in made, 1 of them were there\n"
+    )
     run("--quiet", progress=lambda *x: pytest.fail("it is not quiet"))
 
 

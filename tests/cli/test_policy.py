@@ -95,9 +95,9 @@ def test_options_of_training_that_are_not_said_are_the_networks(
     run("train", "--data", tmp_path, "--out", tmp_path / "a", "--quiet")
     run("train", "--data", tmp_path, "--out", tmp_path / "a", "--quiet", "--no-masks", "--asked", 0)
     run("train", "--data", tmp_path, "--out", tmp_path / "a", "--quiet", "--steps", 5, "--batch", 6)
-    assert [(s.steps, s.batch, s.asked) for _, s in told] == [(8000, 64, 0.7), (4000, 32, 0.0), (5, 6, 0.7)]
+    assert [(s.steps, s.batch, s.chunk_start_share) for _, s in told] == [(8000, 64, 0.7), (4000, 32, 0.0), (5, 6, 0.7)]
     assert [config.objects for config, _ in told] == [("thing",), (), ("thing",)]
-    with pytest.raises(PolicyError, match="asked is 2"):
+    with pytest.raises(PolicyError, match="chunk_start_share is 2"):
         run("train", "--data", tmp_path, "--out", tmp_path / "a", "--quiet", "--asked", 2)
 
 

@@ -135,7 +135,11 @@ def test_a_sheet_under_what_is_taken_away(demos: Path, replayed: Played, tmp_pat
 
 def test_it_goes_on_and_is_the_same_again(demos: Path, small: str, tmp_path: Path, quick: list[str]) -> None:
     told: list[tuple[int, int, int]] = []
-    options = {"aligner": small, "editor": Recolour(), "progress": lambda *x: told.append(x)}
+    options = {
+        "aligner": small,
+        "editor": Recolour(),
+        "progress": lambda stage, *x, **more: told.append((*x, more["failed"])),
+    }
     assert regenerate(demos, tmp_path / "a", **options) == Regenerated(1, 0, ())
     first = (tmp_path / "a" / "episode_0_0.hdf5").stat().st_mtime_ns
     assert regenerate(demos, tmp_path / "a", copies=2, **options) == Regenerated(1, 1, ())

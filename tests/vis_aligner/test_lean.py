@@ -9,12 +9,12 @@ import pytest
 import torch
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.aligner import dream
+from embodiedreamer_gym.vis_aligner.aligner import generate
 from embodiedreamer_gym.vis_aligner.clip import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
 from embodiedreamer_gym.vis_aligner.motion_window import moving, windows
-from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, sources, to_frames
+from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, known_pixels, to_frames
 from tests.vis_aligner.scenes import episode
 
 SMALL = LeanConfig((8, 8, 8, 16))
@@ -50,7 +50,7 @@ def test_any_size_and_length(size: tuple[int, int], frames: int) -> None:
 def test_a_shut_gate_leaves_pixels_exactly_as_they_were() -> None:
     one = episode()
     references, condition = one.references(0), one.condition.part(8, 9)
-    found = sources(references, condition, Inputs())
+    found = known_pixels(references, condition, Inputs())
     still = to_frames(found.still)[0]
     shut, opened, whole = (
         aligner(replace(SMALL, gate=gate), bias=bias).render([references], [condition])[0][0]
@@ -67,7 +67,7 @@ def test_what_true_pictures_tell_can_be_chosen() -> None:
     references, condition = replace(one.references(8), last=np.zeros_like(one.frames[0])), one.condition.part(0, 1)
     made = aligner(bias=-50.0, choice=50.0).render([references], [condition])[0][0]
     rows, columns = windows([references], [condition])[0]
-    found = sources(references, condition, Inputs())
+    found = known_pixels(references, condition, Inputs())
     old = found.stale[0, 0].numpy() > 0
     assert np.array_equal(made[rows, columns][~old[rows, columns]], one.frames[0][rows, columns][~old[rows, columns]])
     plate, anchor, gallery = to_frames(found.known)[0]
@@ -75,7 +75,7 @@ def test_what_true_pictures_tell_can_be_chosen() -> None:
     assert np.array_equal(plate[free], references.plate[free]) and not plate[(condition.classes[0] == 2) & ~free].any()
     assert np.array_equal(anchor, one.frames[0]) and np.array_equal(gallery, to_frames(found.still)[0])  # there is none
     least = replace(Inputs(), anchor=False, plate=False, gallery=False)
-    assert sources(references, condition, least).known.shape[1] == 0
+    assert known_pixels(references, condition, least).known.shape[1] == 0
 
 
 def test_only_what_moves_is_drawn() -> None:
@@ -130,7 +130,7 @@ def test_a_batch_gives_what_each_alone_gives(inputs: Inputs) -> None:
 
 def test_dreaming_goes_chunk_by_chunk() -> None:
     one, model = episode(), aligner(bias=50.0, chunk=5)
-    frames, references = dream(model, [one.references(0)], [one.condition.part(1, 17)])
+    frames, references = generate(model, [one.references(0)], [one.condition.part(1, 17)])
     first = model.render([one.references(0)], [one.condition.part(1, 6)])[0]
     after = one.references(0).after(first, one.condition.part(1, 6))
     second = model.render([after], [one.condition.part(6, 11)])[0]

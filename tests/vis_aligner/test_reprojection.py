@@ -9,8 +9,8 @@ import pytest
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, Gallery, References
-from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, allowed, sources, to_frames
-from embodiedreamer_gym.vis_aligner.reprojection import Change, recall
+from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, allowed, known_pixels, to_frames
+from embodiedreamer_gym.vis_aligner.reprojection import Change, reproject_gallery
 
 HEIGHT, WIDTH, FOCAL = 48, 64, 60.0
 MATRIX = np.array([[FOCAL, 0, 31.5], [0, FOCAL, 23.5], [0, 0, 1]])
@@ -56,7 +56,7 @@ MOVES = [(0.05, 0.02, 1.0, 0.0), (-0.1, 0.05, 1.0, 0.7), (0.0, 0.0, 0.8, -0.4), 
 def test_a_moved_part_looks_as_it_did(place) -> None:
     """Shifted, turned, nearer and further: all that was in view, to within what lies between two pixels."""
     clip = board([(0.0, 0.0, 1.0, 0.0), place])
-    found, carried = Change(clip.part(0, 1), clip.part(1, 2)).carry(photo(clip, 0))
+    found, carried = Change(clip.part(0, 1), clip.part(1, 2)).reproject(photo(clip, 0))
     there = clip.parts[1] > 0
     assert carried[0][there].mean() > 0.9 and not carried[0][~there].any()
     error = np.abs(found[0].astype(float) - photo(clip, 1))[carried[0]]
@@ -66,12 +66,12 @@ def test_a_moved_part_looks_as_it_did(place) -> None:
 
 def test_what_stands_is_not_touched_and_what_was_hidden_is_not_known() -> None:
     clip = board([(0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.2, 0.0, 1.0, 0.0)])
-    assert not Change(clip.part(0, 1), clip.part(1, 2)).carry(photo(clip, 0))[1].any()
+    assert not Change(clip.part(0, 1), clip.part(1, 2)).reproject(photo(clip, 0))[1].any()
     half = replace(clip.part(0, 1), parts=np.where(np.arange(WIDTH) < 32, clip.parts[:1], 0))
-    carried = Change(half, clip.part(2, 3)).carry(photo(clip, 0))[1][0]
+    carried = Change(half, clip.part(2, 3)).reproject(photo(clip, 0))[1][0]
     assert 0.3 < carried[clip.parts[2] > 0].mean() < 0.7  # the right half was behind something
     nearer = replace(clip.part(0, 1), depth=clip.depth[:1] - 0.1)
-    assert not Change(nearer, clip.part(2, 3)).carry(photo(clip, 0))[1].any()
+    assert not Change(nearer, clip.part(2, 3)).reproject(photo(clip, 0))[1].any()
 
 
 def test_a_part_of_one_colour_that_slides_along_itself_differs() -> None:
@@ -86,15 +86,15 @@ def test_carried_parts_are_what_a_frame_is_made_of() -> None:
     """From the last frame, and from the anchor though the last frame is spoilt; a window of the picture says the same."""
     clip = board([(0.0, 0.0, 1.0, 0.0), (0.06, 0.0, 1.0, 0.3)])
     references = References.start(photo(clip, 0), clip.part(0, 1))
-    found = sources(references, clip.part(1, 2), Inputs())
-    there = Change(clip.part(0, 1), clip.part(1, 2)).carry(photo(clip, 0))[1][0]
+    found = known_pixels(references, clip.part(1, 2), Inputs())
+    there = Change(clip.part(0, 1), clip.part(1, 2)).reproject(photo(clip, 0))[1][0]
     error = np.abs(to_frames(found.still)[0].astype(float) - photo(clip, 1))
     assert error[there].mean() < 5 and not found.stale[0, 0].numpy()[there].any()
     spoilt = replace(references, last=np.zeros_like(references.last))
-    _, anchor, _ = to_frames(sources(spoilt, clip.part(1, 2), Inputs()).known)[0]
+    _, anchor, _ = to_frames(known_pixels(spoilt, clip.part(1, 2), Inputs()).known)[0]
     assert np.abs(anchor.astype(float) - photo(clip, 1))[there].mean() < 5
     window = (slice(8, 40), slice(16, 56))
-    small = sources(references.crop(window), clip.part(1, 2).crop(window), Inputs()).still
+    small = known_pixels(references.crop(window), clip.part(1, 2).crop(window), Inputs()).still
     same = there[window] & ((small[0] - found.still[0][:, *window]).abs().amax(0).numpy() < 1e-3)
     assert same.sum() > 0.9 * there[window].sum()
 
@@ -103,22 +103,24 @@ def test_a_gallery_shows_a_part_from_the_side_that_is_seen() -> None:
     """Each part from the photo in which it faces the camera most alike, from the next best where that does not show it."""
     clip = board([(0.0, 0.0, 1.0, 0.0), (0.1, 0.05, 1.1, 0.4), (-0.1, 0.0, 1.0, 0.2)])
     photos = np.stack([photo(clip, 0), photo(clip, 1)])
-    found, carried = recall(Gallery(photos, clip.part(0, 2)), clip.part(2, 3))
+    found, carried = reproject_gallery(Gallery(photos, clip.part(0, 2)), clip.part(2, 3))
     there = clip.parts[2] > 0
     error = np.abs(found[0].astype(float) - photo(clip, 2))[carried[0]]
     assert carried[0][there].mean() > 0.9 and not carried[0][~there].any() and np.median(error) < 4
     away = replace(clip.part(0, 2), projections=clip.projections[:2].copy())
     away.projections[0, 0, 2, :3] *= -1  # the first photo shows its back
     spoilt = np.stack([np.zeros_like(photos[0]), photos[1]])
-    assert (recall(Gallery(spoilt, away), clip.part(2, 3))[0][0][carried[0]].mean(axis=1) > 20).mean() > 0.9
+    assert (reproject_gallery(Gallery(spoilt, away), clip.part(2, 3))[0][0][carried[0]].mean(axis=1) > 20).mean() > 0.9
     hidden = replace(clip.part(0, 2), parts=clip.parts[:2] * np.array([0, 1], np.uint8)[:, None, None])
     assert (
         np.median(
-            np.abs(recall(Gallery(spoilt, hidden), clip.part(2, 3))[0][0].astype(float) - photo(clip, 2))[carried[0]]
+            np.abs(reproject_gallery(Gallery(spoilt, hidden), clip.part(2, 3))[0][0].astype(float) - photo(clip, 2))[
+                carried[0]
+            ]
         )
         < 5
     )
-    assert not recall(None, clip.part(2, 3))[1].any()
+    assert not reproject_gallery(None, clip.part(2, 3))[1].any()
     with pytest.raises(VisionError, match="a gallery needs photos"):
         Gallery(photos, clip.part(0, 2).without_parts())
 
@@ -126,10 +128,10 @@ def test_a_gallery_shows_a_part_from_the_side_that_is_seen() -> None:
 def test_what_a_model_may_not_see_is_not_carried() -> None:
     clip = board([(0.0, 0.0, 1.0, 0.0), (0.06, 0.0, 1.0, 0.3)], kind=OBJECT)
     references = References.start(photo(clip, 0), clip.part(0, 1))
-    for inputs in (replace(Inputs(), carry=False), replace(Inputs(), masks=False)):
+    for inputs in (replace(Inputs(), reproject=False), replace(Inputs(), masks=False)):
         one = allowed(clip.part(1, 2), inputs)
         start = replace(references, last_condition=allowed(clip.part(0, 1), inputs))
-        assert not Change(start.last_condition, one).carry(references.last)[1].any()
+        assert not Change(start.last_condition, one).reproject(references.last)[1].any()
     unknown = clip.without_parts(OBJECT)
     assert not unknown.parts.any() and board([MOVES[0]]).without_parts(OBJECT).parts.any()
 

@@ -10,13 +10,13 @@ import torch
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.bench import with_benches
-from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, judge, tables
+from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, evaluate_aligner, tables
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
-from embodiedreamer_gym.vis_aligner.training import CHECKPOINT, Training, TrainingConfig, train
+from embodiedreamer_gym.vis_aligner.training import CHECKPOINT, AlignerTraining, TrainingConfig, train
 from tests.vis_aligner.scenes import episode
 
-CONFIG = TrainingConfig(steps=8, own=0.5)
+CONFIG = TrainingConfig(steps=8, own_reference_share=0.5)
 
 
 def fresh(widths: tuple[int, int, int, int] = (8, 8, 8, 16), chunk: int = 4) -> LeanAligner:
@@ -32,20 +32,20 @@ def weights(aligner: LeanAligner) -> torch.Tensor:
 def learnt() -> LeanAligner:
     """Trained for a few seconds on five episodes of one bench."""
     model = fresh((16, 16, 24, 32))
-    train(model, [episode(seed) for seed in range(5)], TrainingConfig(steps=220, rate=3e-3, average=0.98))
+    train(model, [episode(seed) for seed in range(5)], TrainingConfig(steps=220, learning_rate=3e-3, average=0.98))
     return model
 
 
 def test_it_learns_a_bench(learnt: LeanAligner) -> None:
     """On an episode it has not seen: better than the last true frame, whole and where things move."""
-    found = judge(learnt, episode(9)).measures
+    found = evaluate_aligner(learnt, episode(9)).measures
     assert found[AFTER_TRUE]["psnr"] > found["copy last"]["psnr"] + 1.5
     assert found[AFTER_TRUE]["psnr.moving"] > found["copy last"]["psnr.moving"] + 3.0
     assert found[CLOSED]["psnr"] > found["copy first"]["psnr"] + 3.0
 
 
 def test_the_tables_name_every_row(learnt: LeanAligner) -> None:
-    text = tables([judge(learnt, episode(seed), chunks=2) for seed in (9, 10)])
+    text = tables([evaluate_aligner(learnt, episode(seed), chunks=2) for seed in (9, 10)])
     assert all(name in text for name in (AFTER_TRUE, CLOSED, "copy last", "copy first", "raw simulation"))
 
 
@@ -53,8 +53,8 @@ def test_an_interrupted_training_goes_on_to_the_same_weights(tmp_path) -> None:
     episodes = with_benches([episode(seed) for seed in range(3)])
     whole = fresh()
     train(whole, episodes, CONFIG)
-    first = Training(fresh(), CONFIG)
-    first.run(episodes, until=3)
+    first = AlignerTraining(fresh(), episodes, CONFIG)
+    first.run(3)
     first.save(tmp_path / CHECKPOINT)
     again = fresh()
     train(again, episodes, CONFIG, tmp_path)
@@ -64,38 +64,41 @@ def test_an_interrupted_training_goes_on_to_the_same_weights(tmp_path) -> None:
 
 
 def test_other_episodes_do_not_go_on_where_these_were(tmp_path) -> None:
-    first = Training(fresh(), CONFIG)
-    first.run([episode(0), episode(1)], until=3)
+    first = AlignerTraining(fresh(), [episode(0), episode(1)], CONFIG)
+    first.run(3)
+    first.save(tmp_path / CHECKPOINT)
     with pytest.raises(VisionError, match="other episodes"):
-        first.run([episode(0)])
+        train(fresh(), [episode(0)], CONFIG, tmp_path)
 
 
 def test_a_walk_goes_on_from_own_frames() -> None:
     """Each chunk of a walk follows the last; its references are what the model made, but the anchor, which is true."""
     clip = episode()
-    walking = Training(fresh(), TrainingConfig(steps=8, batch=1, own=1.0))
-    walking.run([clip], until=1)
-    (walk,) = walking.walks
+    walking = AlignerTraining(fresh(), [clip], TrainingConfig(steps=8, batch=1, own_reference_share=1.0))
+    walking.run(1)
+    (walk,) = walking.positions
     assert walk is not None
     found, true = walk.references([clip]), clip.references(walk.at)
     assert not np.array_equal(found.last, true.last)
     assert np.array_equal(found.anchor, clip.frames[0])
-    assert [w.told for w in walking.walks if w] == [walk.told]
+    assert [w.with_bench for w in walking.positions if w] == [walk.with_bench]
     at = walk.at
-    walking.run([clip], until=2)
-    assert walking.walks[0] is None or walking.walks[0].at == at + 4
-    never = Training(fresh(), TrainingConfig(steps=8, batch=1, own=0.0))
-    never.run([clip], until=3)
-    assert never.walks == [None]
+    walking.run(2)
+    assert walking.positions[0] is None or walking.positions[0].at == at + 4
+    never = AlignerTraining(fresh(), [clip], TrainingConfig(steps=8, batch=1, own_reference_share=0.0))
+    never.run(3)
+    assert never.positions == [None]
 
 
 @pytest.mark.parametrize("told", [0.0, 1.0])
 def test_a_walk_knows_the_backdrop_or_not(told: float) -> None:
     """All along, so that models work for those who have one and for those who have none."""
     clip = with_benches([episode(seed) for seed in range(3)])[0]
-    walking = Training(fresh(), TrainingConfig(steps=8, batch=1, own=1.0, told=told))
-    walking.run([clip], until=1)
-    (walk,) = walking.walks
+    walking = AlignerTraining(
+        fresh(), [clip], TrainingConfig(steps=8, batch=1, own_reference_share=1.0, bench_share=told)
+    )
+    walking.run(1)
+    (walk,) = walking.positions
     assert walk is not None and clip.bench is not None
     behind = clip.bench.seen & ~clip.references(walk.at).seen
     assert behind.any() and (walk.references([clip]).seen[behind] == bool(told)).all()
@@ -104,14 +107,14 @@ def test_a_walk_knows_the_backdrop_or_not(told: float) -> None:
 def test_every_frame_is_as_likely_a_start() -> None:
     """Also where episodes differ in length; none starts too late for a chunk."""
     episodes = [episode(0, frames=6), episode(1, frames=17)]
-    begin = Training(fresh(), CONFIG)._begin
-    drawn = [begin(episodes, np.random.default_rng(seed)) for seed in range(400)]
+    begin = AlignerTraining(fresh(), episodes, CONFIG).begin
+    drawn = [begin(np.random.default_rng(seed)) for seed in range(400)]
     assert {(w.episode, w.at) for w in drawn} == {(0, at) for at in range(2)} | {(1, at) for at in range(13)}
 
 
 def test_progress_counts_the_steps() -> None:
     seen: list[int] = []
-    train(fresh(), [episode()], replace(CONFIG, steps=3), progress=lambda stage, step, loss: seen.append(step))
+    train(fresh(), [episode()], replace(CONFIG, steps=3), progress=lambda stage, step, of, **more: seen.append(step))
     assert seen == [1, 2, 3]
 
 
@@ -120,7 +123,7 @@ def test_a_checkpoint_of_something_else_is_refused(damage: str, tmp_path) -> Non
     train(fresh(), [episode()], replace(CONFIG, steps=1), tmp_path)
     path, config, model = tmp_path / CHECKPOINT, replace(CONFIG, steps=1), fresh()
     if damage == "settings":
-        config = replace(config, rate=0.5)
+        config = replace(config, learning_rate=0.5)
     elif damage == "widths":
         model = fresh((8, 16, 16, 16))
     elif damage == "torn":

@@ -148,7 +148,7 @@ def test_the_policys_own_unit_is_taken() -> None:
 def test_files_of_starts_are_kept(tmp_path: Path) -> None:
     env, policy, told = wrapped(tries=2), Half(), []
     (tmp_path / ".start-00000006.hdf5.part").touch()
-    files = env.record(policy, [5, 6], tmp_path, SPREAD, lambda *said: told.append(said))
+    files = env.record(policy, [5, 6], tmp_path, SPREAD, lambda *said, **more: told.append((*said, more)))
     assert [path.name for path in files] == ["start-00000005.hdf5", "start-00000006.hdf5"]
     assert [said[:3] for said in told] == [("rollouts", n, 4) for n in (1, 2, 3, 4)] and "distance" in told[0][3]
     files[1].unlink()

@@ -12,7 +12,7 @@ import pytest
 
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.vis_aligner import load_aligner, load_bank, load_episode
-from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, judge
+from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, evaluate_aligner
 from embodiedreamer_gym.wrappers import VisAlignerObservationWrapper
 
 CLIP = Path(__file__).with_name("lab.hdf5")  # held out: of `cup_full`, in no training set
@@ -61,7 +61,7 @@ def test_every_task_is_dreamed(task: str) -> None:
 
 def test_it_beats_copying_on_a_held_out_clip() -> None:
     """Two chunks of an episode before the lab's bench, after true frames and in the closed loop."""
-    found = judge(load_aligner("lean"), load_episode(CLIP), bench=load_bank("lab").bench).measures
+    found = evaluate_aligner(load_aligner("lean"), load_episode(CLIP), bench=load_bank("lab").bench).measures
     last, true, closed = (found[name] for name in ("copy last", AFTER_TRUE, CLOSED))
     assert true["psnr"] > 30.0 and true["psnr.arm and objects"] > 26.0
     assert true["psnr"] > last["psnr"] + 3.0 and true["psnr.moving"] > last["psnr.moving"] + 5.0

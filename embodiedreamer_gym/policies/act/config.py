@@ -20,7 +20,7 @@ class ActConfig:
     height of a picture, to which others are scaled; chunk: actions predicted at once (k); widths: channels of the
     ResNet's stages, two blocks each, the last of 1 / 2^(stages + 1) of the picture's size; norm: group, or frozen (batch
     normalisation with fixed statistics, as pretrained weights have it); keypoints: places in each picture that are a
-    token beside the ResNet's, 0 for none; objects: names of those whose masks the eyes learn: what they tell goes
+    token beside the ResNet's, 0 for none; objects: names of those whose masks the object pose heads learn: the poses go
     straight to the chunk, and there is no ResNet and no transformer; width, heads, feedforward, encoders, decoders: of
     the transformer, its encoder's and decoder's layers, or (but heads and decoders) of what goes straight to the chunk;
     latent: numbers in the CVAE's z, 0 without a CVAE; latent_encoders: layers of the CVAE's encoder; dropout: share;

@@ -7,16 +7,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.io.files import atomic_file
+
 CSV = "curves.csv"
 EVENTS = "tensorboard"
-COLUMNS = ("step", "loss", "l1", "kl", "gradient", "rate")
+COLUMNS = {name: name for name in ("step", "loss", "l1", "kl", "gradient")} | {"learning_rate": "rate"}  # heading
 HINT = "no TensorBoard curves: `pip install 'embodiedreamer-gym[tensorboard]'` brings them; curves.csv has the same numbers"
 
 
 class Curves:
     """Rows of numbers in a folder; what was written after `step` by an interrupted training is dropped.
 
-    said: whatever there is to tell the user, empty where TensorBoard writes too.
+    note: for the user, empty where TensorBoard writes too.
     """
 
     def __init__(self, folder: Path, step: int = 0) -> None:
@@ -25,11 +28,9 @@ class Curves:
         if self._path.is_file():
             with self._path.open(newline="") as file:
                 rows = [row for row in csv.reader(file) if row and row[0].isdigit() and int(row[0]) <= step]
-        part = self._path.with_name(f".{CSV}.part")
-        with part.open("w", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
-        part.replace(self._path)
-        self._writer, self.said = _event_writer(folder / EVENTS, step)
+        with atomic_file(self._path, PolicyError) as part, part.open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([COLUMNS.values(), *rows])
+        self._writer, self.note = _event_writer(folder / EVENTS, step)
 
     def add(self, row: Mapping[str, float]) -> None:
         """Add the numbers of a step."""
@@ -37,8 +38,8 @@ class Curves:
             values = [row[name] for name in COLUMNS]
             csv.writer(file, lineterminator="\n").writerow([int(values[0]), *(f"{value:.9g}" for value in values[1:])])
         if self._writer is not None:
-            for name in COLUMNS[1:]:
-                self._writer.add_scalar(name, row[name], int(row["step"]))
+            for name, heading in list(COLUMNS.items())[1:]:
+                self._writer.add_scalar(heading, row[name], int(row["step"]))
 
     def close(self) -> None:
         """Let go of the files."""

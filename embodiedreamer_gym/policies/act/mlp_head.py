@@ -1,4 +1,4 @@
-"""From a few numbers straight to a chunk of actions."""
+"""A multilayer perceptron from a few numbers to a chunk of actions."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from torch import nn
 from embodiedreamer_gym.policies.act.config import ActConfig
 
 
-class Direct(nn.Module):
-    """Numbers (B, n) to a chunk of normalised actions (B, k, m): at first linearly, then what layers learn to add to that.
+class MlpHead(nn.Module):
+    """Numbers (B, n) to a chunk of normalised actions (B, k, m): a linear map, and residual layers that start at zero.
 
-    Where things are is all that a chunk depends on, and no transformer learns it as fast: there is nothing to attend to.
-    Nothing is normalised on the way: at the edge of what was shown, a plane goes on where a normalised network bends.
+    A chunk depends on the objects' poses alone, and no transformer learns that as fast: there is nothing to attend to.
+    There is no layer normalisation: outside the demonstrations a linear map extrapolates better.
     """
 
     def __init__(self, numbers: int, c: ActConfig) -> None:

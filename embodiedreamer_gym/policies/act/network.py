@@ -11,18 +11,30 @@ import torch
 from torch import nn
 
 from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.io.progress import ProgressCallback
 from embodiedreamer_gym.policies.act.config import ActConfig
 from embodiedreamer_gym.policies.act.image_size import scaled
 from embodiedreamer_gym.policies.act.keypoints import Keypoints
-from embodiedreamer_gym.policies.act.mlp_head import Direct
-from embodiedreamer_gym.policies.act.object_pose_head import NUMBERS, Eyes
+from embodiedreamer_gym.policies.act.mlp_head import MlpHead
+from embodiedreamer_gym.policies.act.object_pose_head import POSE_SIZE, ObjectPoseHead
 from embodiedreamer_gym.policies.act.resnet import ResNet
-from embodiedreamer_gym.policies.act.samples import Progress, Samples
+from embodiedreamer_gym.policies.act.samples import Samples
 from embodiedreamer_gym.policies.act.statistics import Statistics
 from embodiedreamer_gym.policies.act.transformer import Decoder, Encoder, sine_1d, sine_2d
 
-# agent_pos (B, n) and pixels {camera: (B, H, W, 3) uint8}, arrays or tensors; or told, what the eyes tell of the pixels
+# agent_pos (B, n) and pixels {camera: (B, H, W, 3) uint8}, arrays or tensors; or object_poses (B, numbers) for pixels
 Batch = Mapping[str, Any]
+OLD_NAMES = {"eyes.": "object_pose_heads.", "direct.": "mlp_head.", ".seen_": ".pose_"}  # in weights of version 0.1
+
+
+def current_names(state: Mapping[str, Any]) -> dict[str, Any]:
+    """Weights by today's names."""
+    renamed = {}
+    for name, value in state.items():
+        for old, new in OLD_NAMES.items() if name.startswith(("eyes.", "direct.")) else ():
+            name = name.replace(old, new, 1)
+        renamed[name] = value
+    return renamed
 
 
 class Act(nn.Module):
@@ -37,7 +49,7 @@ class Act(nn.Module):
     def __init__(self, config: ActConfig, statistics: Statistics | None = None, seed: int = 0) -> None:
         super().__init__()
         self.config = config
-        with torch.random.fork_rng(devices=[]):  # the world's chance is left alone
+        with torch.random.fork_rng(devices=[]):  # the caller's random state stays
             torch.manual_seed(seed)
             self._build(config)
         self.register_buffer("latent_positions", sine_1d(2 + config.chunk, config.width), persistent=False)
@@ -46,14 +58,16 @@ class Act(nn.Module):
 
     def _build(self, c: ActConfig) -> None:
         """Make the layers."""
-        self.eyes = nn.ModuleList([Eyes(len(c.objects)) for _ in c.cameras]) if c.objects else None
+        self.object_pose_heads = None
+        if c.objects:
+            self.object_pose_heads = nn.ModuleList([ObjectPoseHead(len(c.objects)) for _ in c.cameras])
         if c.latent:
             self.latent_encoder = Encoder(c, c.latent_encoders)
             self.latent_token = nn.Embedding(1, c.width)
             self.latent_state, self.latent_action = nn.Linear(c.state_size, c.width), nn.Linear(c.action_size, c.width)
             self.latent_head = nn.Linear(c.width, 2 * c.latent)
         if c.objects:
-            self.direct = Direct(c.state_size + c.latent + NUMBERS * len(c.objects) * len(c.cameras), c)
+            self.mlp_head = MlpHead(c.state_size + c.latent + POSE_SIZE * len(c.objects) * len(c.cameras), c)
         else:
             self._build_transformer(c)
 
@@ -109,23 +123,27 @@ class Act(nn.Module):
         divergence = 0.5 * (mu.square() + log_variance.exp() - 1.0 - log_variance).sum(1)
         return self._decode(batch, mu + (0.5 * log_variance).exp() * noise), divergence
 
-    def look(self, samples: Samples, seed: int = 0, progress: Progress | None = None) -> None:
-        """Teach the eyes, where there are any, the masks of a set of episodes."""
-        for number, eyes in enumerate(self.eyes or ()):
-            ready = partial(self._normalised, camera=number)
-            seen, masks = samples.masked(self.config.cameras[number])
-            cast(Eyes, eyes).learn(seen, masks, ready, seed, progress, len(samples.states))
+    def learn_object_poses(self, samples: Samples, seed: int = 0, progress: ProgressCallback | None = None) -> None:
+        """Teach the object pose heads, where there are any, the masks of a set of episodes."""
+        for number, head in enumerate(self.object_pose_heads or ()):
+            normalise = partial(self._normalised, camera=number)
+            pictures, masks = samples.masked_pictures(self.config.cameras[number])
+            cast(ObjectPoseHead, head).fit(pictures, masks, normalise, seed, progress, len(samples.states))
 
-    def told(self, pictures: Mapping[str, Any]) -> torch.Tensor:
-        """What the eyes tell (B, numbers) of each camera's pictures (B, H, W, 3); no gradient goes through it."""
-        seen = self._pictures(pictures)
-        return torch.cat([eyes(one) for eyes, one in zip(self.eyes or (), seen, strict=True)], 1)
+    def object_poses(self, pictures: Mapping[str, Any]) -> torch.Tensor:
+        """Poses (B, numbers) of the objects in each camera's pictures (B, H, W, 3); no gradient goes through them."""
+        pairs = zip(self.object_pose_heads or (), self._pictures(pictures), strict=True)
+        return torch.cat([head(one) for head, one in pairs], 1)
 
-    def digest(self, batch: Batch) -> Batch:
-        """The same with what the eyes tell in place of pictures, where there are eyes: it does not change any more."""
-        if self.eyes is None or "told" in batch:
+    def precompute(self, batch: Batch) -> Batch:
+        """The batch with object poses in place of pictures, where the network uses them: they do not change any more."""
+        if self.object_pose_heads is None or "object_poses" in batch:
             return batch
-        return {"agent_pos": batch["agent_pos"], "told": self.told(batch.get("pixels", {})).cpu()}
+        return {"agent_pos": batch["agent_pos"], "object_poses": self.object_poses(batch.get("pixels", {})).cpu()}
+
+    def load_state_dict(self, state_dict: Mapping[str, Any], *args: Any, **options: Any) -> Any:
+        """Load weights, also those of version 0.1; see `torch.nn.Module.load_state_dict`."""
+        return super().load_state_dict(current_names(state_dict), *args, **options)
 
     def normalise(self, actions: torch.Tensor) -> torch.Tensor:
         """Actions (..., m) in the environment's units to normalised ones."""
@@ -192,10 +210,10 @@ class Act(nn.Module):
         state = self._state(batch)
         if self.config.latent and z is None:
             z = torch.zeros(len(state), self.config.latent, device=state.device)
-        if self.eyes is None:
+        if self.object_pose_heads is None:
             return self._attend(state, self._pictures(batch.get("pixels", {})), z)
-        told = self.digest(batch)["told"].to(state.device)
-        return self.direct(torch.cat([state, told] if z is None else [state, told, z], 1))
+        poses = self.precompute(batch)["object_poses"].to(state.device)
+        return self.mlp_head(torch.cat([state, poses] if z is None else [state, poses, z], 1))
 
     def _attend(self, state: torch.Tensor, pictures: list[torch.Tensor], z: torch.Tensor | None) -> torch.Tensor:
         """Normalised actions (B, k, m) of states (B, n), pictures (B, 3, H, W) and latents, by the transformer."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,8 @@ import numpy as np
 import torch
 
 from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.io.files import read_json, write_json
+from embodiedreamer_gym.learning.checkpoint import read_state, write_state
 from embodiedreamer_gym.policies.act.config import ActConfig
 from embodiedreamer_gym.policies.act.network import Act
 from embodiedreamer_gym.policies.act.statistics import Statistics
@@ -43,16 +44,15 @@ class ActPolicy:
             return self.network.denormalise(self.network.mean(batch)).cpu().numpy()
 
     def save(self, folder: str | Path) -> Path:
-        """Write config.json and weights.pt into a folder, each beside and renamed; returns the folder."""
+        """Write config.json and weights.pt into a folder; returns the folder.
+
+        Raises: PolicyError where they cannot be written.
+        """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        part = folder / f".{WEIGHTS}.part"
-        torch.save({name: value.cpu() for name, value in self.network.state_dict().items()}, part)
-        part.replace(folder / WEIGHTS)
-        part = folder / f".{CONFIG}.part"
-        data = {"type": KIND, "config": self.network.config.as_dict()}
-        part.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-        part.replace(folder / CONFIG)
+        weights = {name: value.cpu() for name, value in self.network.state_dict().items()}
+        write_state(weights, folder / WEIGHTS, PolicyError)
+        write_json({"type": KIND, "config": self.network.config.as_dict()}, folder / CONFIG, PolicyError)
         return folder
 
     @staticmethod
@@ -68,16 +68,13 @@ class ActPolicy:
                 f"{folder / CONFIG} is not of an ACT policy of this package; its type is {data.get('type')!r}."
             )
         config = ActConfig.of(data.get("config") or {})
+        damaged = PolicyError(f"{folder / WEIGHTS} holds no weights that fit {CONFIG}: damaged, or of another policy.")
+        state = read_state(folder / WEIGHTS, damaged)
+        network = Act(config, Statistics.of(state))
         try:
-            state = torch.load(folder / WEIGHTS, weights_only=True, map_location="cpu")
-            network = Act(config, Statistics.of(state))
             network.load_state_dict(state)
-        except PolicyError:
-            raise
-        except Exception as error:  # whatever a damaged or foreign file raises
-            raise PolicyError(
-                f"{folder / WEIGHTS} holds no weights that fit {CONFIG}: damaged, or of another policy."
-            ) from error
+        except RuntimeError as error:
+            raise damaged from error
         return ActPolicy(network.to(device))
 
 
@@ -88,10 +85,9 @@ def read_config(folder: Path) -> dict[str, Any]:
     """
     if not folder.is_dir():
         raise PolicyError(f"policy {folder} is no folder; give one that `embodiedreamer policy train` wrote.")
-    try:
-        data = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise PolicyError(f"{folder} is no policy: its {CONFIG} is missing or no JSON.") from error
+    if not (folder / CONFIG).is_file():
+        raise PolicyError(f"{folder} is no policy: its {CONFIG} is missing.")
+    data = read_json(folder / CONFIG, PolicyError, "configuration")
     if not isinstance(data, dict):
         raise PolicyError(f"{folder / CONFIG} must be a JSON object with the key 'type'.")
     return data

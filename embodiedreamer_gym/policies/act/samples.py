@@ -9,17 +9,15 @@ import numpy as np
 import torch
 
 from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.policies.act.config import ActConfig
 from embodiedreamer_gym.policies.act.image_size import scaled, scaled_masks
 
 MEMORY = 4 << 30  # bytes of pictures kept; more are read again whenever they are drawn
 BLOCK = 64  # frames read at once
-LOOKED_AT = 4  # every fourth step's masks, at most
-TOLD_AT_ONCE = 16  # pictures; more do not fit a processor's cache
-NEAR = 8  # steps from where a policy that plays whole chunks is asked
-
-
-Progress = Callable[[str, int, int, str], None]
+MASK_EVERY = 4  # steps from one mask that is learnt to the next, at least
+POSES_AT_ONCE = 16  # pictures; more do not fit a processor's cache
+NEAR = 8  # steps after the start of a chunk that are near it
 
 
 class Episodes(Protocol):
@@ -128,10 +126,10 @@ class Samples:
         width, height = config.image_size
         size = int(self._ends[-1]) * len(config.cameras) * width * height * 3
         self._kept: dict[tuple[int, str], np.ndarray] = {}
-        self._told: torch.Tensor | None = None
+        self._object_poses: torch.Tensor | None = None
         steps = np.concatenate([np.arange(length) for length in episodes.lengths])
-        self._asked = np.flatnonzero(steps % config.chunk < NEAR)
-        if size <= memory and not config.objects:  # what eyes have told is kept instead
+        self._chunk_starts = np.flatnonzero(steps % config.chunk < NEAR)
+        if size <= memory and not config.objects:  # the object poses are kept instead
             self._kept = {
                 (i, camera): self._read(i, camera, 0, episodes.lengths[i])
                 for i in range(len(episodes)) for camera in config.cameras
@@ -152,13 +150,13 @@ class Samples:
         )
         return [list(row) for row in zip(self._episodes.names, self._episodes.lengths, states, actions, strict=True)]
 
-    def draw(self, rng: np.random.Generator, count: int, asked: float = 0.0) -> Sample:
+    def draw(self, rng: np.random.Generator, count: int, chunk_start_share: float = 0.0) -> Sample:
         """A number of starts, each step of each episode as likely.
 
-        asked: share of them near the steps at which a policy is asked that plays whole chunks.
+        chunk_start_share: share of them near the steps at which a policy predicts that plays whole chunks.
         """
-        anywhere, near = rng.integers(len(self), size=count), rng.integers(len(self._asked), size=count)
-        return self.at(np.where(rng.random(count) < asked, self._asked[near], anywhere))
+        anywhere, near = rng.integers(len(self), size=count), rng.integers(len(self._chunk_starts), size=count)
+        return self.at(np.where(rng.random(count) < chunk_start_share, self._chunk_starts[near], anywhere))
 
     def at(self, steps: np.ndarray) -> Sample:
         """The starts at these steps, counted through all episodes."""
@@ -168,37 +166,39 @@ class Samples:
         last = np.array(self._episodes.lengths)[which, None] - 1
         actions = [self.actions[i][row] for i, row in zip(which, np.minimum(ahead, last), strict=True)]
         states = np.stack([self.states[i][s] for i, s in zip(which, starts, strict=True)])
-        if self._told is not None:
-            return Sample({"agent_pos": states, "told": self._told[steps]}, np.stack(actions), ahead > last)
+        if self._object_poses is not None:
+            batch = {"agent_pos": states, "object_poses": self._object_poses[steps]}
+            return Sample(batch, np.stack(actions), ahead > last)
         pixels = {
             camera: np.stack([self._picture(int(i), camera, int(s)) for i, s in zip(which, starts, strict=True)])
             for camera in self.config.cameras
         }
         return Sample({"agent_pos": states, "pixels": pixels}, np.stack(actions), ahead > last)
 
-    def tell(self, told: Callable[[Mapping[str, np.ndarray]], torch.Tensor], progress: Progress | None = None) -> None:
-        """Keep what is told of each step's pictures {camera: (B, H, W, 3)}, (B, numbers), and no pictures."""
-        rows: list[torch.Tensor] = []
+    def keep_object_poses(
+        self, poses: Callable[[Mapping[str, np.ndarray]], torch.Tensor], progress: ProgressCallback | None = None
+    ) -> None:
+        """Keep the poses (B, numbers) of the objects in each step's pictures {camera: (B, H, W, 3)}, and no pictures."""
+        rows, shown = [], progress_or_silence(progress)
         for i, length in enumerate(self._episodes.lengths):
-            for at in range(0, length, TOLD_AT_ONCE):
-                until = min(at + TOLD_AT_ONCE, length)
-                rows.append(told({camera: self._read(i, camera, at, until) for camera in self.config.cameras}).cpu())
-            if progress is not None:
-                progress("looking", i + 1, len(self._episodes), "")
-        self._told = torch.cat(rows)
+            for at in range(0, length, POSES_AT_ONCE):
+                until = min(at + POSES_AT_ONCE, length)
+                rows.append(poses({camera: self._read(i, camera, at, until) for camera in self.config.cameras}).cpu())
+            shown("object poses", i + 1, len(self._episodes))
+        self._object_poses = torch.cat(rows)
 
     @property
-    def told(self) -> bool:
-        """Whether what eyes tell of the pictures is kept."""
-        return self._told is not None
+    def has_object_poses(self) -> bool:
+        """Whether the objects' poses are kept."""
+        return self._object_poses is not None
 
-    def masked(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
+    def masked_pictures(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
         """Pictures (N, H, W, 3) of every fourth step, and their masks (N, H, W), which number the policy's objects from 1.
 
         Of a set whose pictures would not fit into memory, fewer steps.
         """
         width, height = self.config.image_size
-        every = max(LOOKED_AT, -(-len(self) * width * height * 4 // self._memory))
+        every = max(MASK_EVERY, -(-len(self) * width * height * 4 // self._memory))
         numbers = np.zeros(256, np.uint8)
         for place, name in enumerate(self.config.objects, 1):
             numbers[self._episodes.objects[name]] = place

@@ -2,41 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.io.deprecation import renamed_arguments
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
+from embodiedreamer_gym.learning.epochs import run_epochs
 from embodiedreamer_gym.policies.preferences.likelihood import ChunkNetwork, Chunks, squared_errors
 from embodiedreamer_gym.policies.preferences.pairing import TOP, best_of, top_of
 from embodiedreamer_gym.policies.preferences.trajectory import METRICS, Metric, Trajectory
 
 FILTERS = ("best_of", "top")
-Progress = Callable[[str, int, int, str], None]  # stage, count, of how many, and what to say of it
 
 
+@renamed_arguments(rate="learning_rate")
 @dataclass(frozen=True)
 class CloningConfig:
-    """How a policy imitates trajectories: epochs over all chunks, chunks of a step, rate of Adam, seed of their order.
+    """How a policy imitates trajectories.
 
     Raises: PolicyError for numbers out of range.
     """
 
     epochs: int = 80
+    """Epochs over all chunks."""
     batch: int = 256
-    rate: float = 1e-4
+    """Chunks of a step."""
+    learning_rate: float = 1e-4
+    """Learning rate of Adam."""
     seed: int = 0
+    """Seed of the order of the chunks."""
 
     def __post_init__(self) -> None:
-        if self.epochs < 1 or self.batch < 1 or not self.rate > 0:
-            raise PolicyError("cloning needs at least 1 epoch, a batch of at least 1 chunk and a rate above 0.")
+        if self.epochs < 1 or self.batch < 1 or not self.learning_rate > 0:
+            raise PolicyError(
+                "cloning needs at least 1 epoch, a batch of at least 1 chunk and a learning rate above 0."
+            )
 
 
 def clone(
     network: ChunkNetwork, trajectories: Sequence[Trajectory], config: CloningConfig | None = None,
-    weights: Sequence[float] | None = None, progress: Progress | None = None,
+    weights: Sequence[float] | None = None, progress: ProgressCallback | None = None,
 ) -> tuple[float, ...]:  # fmt: skip
     """Imitate what trajectories did, in place; mean squared error (normalised) of each epoch.
 
@@ -52,23 +61,22 @@ def clone(
     share = (share / share.mean())[chunks.owner]
     size = chunks.played.sum().float() * chunks.actions.shape[2] / len(chunks)  # numbers in a chunk
 
-    def loss(rows: torch.Tensor) -> torch.Tensor:
-        return (squared_errors(network, chunks.rows(rows)) * share[rows]).mean() / size
+    totals = [0.0]
 
-    optimiser = torch.optim.Adam([p for p in network.parameters() if p.requires_grad], config.rate)
-    generator, found = torch.Generator().manual_seed(config.seed), []
-    for epoch in range(config.epochs):
-        total = 0.0
-        for rows in torch.randperm(len(chunks), generator=generator).split(config.batch):
-            optimiser.zero_grad()
-            here = loss(rows)
-            here.backward()
-            optimiser.step()
-            total += float(here.detach()) * len(rows)
-        found.append(total / len(chunks))
-        if progress is not None:
-            progress("cloning", epoch + 1, config.epochs, f"squared error {found[-1]:.4f}")
-    return tuple(found)
+    def backward(rows: torch.Tensor) -> None:
+        loss = (squared_errors(network, chunks.rows(rows)) * share[rows]).mean() / size
+        loss.backward()
+        totals[-1] += float(loss.detach()) * len(rows)
+
+    shown = progress_or_silence(progress)
+    epochs = run_epochs(
+        network.parameters(), backward, len(chunks), epochs=config.epochs, batch=config.batch,
+        learning_rate=config.learning_rate, seed=config.seed,
+    )  # fmt: skip
+    for epoch in epochs:
+        shown("cloning", epoch, config.epochs, squared_error=f"{totals[-1] / len(chunks):.4f}")
+        totals.append(0.0)
+    return tuple(total / len(chunks) for total in totals[:-1])
 
 
 def filtered(

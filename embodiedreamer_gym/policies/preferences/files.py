@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 
 from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.io.files import atomic_file
 from embodiedreamer_gym.policies.preferences.trajectory import Trajectory
 
 KIND, VERSION = "embodiedreamer trajectories", 1
@@ -20,23 +21,15 @@ ARRAYS = ("actions", "means", "counts")
 def save_trajectories(
     trajectories: Sequence[Trajectory], path: str | Path, about: Mapping[str, Any] | None = None
 ) -> Path:
-    """Write trajectories, beside first, then renamed; about: what JSON can hold.
+    """Write trajectories, whole or not at all; about: what JSON can hold.
 
     Raises: PolicyError where the file cannot be written.
     """
-    path = Path(path)
-    part = path.with_name(f".{path.name}.part")
-    try:
-        with h5py.File(part, "w") as file:
-            file.attrs.update(kind=KIND, version=VERSION, about=json.dumps(about or {}), count=len(trajectories))
-            for number, one in enumerate(trajectories):
-                _write(one, file.create_group(f"{number:06d}"))
-        part.replace(path)
-    except OSError as error:
-        raise PolicyError(f"{path} cannot be written: {error.strerror or error}.") from error
-    finally:
-        part.unlink(missing_ok=True)
-    return path
+    with atomic_file(path, PolicyError) as part, h5py.File(part, "w") as file:
+        file.attrs.update(kind=KIND, version=VERSION, about=json.dumps(about or {}), count=len(trajectories))
+        for number, one in enumerate(trajectories):
+            _write(one, file.create_group(f"{number:06d}"))
+    return Path(path)
 
 
 def load_trajectories(path: str | Path) -> tuple[list[Trajectory], dict[str, Any]]:

@@ -17,7 +17,7 @@ from embodiedreamer_gym.policies.preferences.trajectory import Trajectory, alike
 class ChunkNetwork(Protocol):
     """What can be fine-tuned: a torch module that says chunks of normalised actions; `Act` is one.
 
-    Where it has a method `digest(batch)`, batches are given to that once, and what comes of them to `mean` ever after.
+    A network may have a method `precompute(batch)`: it is called once for each batch, and `mean` then gets its results.
     """
 
     def mean(self, batch: Mapping[str, Any]) -> torch.Tensor:
@@ -71,7 +71,7 @@ class Chunks:
                 f"size {actions.shape[2]}; roll this policy out itself."
             )
         return Chunks(
-            _digested(trajectories, network),
+            _observations(trajectories, network),
             network.normalise(actions.to(device_of(network))).cpu(),
             torch.from_numpy(np.concatenate([t.played for t in trajectories])),
             torch.from_numpy(np.repeat(np.arange(len(trajectories)), [len(t) for t in trajectories])),
@@ -94,14 +94,14 @@ class Chunks:
         return len(self.actions)
 
 
-def _digested(trajectories: Sequence[Trajectory], network: ChunkNetwork) -> dict[str, torch.Tensor]:
-    """Observations name -> (R, ...) of all chunks, digested by networks that do."""
-    digest = getattr(network, "digest", dict)
+def _observations(trajectories: Sequence[Trajectory], network: ChunkNetwork) -> dict[str, torch.Tensor]:
+    """Observations name -> (R, ...) of all chunks, precomputed by networks that do."""
+    precompute = getattr(network, "precompute", dict)
     rows: list[dict[str, torch.Tensor]] = []
     for one in trajectories:
         seen = nested({name: torch.from_numpy(values) for name, values in one.observations.items()})
         with torch.no_grad():
-            rows.append({name: torch.as_tensor(values) for name, values in flat(digest(seen)).items()})
+            rows.append({name: torch.as_tensor(values) for name, values in flat(precompute(seen)).items()})
     return {name: torch.cat([row[name] for row in rows]) for name in rows[0]}
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import torch
 
 from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.io.deprecation import renamed_arguments
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
+from embodiedreamer_gym.learning.epochs import run_epochs
 from embodiedreamer_gym.policies.preferences.guard import FALL, Guard, warn_if_still
 from embodiedreamer_gym.policies.preferences.likelihood import (
     ChunkNetwork,
@@ -20,34 +22,37 @@ from embodiedreamer_gym.policies.preferences.likelihood import (
 from embodiedreamer_gym.policies.preferences.losses import LossConfig, tpo_loss
 from embodiedreamer_gym.policies.preferences.preference_set import PreferenceSet
 
-Progress = Callable[[str, int, int, str], None]  # stage, count, of how many, and what to say of it
 
-
+@renamed_arguments(rate="learning_rate")
 @dataclass(frozen=True)
 class TuningConfig:
     """How a policy is fine-tuned on pairs.
 
-    loss: variant and constants; sigma: of the Gaussian likelihood, normalised units (the paper's is 1); epochs: over
-    all pairs (the paper's 80); batch: pairs of a step; rate: of Adam; fall: nats by which the winners may fall below the
-    reference before the guard stops, None for no guard; rows: chunks that go through the network at once (memory);
-    seed: of the order of the pairs.
     Raises: PolicyError for numbers out of range.
     """
 
     loss: LossConfig = field(default_factory=LossConfig)
+    """Variant of the loss and its constants."""
     sigma: float = 1.0
+    """Standard deviation of the Gaussian likelihood, normalised units (the paper's is 1)."""
     epochs: int = 80
+    """Epochs over all pairs (the paper's 80)."""
     batch: int = 25
-    rate: float = 1e-5
+    """Pairs of a step."""
+    learning_rate: float = 1e-5
+    """Learning rate of Adam."""
     fall: float | None = FALL
+    """Nats by which the winners may fall below the reference before the guard stops; None for no guard."""
     rows: int = 512
+    """Chunks that go through the network at once (memory)."""
     seed: int = 0
+    """Seed of the order of the pairs."""
 
     def __post_init__(self) -> None:
         for name in ("epochs", "batch", "rows"):
             if getattr(self, name) < 1:
                 raise PolicyError(f"{name} is {getattr(self, name)}, but must be at least 1.")
-        for name in ("sigma", "rate", "fall"):
+        for name in ("sigma", "learning_rate", "fall"):
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise PolicyError(f"{name} is {value}, but must be above 0.")
@@ -123,7 +128,10 @@ class Pairs:
 
 
 def fine_tune(
-    network: ChunkNetwork, pairs: PreferenceSet, config: TuningConfig | None = None, progress: Progress | None = None
+    network: ChunkNetwork,
+    pairs: PreferenceSet,
+    config: TuningConfig | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Tuned:
     """Fine-tune a network in place on a set of pairs; its reference is the network as it was given.
 
@@ -136,19 +144,16 @@ def fine_tune(
     data = Pairs(network, pairs, config)
     gradient, error = data.start()
     warn_if_still(gradient, error)
-    guard, states, stopped = Guard(network, config.fall), [data.state()], None
-    optimiser = torch.optim.Adam([p for p in network.parameters() if p.requires_grad], config.rate)
-    generator = torch.Generator().manual_seed(config.seed)
-    for epoch in range(config.epochs):
-        for chosen in torch.randperm(data.count, generator=generator).split(config.batch):
-            optimiser.zero_grad()
-            data.backward(chosen)
-            optimiser.step()
+    guard, states, stopped, shown = Guard(network, config.fall), [data.state()], None, progress_or_silence(progress)
+    epochs = run_epochs(
+        network.parameters(), data.backward, data.count, epochs=config.epochs, batch=config.batch,
+        learning_rate=config.learning_rate, seed=config.seed,
+    )  # fmt: skip
+    for epoch in epochs:
         states.append(data.state())
-        if progress is not None:
-            progress("fine-tuning", epoch + 1, config.epochs, f"winners {states[-1][1]:+.2f} nats")
+        shown("fine-tuning", epoch, config.epochs, winners=f"{states[-1][1]:+.2f} nats")
         if not guard.passes(states[-1][1]):
-            stopped = epoch + 1
+            stopped = epoch
             break
     loss, winner, loser = zip(*states, strict=True)
     return Tuned(loss, winner, loser, gradient, error, stopped)

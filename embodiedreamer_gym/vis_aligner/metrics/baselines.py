@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics.checks import checked_frames, checked_picture, said
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_frames, check_picture, said
 
 
 def raw_simulation(simulated: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -14,7 +14,7 @@ def raw_simulation(simulated: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
     Raises: VisionError when there is not one for each true frame.
     """
-    simulated, truth = checked_frames(simulated, "simulated frames"), checked_frames(truth, "true frames")
+    simulated, truth = check_frames(simulated, "simulated frames"), check_frames(truth, "true frames")
     if len(simulated) != len(truth):
         raise VisionError(
             f"the simulated frames are {said(simulated)}, the true ones {said(truth)}; give one for each."
@@ -31,8 +31,8 @@ def copy_first(reference: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
     Raises: VisionError when sizes differ.
     """
-    truth = checked_frames(truth, "true frames")
-    return np.broadcast_to(checked_picture(reference, truth), truth.shape)
+    truth = check_frames(truth, "true frames")
+    return np.broadcast_to(check_picture(reference, truth), truth.shape)
 
 
 def copy_last(reference: np.ndarray, truth: np.ndarray, chunk: int) -> np.ndarray:
@@ -41,8 +41,8 @@ def copy_last(reference: np.ndarray, truth: np.ndarray, chunk: int) -> np.ndarra
     chunk: frames that are made at once. A model that is given the true last frame must beat this.
     Raises: VisionError when sizes differ or chunk is not above 0.
     """
-    truth = checked_frames(truth, "true frames")
-    first = checked_picture(reference, truth)
+    truth = check_frames(truth, "true frames")
+    first = check_picture(reference, truth)
     if chunk < 1:
         raise VisionError(f"chunk is {chunk}; the number of frames made at once, 1 or more, is expected.")
     starts = np.arange(len(truth)) // chunk * chunk

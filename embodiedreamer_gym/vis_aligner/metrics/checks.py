@@ -9,7 +9,7 @@ import numpy as np
 from embodiedreamer_gym.errors import VisionError
 
 
-def checked_frames(frames: Any, name: str = "frames") -> np.ndarray:
+def check_frames(frames: Any, name: str = "frames") -> np.ndarray:
     """Return frames (T, H, W, 3), uint8 RGB.
 
     Raises: VisionError for another type or shape, or no frame.
@@ -17,14 +17,14 @@ def checked_frames(frames: Any, name: str = "frames") -> np.ndarray:
     return _checked(frames, name, "uint8 RGB (T, H, W, 3)", np.uint8, 4, 3)
 
 
-def checked_pair(
+def check_pair(
     generated: Any, truth: Any, names: tuple[str, str] = ("generated", "true")
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return two clips (T, H, W, 3), uint8 RGB, of one length and size.
 
     Raises: VisionError when they differ in either, or one of them is no clip.
     """
-    first, second = (checked_frames(x, f"{name} frames") for x, name in zip((generated, truth), names, strict=True))
+    first, second = (check_frames(x, f"{name} frames") for x, name in zip((generated, truth), names, strict=True))
     if first.shape != second.shape:
         raise VisionError(
             f"the {names[0]} frames are {said(first)}, the {names[1]} ones {said(second)}; make them alike."
@@ -32,7 +32,7 @@ def checked_pair(
     return first, second
 
 
-def checked_picture(picture: Any, like: np.ndarray, name: str = "reference") -> np.ndarray:
+def check_picture(picture: Any, like: np.ndarray, name: str = "reference") -> np.ndarray:
     """Return a picture (H, W, 3), uint8 RGB, of the size of the frames `like` (T, H, W, 3).
 
     Raises: VisionError for another type, shape or size.
@@ -45,7 +45,7 @@ def checked_picture(picture: Any, like: np.ndarray, name: str = "reference") -> 
     return found
 
 
-def checked_classes(classes: Any, like: np.ndarray, name: str = "classes") -> np.ndarray:
+def check_classes(classes: Any, like: np.ndarray, name: str = "classes") -> np.ndarray:
     """Return class numbers (T, H, W), uint8, of the length and size of the frames `like` (T, H, W, 3).
 
     Raises: VisionError for another type, shape, length or size.
@@ -58,7 +58,7 @@ def checked_classes(classes: Any, like: np.ndarray, name: str = "classes") -> np
     return found
 
 
-def checked_mask(mask: Any, like: np.ndarray) -> np.ndarray:
+def check_mask(mask: Any, like: np.ndarray) -> np.ndarray:
     """Return a mask (T, H, W), bool, for the frames `like` (T, H, W, 3); one mask (H, W) holds for all of them.
 
     Raises: VisionError for another type or size, or a mask without a pixel.

@@ -10,9 +10,9 @@ import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.metrics.baselines import copy_first, copy_last, raw_simulation
-from embodiedreamer_gym.vis_aligner.metrics.checks import checked_pair, said
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_pair, said
 from embodiedreamer_gym.vis_aligner.metrics.drift import drift_curve
-from embodiedreamer_gym.vis_aligner.metrics.ground_truth import Truth
+from embodiedreamer_gym.vis_aligner.metrics.ground_truth import GroundTruth
 from embodiedreamer_gym.vis_aligner.metrics.image_metrics import (
     colour_shift,
     colour_shift_frames,
@@ -85,14 +85,14 @@ class Measures:
 
 
 def evaluate(
-    generated: np.ndarray, truth: Truth, chunk: int = 8, lpips: Lpips | None = None, i3d: I3d | None = None
+    generated: np.ndarray, truth: GroundTruth, chunk: int = 8, lpips: Lpips | None = None, i3d: I3d | None = None
 ) -> Measures:
     """Measure a generated clip (T, H, W, 3), uint8 RGB, against the true one.
 
     chunk: frames that were generated at once, for the drift; lpips, i3d: networks, from local weights.
     Raises: VisionError when sizes differ or a network cannot take these frames.
     """
-    generated, true = checked_pair(generated, truth.frames)
+    generated, true = check_pair(generated, truth.frames)
     by_frame, ssims = psnr_frames(generated, true), ssim_frames(generated, true)
     values: dict[str, float | None] = {
         "psnr": float(by_frame.mean()),
@@ -116,7 +116,7 @@ def evaluate(
 
 
 def evaluate_all(
-    clips: Mapping[str, np.ndarray], truth: Truth, simulated: np.ndarray, chunk: int = 8,
+    clips: Mapping[str, np.ndarray], truth: GroundTruth, simulated: np.ndarray, chunk: int = 8,
     lpips: Lpips | None = None, i3d: I3d | None = None,
 ) -> dict[str, Measures]:  # fmt: skip
     """Measure the baselines and then each of the named clips (T, H, W, 3), say those of models: name -> Measures.
@@ -134,7 +134,7 @@ def evaluate_all(
     return {name: evaluate(clip, truth, chunk, lpips, i3d) for name, clip in {**baselines, **clips}.items()}
 
 
-def _regions(generated: np.ndarray, truth: Truth, chunk: int, values: dict, drift: dict, reasons: dict) -> None:
+def _regions(generated: np.ndarray, truth: GroundTruth, chunk: int, values: dict, drift: dict, reasons: dict) -> None:
     """PSNR of what moves, of each class and of their unions."""
     for name in ("moving", *truth.numbers):
         mask = truth.moving if name == "moving" else truth.mask(truth.numbers[name])
@@ -147,7 +147,7 @@ def _regions(generated: np.ndarray, truth: Truth, chunk: int, values: dict, drif
             reasons[key] = "nothing moves" if name == "moving" else f"no pixel of {name} is in the {said(truth.frames)}"
 
 
-def _overlaps(generated: np.ndarray, truth: Truth, chunk: int, values: dict, drift: dict, reasons: dict) -> None:
+def _overlaps(generated: np.ndarray, truth: GroundTruth, chunk: int, values: dict, drift: dict, reasons: dict) -> None:
     """IoU of the classes found again, and what the true frames reach."""
     found = truth.find(generated)
     for name, numbers in truth.numbers.items():
@@ -167,7 +167,7 @@ def _share_curve(both: np.ndarray, either: np.ndarray, chunk: int) -> np.ndarray
     return drift_curve(np.divide(both, either, out=np.full(len(both), np.nan), where=either > 0), chunk, either)
 
 
-def _colours(generated: np.ndarray, truth: Truth, chunk: int, values: dict, drift: dict, reasons: dict) -> None:
+def _colours(generated: np.ndarray, truth: GroundTruth, chunk: int, values: dict, drift: dict, reasons: dict) -> None:
     """Colour shift of the background: the channel that is furthest off, and each channel."""
     keys = ("colour_shift", *(f"colour_shift_rgb.{c}" for c in "rgb"))
     if not truth.still.any():

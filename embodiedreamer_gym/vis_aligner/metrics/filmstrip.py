@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics.checks import checked_frames, said
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_frames, said
 
 GAP = 2  # pixels of paper between pictures
 PAPER, INK = 255, 40
@@ -23,7 +23,7 @@ def strip(rows: Mapping[str, np.ndarray], columns: int | Sequence[int] = 8, zoom
     frame is enlarged, pixel by pixel.
     Raises: VisionError when clips differ in length or size, or a frame is not there.
     """
-    clips = {name: checked_frames(frames, name) for name, frames in rows.items()}
+    clips = {name: check_frames(frames, name) for name, frames in rows.items()}
     shapes = {frames.shape for frames in clips.values()}
     if len(shapes) != 1:
         sizes = ", ".join(f"{name} {said(frames)}" for name, frames in clips.items()) or "none"

@@ -8,14 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics.checks import checked_classes, checked_frames, checked_picture, said
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_classes, check_frames, check_picture, said
 from embodiedreamer_gym.vis_aligner.metrics.regions import moving_region, numbers_of, static_background
 from embodiedreamer_gym.vis_aligner.metrics.segmenter import Segmenter, mask_iou
 from embodiedreamer_gym.vis_aligner.metrics.video_features import I3d, random_features
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Truth:
+class GroundTruth:
     """A true clip, without its reference frame.
 
     frames: (T, H, W, 3), uint8 RGB; classes: (T, H, W), uint8; reference: (H, W, 3), the true frame before the first,
@@ -32,13 +32,13 @@ class Truth:
     segmenter: Segmenter | None = None
 
     def __post_init__(self) -> None:
-        frames = checked_frames(self.frames, "true frames")
+        frames = check_frames(self.frames, "true frames")
         first = np.asarray(self.reference_classes)
         for name, value in {
             "frames": frames,
-            "classes": checked_classes(self.classes, frames),
-            "reference": checked_picture(self.reference, frames),
-            "reference_classes": checked_classes(first[None], frames[:1], "classes of the reference")[0],
+            "classes": check_classes(self.classes, frames),
+            "reference": check_picture(self.reference, frames),
+            "reference_classes": check_classes(first[None], frames[:1], "classes of the reference")[0],
             "class_names": tuple(self.class_names),
         }.items():
             object.__setattr__(self, name, value)
@@ -50,7 +50,7 @@ class Truth:
             )
 
     def __repr__(self) -> str:
-        return f"Truth({said(self.frames)}, {', '.join(self.class_names[2:])})"
+        return f"GroundTruth({said(self.frames)}, {', '.join(self.class_names[2:])})"
 
     @cached_property
     def numbers(self) -> dict[str, tuple[int, ...]]:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics.checks import checked_mask, checked_pair
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_mask, check_pair
 
 CEILING = 100.0  # dB of frames that are equal; their mean square error would have no logarithm
 WINDOW = 11  # pixels of SSIM's Gaussian window
@@ -26,7 +26,7 @@ def psnr(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None = Non
     """
     if mask is None:
         return float(psnr_frames(generated, truth).mean())
-    squares, counts = _squares(*checked_pair(generated, truth), mask)
+    squares, counts = _squares(*check_pair(generated, truth), mask)
     return float(_decibel(squares.sum() / counts.sum()))
 
 
@@ -35,7 +35,7 @@ def psnr_frames(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | Non
 
     Raises: VisionError when the clips differ in size, or the mask is empty.
     """
-    squares, counts = _squares(*checked_pair(generated, truth), mask)
+    squares, counts = _squares(*check_pair(generated, truth), mask)
     return _decibel(np.divide(squares, counts, out=np.full(len(squares), np.nan), where=counts > 0))
 
 
@@ -67,7 +67,7 @@ def gradient_psnr(generated: np.ndarray, truth: np.ndarray) -> float:
     It falls with blur and grids, not with an even shift of colour. Raises: VisionError when the clips differ in size.
     """
     values = []
-    for a, b in zip(*checked_pair(generated, truth), strict=True):
+    for a, b in zip(*check_pair(generated, truth), strict=True):
         error = np.subtract(a, b, dtype=np.int16)  # the difference of differences is the difference's difference
         steps = [np.diff(error, axis=axis).astype(np.float64) for axis in (0, 1)]
         count = sum(step.size for step in steps)
@@ -81,7 +81,7 @@ def temporal_error(generated: np.ndarray, truth: np.ndarray) -> float | None:
     Sensor noise of standard deviation s in the true frames alone makes 1.13 s.
     Raises: VisionError when the clips differ in size.
     """
-    clips = checked_pair(generated, truth)
+    clips = check_pair(generated, truth)
     previous, total = None, 0.0
     for a, b in zip(*clips, strict=True):
         error = np.subtract(a, b, dtype=np.int16)
@@ -112,7 +112,7 @@ def colour_shift_frames(generated: np.ndarray, truth: np.ndarray, mask: np.ndarr
 
 def _squares(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Sum of squared errors (T,) and how many numbers it is of (T,)."""
-    masks = None if mask is None else checked_mask(mask, truth)
+    masks = None if mask is None else check_mask(mask, truth)
     squares, counts = np.zeros(len(truth)), np.full(len(truth), truth[0].size, float)
     for i, (a, b) in enumerate(zip(generated, truth, strict=True)):
         if masks is None:
@@ -130,10 +130,10 @@ def _decibel(mean_square: np.ndarray | float) -> np.ndarray:
 
 def _ssim_sums(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Sum of SSIM over pixels (T,) and how many there are (T,)."""
-    generated, truth = checked_pair(generated, truth)
+    generated, truth = check_pair(generated, truth)
     if min(truth.shape[1:3]) < WINDOW:
         raise VisionError(f"SSIM needs pictures of at least {WINDOW}x{WINDOW}, not {truth.shape[2]}x{truth.shape[1]}.")
-    masks = None if mask is None else checked_mask(mask, truth)
+    masks = None if mask is None else check_mask(mask, truth)
     rim = WINDOW // 2
     inner = (slice(rim, truth.shape[1] - rim), slice(rim, truth.shape[2] - rim))
     sums, counts = np.zeros(len(truth)), np.zeros(len(truth))
@@ -157,8 +157,8 @@ def _ssim_map(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _shifts(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Sum of generated less true (T, 3) and how many pixels it is of (T,)."""
-    generated, truth = checked_pair(generated, truth)
-    masks = None if mask is None else checked_mask(mask, truth)
+    generated, truth = check_pair(generated, truth)
+    masks = None if mask is None else check_mask(mask, truth)
     sums, counts = np.zeros((len(truth), 3)), np.full(len(truth), float(truth[0, ..., 0].size))
     for i, (a, b) in enumerate(zip(generated, truth, strict=True)):
         error = np.subtract(a, b, dtype=np.int16)

@@ -16,7 +16,7 @@ import torch
 import torch.nn.functional as F
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics.checks import checked_pair
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_pair
 
 NO_WEIGHTS = "LPIPS needs weights that are not shipped: give a trunk and its heads as local files (Lpips.load)"
 MEAN = (-0.030, -0.088, -0.188)  # of pictures in -1 .. 1, per channel; lpips project, class ScalingLayer
@@ -89,7 +89,7 @@ class Lpips:
 
         Raises: VisionError when the clips differ in size or are too small for the trunk.
         """
-        generated, truth = checked_pair(generated, truth)
+        generated, truth = check_pair(generated, truth)
         least = TRUNKS[self.net][2]
         if min(truth.shape[1:3]) < least:
             raise VisionError(f"LPIPS needs frames of at least {least}x{least}, not {truth.shape[2]}x{truth.shape[1]}.")

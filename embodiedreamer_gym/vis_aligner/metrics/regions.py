@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics.checks import checked_classes, checked_frames, checked_picture
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_classes, check_frames, check_picture
 
 ROBOT = 2  # its class number; below it stand background (0) and table (1), above it the task's props
 MOVED = 12.0  # 1/255: more than that, averaged over 3x3 pixels, has changed; 13 sd of a sensor's noise of 2/255
@@ -28,10 +28,10 @@ def moving_region(
     truth: (T, H, W, 3) and classes (T, H, W), uint8; reference: (H, W, 3) and its classes (H, W), the first frame.
     Raises: VisionError when sizes differ.
     """
-    truth = checked_frames(truth, "true frames")
-    classes = checked_classes(classes, truth)
-    before = cv2.blur(checked_picture(reference, truth), (3, 3))
-    first = checked_classes(np.asarray(reference_classes)[None], truth[:1], "classes of the reference")[0]
+    truth = check_frames(truth, "true frames")
+    classes = check_classes(classes, truth)
+    before = cv2.blur(check_picture(reference, truth), (3, 3))
+    first = check_classes(np.asarray(reference_classes)[None], truth[:1], "classes of the reference")[0]
     radius = max(1, round(MARGIN * truth.shape[2]))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     moved = np.empty(truth.shape[:3], bool)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import ndimage
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics.checks import checked_classes, checked_frames, said
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_classes, check_frames, said
 from embodiedreamer_gym.vis_aligner.metrics.regions import ROBOT
 
 UNKNOWN = 255  # class number of a colour that no class has
@@ -54,8 +54,8 @@ class Segmenter:
         Of more than ENOUGH frames, some are taken, evenly spread.
         Raises: VisionError when sizes differ, or no pixel is background or table.
         """
-        frames = checked_frames(frames)
-        classes = checked_classes(classes, frames)
+        frames = check_frames(frames)
+        classes = check_classes(classes, frames)
         step = -(-len(frames) // ENOUGH)
         frames, merged = frames[::step], np.where(classes[::step] < ROBOT, 0, classes[::step])
         numbers = tuple(int(n) for n in np.unique(merged))
@@ -80,8 +80,8 @@ class Segmenter:
         behind are looked for too.
         Raises: VisionError for another size than learnt, or a class that was not.
         """
-        frames = checked_frames(frames)
-        classes = checked_classes(classes, frames)
+        frames = check_frames(frames)
+        classes = check_classes(classes, frames)
         if frames.shape[1:3] != self.known.shape:
             height, width = self.known.shape
             raise VisionError(f"the frames are {said(frames)}, the segmenter learnt {width}x{height}; give that size.")

@@ -17,7 +17,7 @@ import torch
 import torch.nn.functional as F
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics.checks import checked_frames
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_frames
 
 NO_I3D = "FVD needs a network that is not shipped: give the local path of i3d_torchscript.pt (I3d.load)"
 FVD_LENGTH = 16  # frames of a clip, as publications have it
@@ -29,7 +29,7 @@ DIMENSIONS = 4 * CHANNELS  # features of rfvd: mean and sd of each filter's resp
 
 def clips_of(frames: np.ndarray, length: int) -> Iterator[np.ndarray]:
     """Cut frames (T, H, W, 3) into clips (length, H, W, 3) one after the other; what is left over is dropped."""
-    frames = checked_frames(frames)
+    frames = check_frames(frames)
     for start in range(0, len(frames) - length + 1, length):
         yield frames[start : start + length]
 

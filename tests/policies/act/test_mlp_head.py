@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import torch
 
-from embodiedreamer_gym.policies.act.mlp_head import Direct
+from embodiedreamer_gym.policies.act.mlp_head import MlpHead
 from tests.policies.act.tiny import CONFIG
 
 
 def test_it_starts_as_a_plane() -> None:
     torch.manual_seed(0)
-    net, x = Direct(5, CONFIG), torch.randn(7, 5)
+    net, x = MlpHead(5, CONFIG), torch.randn(7, 5)
     assert net(x).shape == (7, CONFIG.chunk, CONFIG.action_size)
     zero = net(torch.zeros(1, 5))
     torch.testing.assert_close(net(3.0 * x) - zero, 3.0 * (net(x) - zero), atol=1e-5, rtol=1e-4)
@@ -19,7 +19,7 @@ def test_it_starts_as_a_plane() -> None:
 def test_it_learns_what_is_no_plane_and_goes_on_beyond_it() -> None:
     """A chunk that bends; and where only one side of a slope was shown, the other side is near the slope."""
     torch.manual_seed(0)
-    net = Direct(2, CONFIG.with_(width=64, feedforward=64, encoders=2))
+    net = MlpHead(2, CONFIG.with_(width=64, feedforward=64, encoders=2))
     optimiser = torch.optim.AdamW(net.parameters(), 3e-3)
 
     def truth(x: torch.Tensor) -> torch.Tensor:

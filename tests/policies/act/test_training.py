@@ -11,7 +11,8 @@ import pytest
 import torch
 
 from embodiedreamer_gym.errors import PolicyError
-from embodiedreamer_gym.policies.act import Act, ActPolicy, Samples, Training, TrainingConfig, train
+from embodiedreamer_gym.learning import training as learning
+from embodiedreamer_gym.policies.act import Act, ActPolicy, ActTraining, Samples, TrainingConfig, train
 from embodiedreamer_gym.policies.act import training as module
 from tests.policies.act.tiny import CONFIG, SIZE, Tiny
 
@@ -29,7 +30,7 @@ def same(one: ActPolicy, two: ActPolicy) -> bool:
 
 def test_it_learns_where_the_square_is() -> None:
     episodes = Tiny(lengths=(6,) * 16)
-    training = Training(Samples(episodes, CONFIG), TrainingConfig(steps=80, batch=16, rate=3e-3))
+    training = ActTraining(Samples(episodes, CONFIG), TrainingConfig(steps=80, batch=16, learning_rate=3e-3))
     before = training.run(until=1)["l1"]
     after = training.run()["l1"]
     assert after < 0.6 * before  # half of it is the time, which cannot be seen
@@ -38,7 +39,7 @@ def test_it_learns_where_the_square_is() -> None:
 
 
 def test_the_latent_is_learnt_and_dropped() -> None:
-    training = Training(Samples(Tiny(), DROPS), TrainingConfig(steps=40, batch=8, rate=3e-3))
+    training = ActTraining(Samples(Tiny(), DROPS), TrainingConfig(steps=40, batch=8, learning_rate=3e-3))
     first = training.run(until=1)
     assert first["loss"] == pytest.approx(first["l1"] + 10.0 * first["kl"], rel=1e-5)
     assert training.run()["kl"] < 0.6 * first["kl"]
@@ -48,16 +49,16 @@ def test_the_latent_is_learnt_and_dropped() -> None:
 
 def test_padding_does_not_count() -> None:
     episodes = Tiny(lengths=(3,))  # shorter than a chunk
-    training = Training(Samples(episodes, CONFIG), replace(SHORT, rest=False))
-    step = training.loss(0)[0]
+    training = ActTraining(Samples(episodes, CONFIG), replace(SHORT, rest=False))
+    step = training.loss(0)["l1"]
     with torch.no_grad():  # what is said about the fourth step never matters
         training.network.queries.weight[3] += 100.0
         training.network.decoder.layers[0].self_attn.out_proj.weight.zero_()
         training.network.decoder.layers[0].self_attn.out_proj.bias.zero_()
-    other = training.loss(0)[0]
+    other = training.loss(0)["l1"]
     with torch.no_grad():
         training.network.queries.weight[3] -= 100.0
-    torch.testing.assert_close(training.loss(0)[0], other)
+    torch.testing.assert_close(training.loss(0)["l1"], other)
     assert step > 0
 
 
@@ -69,11 +70,11 @@ def test_the_same_seed_gives_the_same_policy(tmp_path: Path) -> None:
 
 
 def test_interrupted_and_gone_on_is_bit_for_bit_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "SAVED_EVERY", 3)
+    monkeypatch.setattr(learning, "SAVED_EVERY", 3)
     monkeypatch.setattr(module, "SHOWN_EVERY", 2)
     whole = train(Tiny(), DROPS, SHORT, tmp_path / "whole")
 
-    def stop(stage: str, count: int, of: int, said: str) -> None:
+    def stop(stage: str, count: int, of: int, **said: str) -> None:
         torch.rand(3)  # somebody else draws too
         if count == 5:  # two steps after the last checkpoint
             raise KeyboardInterrupt
@@ -97,7 +98,7 @@ def test_training_leaves_the_worlds_chance_alone(tmp_path: Path) -> None:
 
 def test_what_is_finished_is_not_trained_again(tmp_path: Path) -> None:
     policy, counted = train(Tiny(), CONFIG, SHORT, tmp_path), []
-    again = train(Tiny(), CONFIG, SHORT, tmp_path, lambda *said: counted.append(said))
+    again = train(Tiny(), CONFIG, SHORT, tmp_path, lambda *said, **more: counted.append(said))
     assert not counted and same(policy, again)
     for name in ("weights.pt", "config.json"):  # killed between the checkpoint and the policy
         (tmp_path / name).unlink()
@@ -108,8 +109,10 @@ def test_what_is_finished_is_not_trained_again(tmp_path: Path) -> None:
 def test_curves_and_progress(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "SHOWN_EVERY", 4)
     said, told = [], []
-    train(Tiny(), CONFIG, TrainingConfig(steps=9, batch=2), tmp_path, lambda *row: said.append(row), told.append)
-    assert [row[:3] for row in said] == [("training", step, 9) for step in range(1, 10)]
+    train(
+        Tiny(), CONFIG, TrainingConfig(steps=9, batch=2), tmp_path, lambda *row, **more: said.append(row), told.append
+    )
+    assert said == [("training", step, 9) for step in range(1, 10)]
     rows = list(csv.DictReader((tmp_path / "curves.csv").read_text().splitlines()))
     assert [row["step"] for row in rows] == ["4", "8", "9"]
     assert float(rows[-1]["rate"]) < float(rows[0]["rate"]) * 100 and float(rows[-1]["loss"]) > 0
@@ -143,7 +146,7 @@ def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_loss_that_explodes_is_said() -> None:
-    training = Training(Samples(Tiny(), CONFIG), SHORT)
+    training = ActTraining(Samples(Tiny(), CONFIG), SHORT)
     with torch.no_grad():
         training.network.head.weight.fill_(torch.inf)
     with pytest.raises(PolicyError, match="not finite at step 0; lower the learning rate"):
@@ -153,11 +156,11 @@ def test_a_loss_that_explodes_is_said() -> None:
 def test_counts_are_checked() -> None:
     with pytest.raises(PolicyError, match="batch is 0"):
         TrainingConfig(batch=0)
-    with pytest.raises(PolicyError, match="asked is 1"):
-        TrainingConfig(asked=1.5)
+    with pytest.raises(PolicyError, match="chunk_start_share is 1"):
+        TrainingConfig(chunk_start_share=1.5)
     for rate in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(PolicyError, match="the learning rate is"):
-            TrainingConfig(rate=rate)
+            TrainingConfig(learning_rate=rate)
     with pytest.raises(PolicyError, match="seed is -1"):
         TrainingConfig(seed=-1)
 

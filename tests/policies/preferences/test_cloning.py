@@ -12,7 +12,7 @@ import torch
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.preferences import CloningConfig, clone, filtered, reward_weights
 
-QUICK = CloningConfig(epochs=60, batch=8, rate=3e-2)
+QUICK = CloningConfig(epochs=60, batch=8, learning_rate=3e-2)
 
 
 def error(network, one) -> float:
@@ -58,8 +58,8 @@ def test_the_seed_decides_and_progress_is_told(network, roll) -> None:
     found, told = [], []
     for seed in (0, 0, 1):
         fresh = copy.deepcopy(network)
-        config = CloningConfig(epochs=2, batch=4, rate=1e-2, seed=seed)
-        clone(fresh, [roll(0), roll(1)], config, progress=lambda *said: told.append(said))
+        config = CloningConfig(epochs=2, batch=4, learning_rate=1e-2, seed=seed)
+        clone(fresh, [roll(0), roll(1)], config, progress=lambda *said, **more: told.append((*said, *more)))
         found.append(fresh.layer.weight.detach().clone())
     assert torch.equal(found[0], found[1]) and not torch.equal(found[0], found[2])
     assert [said[:3] for said in told[:2]] == [("cloning", 1, 2), ("cloning", 2, 2)]
@@ -82,7 +82,7 @@ def test_weights_by_reward(roll) -> None:
 
 
 def test_bad_settings_and_weights_are_refused(network, roll) -> None:
-    for change in ({"epochs": 0}, {"batch": 0}, {"rate": 0.0}):
+    for change in ({"epochs": 0}, {"batch": 0}, {"learning_rate": 0.0}):
         with pytest.raises(PolicyError, match="at least 1 epoch"):
             CloningConfig(**change)
     for weights in ([1.0, 1.0], [-1.0], [0.0]):

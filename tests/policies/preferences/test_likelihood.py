@@ -53,12 +53,12 @@ def test_frames_stay_bytes(network, roll) -> None:
     assert chunks.observations["pixels/head"].dtype == torch.uint8
 
 
-def test_what_a_network_digests_it_does_once(network, roll) -> None:
-    """Eyes look at each frame once, and the likelihood is the same."""
+def test_a_network_precomputes_once(network, roll) -> None:
+    """Object poses are computed once for each frame, and the likelihood is the same."""
     asked = []
 
     class Digesting(type(network)):
-        def digest(self, batch):
+        def precompute(self, batch):
             asked.append(len(batch["agent_pos"]))
             return {"short": batch["agent_pos"][:, :1] * 2.0, "agent_pos": batch["agent_pos"]}
 

@@ -25,7 +25,7 @@ def weights(network) -> torch.Tensor:
 
 
 def test_winners_rise_over_losers(network, pairs) -> None:
-    tuned = fine_tune(network, pairs, TuningConfig(epochs=30, rate=1e-3))
+    tuned = fine_tune(network, pairs, TuningConfig(epochs=30, learning_rate=1e-3))
     assert len(tuned.loss) == 31 and tuned.winner[0] == tuned.loser[0] == 0.0
     assert tuned.winner[-1] > 0 > tuned.loser[-1] and tuned.loss[-1] < tuned.loss[0]
     assert tuned.stopped is None and tuned.gradient > 1e-3 and tuned.error > 0.1
@@ -35,7 +35,7 @@ def test_the_seed_decides(network, pairs) -> None:
     found = []
     for seed in (0, 0, 1):
         one = copy.deepcopy(network)
-        fine_tune(one, pairs, TuningConfig(epochs=2, batch=3, rate=1e-2, seed=seed))
+        fine_tune(one, pairs, TuningConfig(epochs=2, batch=3, learning_rate=1e-2, seed=seed))
         found.append(weights(one))
     assert torch.equal(found[0], found[1]) and not torch.equal(found[0], found[2])
 
@@ -55,7 +55,7 @@ def test_noiseless_rollouts_have_no_gradient(network, roll) -> None:
 def test_the_papers_form_falls_and_the_guard_stops_it(network, pairs) -> None:
     """Without bound: winners fall with the losers while the loss gets ever smaller."""
     given, free = copy.deepcopy(network), copy.deepcopy(network)
-    settings = {"epochs": 60, "rate": 0.05}
+    settings = {"epochs": 60, "learning_rate": 0.05}
     fallen = fine_tune(free, pairs, TuningConfig(LossConfig("paper"), fall=None, **settings))
     assert fallen.winner[-1] < -50 and fallen.loser[-1] < fallen.winner[-1] and fallen.loss[-1] < 0.5 < fallen.loss[0]
     assert fallen.stopped is None
@@ -98,7 +98,7 @@ def test_dropout_stays_off(pairs) -> None:
 
 def test_progress_is_told(network, pairs) -> None:
     told = []
-    fine_tune(network, pairs, TuningConfig(epochs=3), lambda *said: told.append(said))
+    fine_tune(network, pairs, TuningConfig(epochs=3), lambda *said, **more: told.append((*said, more["winners"])))
     assert [said[:3] for said in told] == [("fine-tuning", n, 3) for n in (1, 2, 3)] and "nats" in told[0][3]
 
 
@@ -108,7 +108,7 @@ def test_progress_is_told(network, pairs) -> None:
         ({"epochs": 0}, "epochs is 0"),
         ({"batch": 0}, "batch is 0"),
         ({"sigma": 0.0}, "sigma is 0.0"),
-        ({"rate": float("nan")}, "rate is nan"),
+        ({"learning_rate": float("nan")}, "learning_rate is nan"),
         ({"fall": -1.0}, "fall is -1.0"),
     ],
 )

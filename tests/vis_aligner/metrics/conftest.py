@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.vis_aligner.metrics import Truth
+from embodiedreamer_gym.vis_aligner.metrics import GroundTruth
 
 NAMES = ("background", "table", "robot", "cup", "mat")
 WIDTH, HEIGHT, COUNT = 96, 72, 17
@@ -26,9 +26,9 @@ class Bench:
     plate: np.ndarray
 
     @property
-    def truth(self) -> Truth:
+    def truth(self) -> GroundTruth:
         """All frames but the first, which is the reference."""
-        return Truth(self.frames[1:], self.classes[1:], self.frames[0], self.classes[0], NAMES)
+        return GroundTruth(self.frames[1:], self.classes[1:], self.frames[0], self.classes[0], NAMES)
 
 
 def drawn(plate: np.ndarray, count: int = COUNT) -> tuple[list[np.ndarray], list[np.ndarray]]:

@@ -8,11 +8,11 @@ import pytest
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.metrics import psnr, ssim
 from embodiedreamer_gym.vis_aligner.metrics.checks import (
-    checked_classes,
-    checked_frames,
-    checked_mask,
-    checked_pair,
-    checked_picture,
+    check_classes,
+    check_frames,
+    check_mask,
+    check_pair,
+    check_picture,
 )
 
 FRAMES = np.zeros((4, 24, 32, 3), np.uint8)
@@ -30,23 +30,23 @@ FRAMES = np.zeros((4, 24, 32, 3), np.uint8)
 )
 def test_what_is_no_clip_is_refused(given: np.ndarray, said: str) -> None:
     with pytest.raises(VisionError, match=said):
-        checked_frames(given)
+        check_frames(given)
 
 
 def test_clips_of_two_sizes_are_refused_with_both() -> None:
     with pytest.raises(VisionError, match="generated frames are 4 x 32x24, the true ones 3 x 32x24"):
-        checked_pair(FRAMES, FRAMES[:3])
+        check_pair(FRAMES, FRAMES[:3])
     with pytest.raises(VisionError, match=r"4 x 32x24.*4 x 16x24"):
         psnr(FRAMES, FRAMES[:, :, ::2])
 
 
 def test_a_reference_or_classes_of_another_size_are_refused() -> None:
     with pytest.raises(VisionError, match="reference is 16x24, the frames are 4 x 32x24"):
-        checked_picture(FRAMES[0, :, ::2], FRAMES)
+        check_picture(FRAMES[0, :, ::2], FRAMES)
     with pytest.raises(VisionError, match="classes are 3 x 32x24, the frames 4 x 32x24"):
-        checked_classes(FRAMES[:3, ..., 0], FRAMES)
+        check_classes(FRAMES[:3, ..., 0], FRAMES)
     with pytest.raises(VisionError, match="int64"):
-        checked_classes(FRAMES[..., 0].astype(int), FRAMES)
+        check_classes(FRAMES[..., 0].astype(int), FRAMES)
 
 
 def test_a_mask_is_bool_of_this_size_and_not_empty() -> None:
@@ -54,17 +54,17 @@ def test_a_mask_is_bool_of_this_size_and_not_empty() -> None:
     with pytest.raises(VisionError, match="no pixel"):
         psnr(FRAMES, FRAMES, one)
     one[3, 4] = True
-    assert checked_mask(one, FRAMES).sum() == 4
+    assert check_mask(one, FRAMES).sum() == 4
     for bad, said in ((one[:, ::2], "1 x 16x24"), (one.astype(np.uint8), "uint8"), (np.stack([one] * 3), "3 x 32x24")):
         with pytest.raises(VisionError, match=said):
-            checked_mask(bad, FRAMES)
+            check_mask(bad, FRAMES)
 
 
 def test_messages_are_one_sentence() -> None:
     for call in (
         lambda: psnr(FRAMES, FRAMES[:2]),
         lambda: ssim(FRAMES[:, :8], FRAMES[:, :8]),
-        lambda: checked_frames(3),
+        lambda: check_frames(3),
     ):
         with pytest.raises(VisionError) as caught:
             call()

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics import BASELINES, Measures, Truth, evaluate, evaluate_all, psnr
+from embodiedreamer_gym.vis_aligner.metrics import BASELINES, GroundTruth, Measures, evaluate, evaluate_all, psnr
 from embodiedreamer_gym.vis_aligner.metrics.evaluate import OF_MANY, UNITS
 
 NAMES = ("background", "table", "robot", "cup", "mat")
 
 
 @pytest.fixture(scope="module")
-def truth(bench) -> Truth:
+def truth(bench) -> GroundTruth:
     return bench.truth
 
 
 @pytest.fixture(scope="module")
-def rows(bench, truth: Truth) -> dict[str, Measures]:
+def rows(bench, truth: GroundTruth) -> dict[str, Measures]:
     return evaluate_all({"noise-free": bench.clean[1:], "true": bench.frames[1:]}, truth, bench.simulated[1:], chunk=4)
 
 
@@ -31,7 +31,7 @@ def test_the_baselines_come_first_and_always(rows: dict[str, Measures]) -> None:
     assert worst_to_best == sorted(worst_to_best) and worst_to_best[-1] == 100.0
 
 
-def test_values_are_those_of_the_measures(bench, truth: Truth, rows: dict[str, Measures]) -> None:
+def test_values_are_those_of_the_measures(bench, truth: GroundTruth, rows: dict[str, Measures]) -> None:
     found = rows["noise-free"]
     assert found["psnr.cup"] == psnr(bench.clean[1:], truth.frames, truth.classes == 3)
     assert found["psnr.objects"] == psnr(bench.clean[1:], truth.frames, truth.classes >= 3)
@@ -47,7 +47,7 @@ def test_the_ceiling_is_what_true_frames_reach(rows: dict[str, Measures]) -> Non
     assert rows["copy first"]["iou.cup"] < 0.4
 
 
-def test_colour_shift_is_of_the_still_background_alone(bench, truth: Truth) -> None:
+def test_colour_shift_is_of_the_still_background_alone(bench, truth: GroundTruth) -> None:
     tinted = bench.frames[1:].copy()
     tinted[truth.classes >= 2] = 255
     assert evaluate(tinted, truth)["colour_shift"] == 0.0
@@ -56,7 +56,7 @@ def test_colour_shift_is_of_the_still_background_alone(bench, truth: Truth) -> N
     assert found["colour_shift"] == pytest.approx(3, abs=0.02) and found["colour_shift_rgb.g"] < 0
 
 
-def test_drift_has_a_number_for_each_chunk(bench, truth: Truth, rows: dict[str, Measures]) -> None:
+def test_drift_has_a_number_for_each_chunk(bench, truth: GroundTruth, rows: dict[str, Measures]) -> None:
     for name in ("psnr", "ssim", "psnr.moving", "psnr.cup", "iou.objects", "colour_shift"):
         assert len(rows["copy last"].drift[name]) == 4
     worse = bench.frames[1:].copy()
@@ -70,7 +70,7 @@ def test_drift_has_a_number_for_each_chunk(bench, truth: Truth, rows: dict[str, 
 
 def test_what_cannot_be_measured_is_none_with_a_reason(bench) -> None:
     classes = np.where(bench.classes == 4, 1, bench.classes).astype(np.uint8)
-    truth = Truth(bench.frames[1:2], classes[1:2], bench.frames[0], classes[0], NAMES)
+    truth = GroundTruth(bench.frames[1:2], classes[1:2], bench.frames[0], classes[0], NAMES)
     found = evaluate(bench.clean[1:2], truth)
     for name in ("psnr.mat", "iou.mat", "iou_ceiling.mat", "temporal_error", "lpips"):
         assert found[name] is None and found.reasons[name]
@@ -81,10 +81,10 @@ def test_what_cannot_be_measured_is_none_with_a_reason(bench) -> None:
 def test_regions_that_are_empty_have_no_value_either(bench) -> None:
     frame, classes = bench.frames[1:2], bench.classes[1:2]
     covered = np.full_like(classes[0], 2)  # nothing of the reference is background
-    found = evaluate(bench.clean[1:2], Truth(frame, classes, bench.frames[0], covered, NAMES))
+    found = evaluate(bench.clean[1:2], GroundTruth(frame, classes, bench.frames[0], covered, NAMES))
     assert found["colour_shift"] is None and found.reasons["colour_shift_rgb.g"] == "no background stands still"
     assert found.drift.get("colour_shift") is None
-    still = evaluate(bench.clean[1:2], Truth(frame, classes, frame[0], classes[0], NAMES))
+    still = evaluate(bench.clean[1:2], GroundTruth(frame, classes, frame[0], classes[0], NAMES))
     assert still["psnr.moving"] is None and still.reasons["psnr.moving"] == "nothing moves"
 
 
@@ -100,7 +100,7 @@ def test_the_same_again_is_the_same(bench, rows: dict[str, Measures]) -> None:
     assert again.as_dict() == rows["noise-free"].as_dict()
 
 
-def test_a_network_is_used_and_kept_for_the_truth(bench, truth: Truth) -> None:
+def test_a_network_is_used_and_kept_for_the_truth(bench, truth: GroundTruth) -> None:
     class Network:
         path, calls = "stub", 0
 
@@ -118,7 +118,7 @@ def test_a_network_is_used_and_kept_for_the_truth(bench, truth: Truth) -> None:
     assert rows["a"].reasons["fvd"] == rows["a"].reasons["rfvd"] == OF_MANY and "lpips" not in rows["a"].reasons
 
 
-def test_what_does_not_fit_is_refused(bench, truth: Truth, rows: dict[str, Measures]) -> None:
+def test_what_does_not_fit_is_refused(bench, truth: GroundTruth, rows: dict[str, Measures]) -> None:
     with pytest.raises(VisionError, match="generated frames are 15 x 96x72, the true ones 16 x 96x72"):
         evaluate(bench.clean[2:], truth)
     with pytest.raises(VisionError, match="a baseline's name"):
@@ -131,4 +131,6 @@ def test_what_does_not_fit_is_refused(bench, truth: Truth, rows: dict[str, Measu
         rows["copy last"]["fid"]
     with pytest.raises(VisionError, match="chunks of 0"):
         evaluate(bench.clean[1:], truth, chunk=0)
-    assert repr(truth) == "Truth(16 x 96x72, robot, cup, mat)" and repr(rows["true"]).startswith("Measures(16 x 96x72")
+    assert repr(truth) == "GroundTruth(16 x 96x72, robot, cup, mat)" and repr(rows["true"]).startswith(
+        "Measures(16 x 96x72"
+    )

@@ -1,0 +1,71 @@
+"""Nested dictionaries of tensors and plain values as files of torch, without code and without surprises in size."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.io.files import atomic_file
+
+SLACK = 1 << 20  # bytes by which an archive's contents may exceed its file
+
+
+def write_state(state: Mapping[str, Any], path: str | Path, error: type[EmbodieDreamerError]) -> None:
+    """Write a state, whole or not at all.
+
+    Raises: `error` where the file cannot be written.
+    """
+    with atomic_file(path, error) as part:
+        torch.save(dict(state), part)
+
+
+def read_state(path: str | Path, damaged: Exception) -> dict[str, Any]:
+    """The dictionary of a file that `write_state` wrote, on the CPU; no code in it is run.
+
+    Raises: `damaged` where the file is none, is torn, or would take more memory than its size (compressed archives,
+    tensors larger than their storage).
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:  # torch's older format allocates before it reads
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > Path(path).stat().st_size + SLACK:
+            raise damaged
+        state = torch.load(path, weights_only=True, map_location="cpu")
+    except Exception as error:  # whatever a damaged or foreign file raises
+        raise damaged from error
+    if not isinstance(state, dict) or any(one.numel() > _stored(one) for one in tensors(state)):
+        raise damaged
+    return state
+
+
+def tensors(state: Any) -> Iterator[Tensor]:
+    """All tensors in nested dictionaries, lists and tuples."""
+    if isinstance(state, Tensor):
+        yield state
+    elif isinstance(state, Mapping | list | tuple):
+        for one in state.values() if isinstance(state, Mapping) else state:
+            yield from tensors(one)
+
+
+def check_shapes(state: Any, like: Mapping[str, Tensor]) -> None:
+    """Check that a state has the same tensors, by name and shape.
+
+    Raises: ValueError that names the first that differs.
+    """
+    if not isinstance(state, Mapping):
+        raise ValueError("no dictionary of tensors")
+    for name in (*like, *(name for name in state if name not in like)):
+        shapes = [tuple(getattr(one.get(name), "shape", ("missing",))) for one in (state, like)]
+        if shapes[0] != shapes[1]:
+            raise ValueError(f"{name} has shape {shapes[0]}, not {shapes[1]}")
+
+
+def _stored(tensor: Tensor) -> int:
+    """Numbers in a tensor's storage."""
+    return tensor.untyped_storage().nbytes() // max(tensor.element_size(), 1)
