@@ -46,9 +46,8 @@ def load_lean(path: str | Path) -> tuple[Lean, int]:
     data = read_state(path, damaged)
     try:
         config: dict[str, Any] = dict(data["config"])
-        inputs: dict[str, Any] = {
-            OLD_INPUTS.get(name, name): bool(used) for name, used in dict(config["inputs"]).items()
-        }
+        given: dict[str, Any] = config["inputs"]
+        inputs = {OLD_INPUTS.get(name, name): bool(used) for name, used in given.items()}
         widths, gate = tuple(config["widths"]), bool(config["gate"])
         network, chunk = Lean(LeanConfig(widths, Inputs(**inputs), gate)), int(data["chunk"])
         network.load_state_dict({name: value.float() for name, value in data["state"].items()})
