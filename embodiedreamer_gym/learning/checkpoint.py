@@ -21,8 +21,8 @@ def write_state(state: Mapping[str, Any], path: str | Path, error: type[EmbodieD
 
     Raises: `error` where the file cannot be written.
     """
-    with atomic_file(path, error) as part:
-        torch.save(dict(state), part)
+    with atomic_file(path, error) as part, part.open("wb") as file:
+        torch.save(dict(state), file)
 
 
 def read_state(path: str | Path, damaged: Exception) -> dict[str, Any]:

@@ -7,12 +7,13 @@ import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
 
+MOST = 1_000_000  # actions of a chunk, and numbers of an action
 HOW = "a folder of `embodiedreamer policy train`, a folder with a LeRobot ACT checkpoint, or package.module:function"
 
 
@@ -59,41 +60,47 @@ def _made(spec: str, module: str, name: str) -> Policy:
         make = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError) as error:
         raise PolicyError(f"policy {spec} cannot be imported: {error}.") from error
-    except Exception as error:  # whatever the user's code raises
+    except (Exception, SystemExit) as error:  # whatever the user's code raises
         raise PolicyError(f"policy {spec} cannot be imported: {type(error).__name__}: {error}.") from error
     try:
         policy = make() if callable(make) else None
-    except Exception as error:
+        sizes = [getattr(policy, name, None) for name in ("action_size", "chunk")]
+        cameras = getattr(policy, "cameras", None) or ()
+        good = callable(policy) and all(isinstance(n, int | np.integer) and 0 < n <= MOST for n in sizes)
+        good = good and isinstance(cameras, tuple | list) and all(isinstance(name, str) for name in cameras)
+    except (Exception, SystemExit) as error:
         raise PolicyError(f"policy {spec} cannot be made: {type(error).__name__}: {error}.") from error
-    if not isinstance(policy, Policy) or not callable(policy):
+    if not good or policy is None:
         raise PolicyError(
             f"policy {spec} must be a function without arguments that returns a policy: something to call with a batch, "
-            "with the attributes action_size and chunk."
+            "with the whole numbers action_size and chunk, and with names of cameras if it needs any."
         )
-    return policy
+    return cast(Policy, policy)
 
 
 def predict(policy: Any, batch: Mapping[str, Any], shape: tuple[int, int, int]) -> np.ndarray:
-    """What a policy says (B, k, m) for a batch, float32, cut to a shape of which B and m have to be, and k can be longer.
+    """A policy's actions (B, k, m), float32, for a batch, cut to `shape`: longer chunks are allowed.
 
-    Raises: PolicyError where it fails, or says something of another shape.
+    Raises: PolicyError where it fails, or gives another shape or numbers that are not finite.
     """
     try:
-        said = np.asarray(policy(batch), np.float32)
+        actions = np.asarray(policy(batch), np.float32)
     except EmbodieDreamerError:
         raise
-    except Exception as error:  # whatever the user's code raises
+    except (Exception, SystemExit) as error:  # whatever the user's code raises
         raise PolicyError(f"the policy {type(policy).__name__} fails: {type(error).__name__}: {error}.") from error
-    if said.ndim != 3 or said.shape[0] != shape[0] or said.shape[1] < shape[1] or said.shape[2] != shape[2]:
+    if actions.ndim != 3 or actions.shape[0] != shape[0] or actions.shape[1] < shape[1] or actions.shape[2] != shape[2]:
         raise PolicyError(
-            f"the policy {type(policy).__name__} says actions of shape {said.shape}, wanted are {shape} or longer chunks; "
+            f"the policy {type(policy).__name__} gives actions of shape {actions.shape}, wanted are {shape} or longer chunks; "
             "use a policy of this robot, or execute fewer."
         )
-    return said[:, : shape[1]]
+    if not np.isfinite(actions).all():
+        raise PolicyError(f"the policy {type(policy).__name__} gives actions that are not finite.")
+    return actions[:, : shape[1]]
 
 
 def picture_inputs(policy: Any) -> tuple[tuple[str, ...], tuple[int, int]]:
-    """Cameras that a policy looks through, and width and height of the pictures it learnt from; head and 128 x 96 else."""
+    """Cameras of a policy, and width and height of the pictures it learnt from; head and 128 x 96 else."""
     config = getattr(getattr(policy, "network", None), "config", None)
     size = (128, 96) if config is None else getattr(config, "source_size", None) or config.image_size
     return tuple(getattr(policy, "cameras", ())) or ("head",), size

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -12,7 +11,7 @@ import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.bench import make_bench
-from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, OBJECT, ROBOT, Bench, Condition, Episode, Gallery
+from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, OBJECT, ROBOT, Bench, Condition, Episode
 
 MARGIN = 0.06  # of the width: how far around an object its shadow is copied with it
 SLENDER = 1.5  # ratio of an outline's axes from which it is turned, not only stretched
@@ -215,63 +214,3 @@ def _fit(source: Outline, target: Outline) -> Array:
 def _distance(mask: Array) -> Array:
     """Distance (H, W) of each pixel to a mask, pixels."""
     return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
-
-
-def save_bank(bank: Bank, path: str | Path) -> None:
-    """Write a bank as npz, beside and renamed.
-
-    Raises: VisionError where it cannot be written.
-    """
-    path = Path(path)
-    part = path.with_name(f".{path.name}.part.npz")
-    data: dict[str, Array] = {
-        "plate": bank.plate, "frames": np.stack([e.frame for e in bank.entries]),
-        "classes": np.stack([e.classes for e in bank.entries]), "props": np.array(["\n".join(e.props) for e in bank.entries]),
-    }  # fmt: skip
-    if bank.bench is not None:
-        data |= {"bench": bank.bench.picture, "bench.seen": bank.bench.seen}
-        if bank.bench.gallery is not None:
-            seen = vars(bank.bench.gallery.condition)
-            data["gallery"] = bank.bench.gallery.frames
-            data |= {f"gallery.{key}": array for key, array in seen.items() if array is not None}
-    if all(e.joints is not None for e in bank.entries):
-        data["joints"] = np.stack([np.asarray(e.joints) for e in bank.entries])
-    for name in sorted({n for e in bank.entries for n in (e.poses or {})}):
-        missing = np.full(7, np.nan)
-        data[f"pose.{name}"] = np.stack([np.asarray((e.poses or {}).get(name, missing)) for e in bank.entries])
-    try:
-        np.savez_compressed(part, **data)  # pyright: ignore[reportArgumentType]
-        part.replace(path)
-    except OSError as error:
-        raise VisionError(f"{path} cannot be written: {error.strerror or error}.") from error
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def load_bank(path: str | Path) -> Bank:
-    """Read a bank.
-
-    Raises: VisionError where it is missing or no bank.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            arrays = {key: data[key] for key in data.files}
-        names = [key.removeprefix("pose.") for key in arrays if key.startswith("pose.")]
-        entries = []
-        for i, (frame, classes) in enumerate(zip(arrays["frames"], arrays["classes"], strict=True)):
-            poses = {n: arrays[f"pose.{n}"][i] for n in names if np.isfinite(arrays[f"pose.{n}"][i]).all()}
-            props = tuple(str(arrays["props"][i]).split("\n"))
-            joints = arrays["joints"][i] if "joints" in arrays else None
-            entries.append(Entry(frame, classes, joints, poses or None, props))
-        return Bank(arrays["plate"], tuple(entries), _bench(arrays))
-    except (OSError, KeyError, ValueError, EOFError) as error:
-        raise VisionError(f"{path} is no reference bank; make one with `embodiedreamer vis bank`.") from error
-
-
-def _bench(arrays: Mapping[str, Array]) -> Bench | None:
-    """What a file knows of the bench."""
-    if "bench" not in arrays:
-        return None
-    seen = {key.removeprefix("gallery."): data for key, data in arrays.items() if key.startswith("gallery.")}
-    gallery = Gallery(arrays["gallery"], Condition(**seen)) if "gallery" in arrays else None
-    return Bench(arrays["bench"], arrays["bench.seen"].astype(bool), gallery)

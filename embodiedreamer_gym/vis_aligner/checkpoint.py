@@ -11,7 +11,7 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.learning.checkpoint import read_state, write_state
 from embodiedreamer_gym.vis_aligner.aligner import Aligner
 from embodiedreamer_gym.vis_aligner.bank import Bank
-from embodiedreamer_gym.vis_aligner.bank import load_bank as read_bank
+from embodiedreamer_gym.vis_aligner.bank_files import load_bank as read_bank
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
 from embodiedreamer_gym.vis_aligner.network_inputs import Inputs

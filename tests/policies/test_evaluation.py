@@ -149,7 +149,7 @@ def test_what_does_not_fit_is_said() -> None:
         evaluate(Goes(), Walk(), [])
     policy = Goes()
     policy.chunk = 5  # says more than it gives
-    with pytest.raises(PolicyError, match=r"Goes says actions of shape \(1, 4, 2\), wanted are \(1, 5, 2\)"):
+    with pytest.raises(PolicyError, match=r"Goes gives actions of shape \(1, 4, 2\), wanted are \(1, 5, 2\)"):
         evaluate(policy, Walk(), [0])
     policy = Goes(sign=[1, 2, 3])  # type: ignore[arg-type]
     with pytest.raises(PolicyError, match="the policy Goes fails: ValueError: operands"):

@@ -11,6 +11,7 @@ import pytest
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies import Policy, load_policy
 from embodiedreamer_gym.policies.act import Act, ActPolicy
+from embodiedreamer_gym.policies.protocol import predict
 from tests.policies.act.test_network import a_batch
 from tests.policies.act.tiny import CONFIG
 
@@ -29,6 +30,22 @@ def broken():
     return lambda batch: batch
 
 number = 3
+
+class Huge(Still):
+    chunk = 10**12
+
+class Words(Still):
+    action_size = "two"
+
+class Cameras(Still):
+    cameras = 5
+
+class Nan(Still):
+    def __call__(self, batch):
+        return np.full((1, 1, 2), np.nan)
+
+def leaves():
+    raise SystemExit(3)
 
 def fails():
     raise RuntimeError("no weights")
@@ -68,6 +85,10 @@ def test_a_class_of_the_users_is_made(module: str) -> None:
         ("no_such_module_here:make", "cannot be imported"),
         ("{module}:missing", "cannot be imported"),
         ("{module}:broken", "must be a function without arguments"),
+        ("{module}:Huge", "must be a function without arguments"),
+        ("{module}:Words", "must be a function without arguments"),
+        ("{module}:Cameras", "must be a function without arguments"),
+        ("{module}:leaves", "cannot be made: SystemExit"),
         ("{module}:number", "must be a function without arguments"),
         ("{module}:fails", "cannot be made: RuntimeError: no weights"),
     ],
@@ -75,6 +96,11 @@ def test_a_class_of_the_users_is_made(module: str) -> None:
 def test_what_is_no_policy(module: str, spec: str, said: str) -> None:
     with pytest.raises(PolicyError, match=said):
         load_policy(spec.format(module=module))
+
+
+def test_actions_that_are_not_finite_are_refused(module: str) -> None:
+    with pytest.raises(PolicyError, match="not finite"):
+        predict(load_policy(f"{module}:Nan"), {"agent_pos": np.zeros((1, 3))}, (1, 1, 2))
 
 
 def test_a_module_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.bank import UNNAMED, Bank, Entry, load_bank, make_bank, save_bank
+from embodiedreamer_gym.vis_aligner.bank import UNNAMED, Bank, Entry, make_bank
+from embodiedreamer_gym.vis_aligner.bank_files import load_bank, save_bank
 from embodiedreamer_gym.vis_aligner.clip import Episode
 from tests.vis_aligner.scenes import episode, texture
 from tests.vis_aligner.test_reprojection import board
@@ -89,3 +92,27 @@ def test_bad_banks_are_refused(bank: Bank, tmp_path) -> None:
     ):
         with pytest.raises(VisionError, match=says):
             call()
+
+
+@pytest.mark.parametrize("damage", ["no zip", "array", "claim", "frames", "gallery"])
+def test_files_that_are_no_bank_are_refused(bank: Bank, tmp_path, damage: str) -> None:
+    """In one sentence, and nothing is allocated that the file does not hold."""
+    path = tmp_path / "bank.npz"
+    save_bank(bank, path)
+    if damage == "no zip":
+        path.write_bytes(b"PK\x03\x04 torn")
+    elif damage == "array":
+        np.save(tmp_path / "bank.npy", np.zeros(3))
+        path.write_bytes((tmp_path / "bank.npy").read_bytes())
+    elif damage == "claim":
+        header = io.BytesIO()
+        np.lib.format.write_array_header_1_0(header, {"descr": "|u1", "fortran_order": False, "shape": (10**11, 3)})
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("frames.npy", header.getvalue())
+    else:
+        with np.load(path) as data:
+            arrays = dict(data)
+        arrays[damage] = arrays[damage][:, :5] if damage in arrays else np.zeros(3)
+        np.savez(path, **arrays)
+    with pytest.raises(VisionError, match="no reference bank"):
+        load_bank(path)

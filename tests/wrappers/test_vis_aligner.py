@@ -13,7 +13,8 @@ import torch
 from gymnasium.utils.env_checker import check_env
 
 from embodiedreamer_gym.errors import SimulationError, VisionError
-from embodiedreamer_gym.vis_aligner.bank import Bank, Entry, save_bank
+from embodiedreamer_gym.vis_aligner.bank import Bank, Entry
+from embodiedreamer_gym.vis_aligner.bank_files import save_bank
 from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner
 from embodiedreamer_gym.vis_aligner.clip import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig

@@ -10,6 +10,7 @@ from embodiedreamer_gym.errors import PolicyError
 
 NORMS = ("group", "frozen")
 MOST_CAMERAS = 3
+MOST_NUMBERS, MOST_LAYERS = 400_000_000, 100  # of a network: 1.6 GB; layers of its transformers
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,14 @@ class ActConfig:
         _at_least("latent", self.latent, 0)
         _at_least("keypoints", self.keypoints, 0)
         _at_least("latent_encoders", self.latent_encoders, 1)
-        for value in (*self.image_size, *(self.source_size or ()), *self.widths):
-            _at_least("one of image_size, source_size and widths", value, 1)
+        for names in (self.cameras, self.objects):
+            if not isinstance(names, tuple) or not all(isinstance(name, str) for name in names):
+                raise PolicyError(f"cameras and objects are names, not {names!r}.")
+        for sizes in (self.image_size, self.source_size or (), self.widths):
+            if not isinstance(sizes, tuple):
+                raise PolicyError(f"image_size, source_size and widths are whole numbers, not {sizes!r}.")
+            for value in sizes:
+                _at_least("one of image_size, source_size and widths", value, 1)
         if len(self.image_size) != 2 or len(self.source_size or (1, 1)) != 2 or not self.widths:
             raise PolicyError("image_size is a width and a height, and widths names at least one stage.")
         if not 1 <= len(set(self.cameras)) == len(self.cameras) <= MOST_CAMERAS:
@@ -79,8 +86,25 @@ class ActConfig:
             raise PolicyError(f"norm '{self.norm}' is none of {', '.join(NORMS)}.")
         if self.norm == "group" and any(one % 8 for one in self.widths):
             raise PolicyError(f"widths {list(self.widths)} must be multiples of 8, the channels of a group.")
-        if not 0 <= self.dropout < 1:
-            raise PolicyError(f"dropout {self.dropout} is no share between 0 and 1.")
+        if not isinstance(self.dropout, int | float) or not 0 <= self.dropout < 1:
+            raise PolicyError(f"dropout {self.dropout!r} is no share between 0 and 1.")
+        if self.numbers > MOST_NUMBERS or self.encoders + self.decoders + self.latent_encoders > MOST_LAYERS:
+            raise PolicyError(
+                f"an ACT network of these sizes has {self.numbers:.2g} numbers; {MOST_NUMBERS:.2g} and {MOST_LAYERS} "
+                "layers are the most."
+            )
+
+    @property
+    def numbers(self) -> int:
+        """About how many numbers the network holds, and one batch's feature maps."""
+        c, count = self, 1 + len(self.objects)
+        layers = c.encoders + 2 * c.decoders + bool(c.latent) * c.latent_encoders
+        cells = c.image_size[0] * c.image_size[1]
+        residual = sum(49 * (before + after) * after for before, after in zip((3, *c.widths), c.widths, strict=False))
+        ends = (c.state_size + c.action_size + c.latent + 3 * c.chunk + count * 6 * len(c.cameras)) * c.width
+        direct = c.width * c.chunk * c.action_size if c.objects else 0
+        return (layers * (4 * c.width + 2 * c.feedforward) * c.width + residual + ends + direct
+                + cells * (16 * count + c.keypoints) + cells * c.width // 4 ** (len(c.widths) + 1))  # fmt: skip
 
     def with_(self, **changes: Any) -> ActConfig:
         """The same with some fields changed."""
@@ -106,6 +130,8 @@ class ActConfig:
 
         Raises: PolicyError for another key, or one that is missing.
         """
+        if not isinstance(data, Mapping):
+            raise PolicyError("an ACT configuration must be a JSON object.")
         known = [field.name for field in fields(ActConfig)]
         for key in data:
             if key not in known:

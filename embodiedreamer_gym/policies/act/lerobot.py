@@ -6,18 +6,19 @@ src/lerobot/processor/normalize_processor.py, whose names and defaults are mirro
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file
 
 from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.io.files import read_json
 from embodiedreamer_gym.policies.act.config import ActConfig
 from embodiedreamer_gym.policies.act.network import Act
 from embodiedreamer_gym.policies.act.policy import ActPolicy, read_config
-from embodiedreamer_gym.policies.act.safetensors import read_safetensors
 from embodiedreamer_gym.policies.act.statistics import Statistics
 
 MODEL = "model.safetensors"
@@ -65,7 +66,12 @@ def load_lerobot(folder: str | Path) -> ActPolicy:
     """
     folder = Path(folder)
     data = read_config(folder)
-    config, features = _config(data, folder)
+    try:
+        config, features = _config(data, folder)
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        if isinstance(error, PolicyError):
+            raise
+        raise PolicyError(f"{folder / 'config.json'} is incomplete or of other types: {error}.") from error
     weights = read_safetensors(folder / MODEL)
     found = {_renamed(name): value.float() for name, value in weights.items() if name.startswith("model.")}
     found.pop("", None)
@@ -84,12 +90,25 @@ def load_lerobot(folder: str | Path) -> ActPolicy:
     return ActPolicy(network)
 
 
+def read_safetensors(path: str | Path) -> dict[str, torch.Tensor]:
+    """Tensors by name.
+
+    Raises: PolicyError where the file is missing, cut off or of another format.
+    """
+    try:
+        return load_file(path)
+    except (OSError, SafetensorError, ValueError, RuntimeError) as error:
+        raise PolicyError(f"{path} cannot be read as safetensors: {error}.") from error
+
+
 def _config(data: Mapping[str, Any], folder: Path) -> tuple[ActConfig, list[str]]:
     """Sizes, and the names of the cameras' features."""
     where = folder / "config.json"
     for key, value in FIXED.items():
         if data.get(key, value) != value:
             raise PolicyError(f"{where}: {key} is {data[key]!r}, and only {value!r} can be built here.")
+    if not isinstance(data.get("normalization_mapping") or {}, Mapping):
+        raise PolicyError(f"{where}: normalization_mapping must be an object.")
     inputs, outputs = data.get("input_features") or {}, data.get("output_features") or {}
     pictures = [name for name in inputs if name.startswith(PICTURES)]
     others = [name for name in inputs if name not in (STATE, *pictures)]
@@ -129,7 +148,7 @@ def _statistics(
 
     def pair(kind: str, feature: str, old: str) -> tuple[torch.Tensor, torch.Tensor]:
         mode = modes.get(kind, "MEAN_STD")
-        one, two = {"MEAN_STD": ("mean", "std"), "MIN_MAX": ("min", "max")}.get(mode, ("", ""))
+        one, two = {"MEAN_STD": ("mean", "std"), "MIN_MAX": ("min", "max")}.get(str(mode), ("", ""))
         places = [(saved, feature), (weights, old)]
         for source, name in places:
             if f"{name}.{one}" in source and f"{name}.{two}" in source:
@@ -149,14 +168,15 @@ def _processor_state(folder: Path) -> dict[str, torch.Tensor]:
     path = folder / PROCESSOR
     if not path.is_file():
         return {}
+    data = read_json(path, PolicyError, "preprocessor")
     try:
-        steps = json.loads(path.read_text(encoding="utf-8"))["steps"]
+        steps = data["steps"]
         files = [
             s["state_file"] for s in steps if s.get("registry_name") == "normalizer_processor" and s.get("state_file")
         ]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (LookupError, TypeError, AttributeError) as error:
         raise PolicyError(f"{path} is no preprocessor of LeRobot: {error}.") from error
     found: dict[str, torch.Tensor] = {}
     for name in files:
-        found |= read_safetensors(folder / Path(name).name)
+        found |= read_safetensors(folder / Path(str(name)).name)
     return found

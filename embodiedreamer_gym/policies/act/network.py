@@ -54,6 +54,10 @@ class Act(nn.Module):
             self._build(config)
         self.register_buffer("latent_positions", sine_1d(2 + config.chunk, config.width), persistent=False)
         self.statistics = Statistics.neutral(config) if statistics is None else statistics
+        for name, expected in vars(Statistics.neutral(config)).items():
+            given = tuple(getattr(self.statistics, name).shape)
+            if given != tuple(expected.shape):
+                raise PolicyError(f"{name} of the policy's statistics has shape {given}, not {tuple(expected.shape)}.")
         self.statistics.register(self)
 
     def _build(self, c: ActConfig) -> None:

@@ -61,7 +61,7 @@ class Statistics:
         Raises: PolicyError where one is missing.
         """
         for name in NAMES:
-            if name not in state:
+            if not isinstance(state.get(name), torch.Tensor):
                 raise PolicyError(f"the weights have no '{name}'; they are no ACT policy's of this package.")
         return Statistics(**{name: state[name] for name in NAMES})
 

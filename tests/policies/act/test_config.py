@@ -60,3 +60,15 @@ def test_other_keys_and_missing_ones() -> None:
         ActConfig.of({**CONFIG.as_dict(), "n_obs_steps": 1})
     with pytest.raises(PolicyError, match="incomplete"):
         ActConfig.of({"chunk": 3})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"width": 8_000_000}, {"encoders": 10**9}, {"chunk": 10**9}, {"image_size": (10**6, 10**6)}, {"dropout": "some"},
+        {"cameras": (1,)}, {"widths": 8}, {"objects": ("cup", 3)},
+    ],
+)  # fmt: skip
+def test_rubbish_and_giants_are_refused(change: dict) -> None:
+    with pytest.raises(PolicyError):
+        ActConfig.of({**ActConfig(3, 2, ("head",), (32, 24)).as_dict(), **change})

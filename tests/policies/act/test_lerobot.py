@@ -160,3 +160,15 @@ def test_damaged_checkpoints(tmp_path: Path) -> None:
     ):
         with pytest.raises(PolicyError, match="does not fit"):
             load_lerobot(checkpoint(tmp_path, weights=broken))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"input_features": [1]}, {"output_features": {"action": {}}}, {"chunk_size": "many"}, {"dim_model": 10**9},
+        {"n_encoder_layers": 10**9}, {"dropout": None}, {"normalization_mapping": 3},
+    ],
+)  # fmt: skip
+def test_a_configuration_of_rubbish_is_refused(tmp_path: Path, change: dict) -> None:
+    with pytest.raises(PolicyError):
+        load_lerobot(checkpoint(tmp_path, change=change))

@@ -52,7 +52,7 @@ def test_what_is_no_policy_is_refused(tmp_path: Path) -> None:
     for broken, said in (
         ([1], "JSON object"),
         ({**data, "type": "diffusion"}, "type is 'diffusion'"),
-        ({**data, "config": {**data["config"], "action_size": 14}}, "no weights that fit"),
+        ({**data, "config": {**data["config"], "action_size": 14}}, "action_mean of the policy"),
     ):
         (tmp_path / "config.json").write_text(json.dumps(broken))
         with pytest.raises(PolicyError, match=said):

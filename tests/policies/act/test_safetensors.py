@@ -1,4 +1,4 @@
-"""The safetensors reader, against files written here and by the library itself."""
+"""Weights as safetensors: what is read, and what is refused in one sentence."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from embodiedreamer_gym.errors import PolicyError
-from embodiedreamer_gym.policies.act.safetensors import read_safetensors
+from embodiedreamer_gym.policies.act.lerobot import read_safetensors
 
 NAMES = {torch.float32: "F32", torch.float16: "F16", torch.int64: "I64"}
 
@@ -68,5 +68,5 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
             read_safetensors(path)
     whole = write(path, {"a": torch.zeros(50)}).read_bytes()
     path.write_bytes(whole[:-4])
-    with pytest.raises(PolicyError, match="outside the file"):
+    with pytest.raises(PolicyError, match="cannot be read"):
         read_safetensors(path)
