@@ -4,7 +4,7 @@ python -m benchmarks augmentation --out DIR [--task PutCupOnMat] [--demos 50] [-
                                   [--seed 0] [--jobs 1]
 
 The original bench is the dreamed one (`embodiedreamer augment` without an edit); of each of its episodes as many copies are
-generated with object colours drawn at random as with a table and a sheet of A4 drawn at random. HeldOutResult in the dreamed world on
+generated with object colours drawn at random as with a table and a sheet of A4 drawn at random. Evaluated in the generated world on
 unseen scenes: as it is, with the object in a colour of its own, and on another table with a sheet. Everything is kept in DIR:
 an interrupted run goes on where it was.
 """
@@ -17,8 +17,8 @@ from typing import Any
 
 from benchmarks.act_runs import SIZE, keep_settings, play_each, played, train_act
 from benchmarks.common import clopper_pearson, pin_threads
-from embodiedreamer_gym.unseen import EVERY
 
+EVERY = 5  # actions from one generated frame to the next
 SCENES = ("original", "foreground", "background")
 POLICIES = {"original": SCENES[:1], "mixed": SCENES, "generated": SCENES[1:]}
 FIRST_SEED = 600_000

@@ -1,4 +1,4 @@
-"""Which effect does the model lack? HeldOutResult on motions that no fit has seen. (half a minute)"""
+"""Which effect does the model lack? Judged on motions that no fit has seen. (half a minute)"""
 
 from __future__ import annotations
 
