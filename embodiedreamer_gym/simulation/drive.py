@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from operator import is_
 from types import SimpleNamespace
 from typing import Any
@@ -133,24 +132,14 @@ class Drive:
             friction = self._friction(joint, line[0] * wanted + line[1] if self.laws["drive"] else wanted)
         mass, bias = self.model.bodies.mass_matrix_and_bias(joint.position, joint.velocity, self.mechanics)
         wound, spin = (motor.position - joint.position, self.spin) if self._gives else (self._zero, self.velocity)
-        solve = partial(solve_step, mass, bias, pull, load)
-        bodies = (
-            joint.position,
-            self.velocity,
-            wound,
-            spin,
-            self._servo,
-            limits,
-            self._stops,
-            self._gear,
-            self._blocks,
-        )
-        acceleration, torque, impulse, turned = solve(line, friction, *bodies, self.dt, self._impulse)
+        state = joint.position, self.velocity, wound, spin
+        body = self._servo, limits, self._stops, self._gear, self._blocks, self.dt, self._impulse
+        acceleration, torque, impulse, turned = solve_step(mass, bias, pull, load, line, friction, *state, *body)
         for _ in range(PASSES - 1):
             if not self._bent(torque, motor, line):
                 break
             line = self._line(torque, motor)
-            acceleration, torque, impulse, turned = solve(line, friction, *bodies, self.dt, self._impulse)
+            acceleration, torque, impulse, turned = solve_step(mass, bias, pull, load, line, friction, *state, *body)
         self._pass("drive", torque, motor)
         self._impulse, self.torque = impulse, torque
         self._turn(turned, acceleration)

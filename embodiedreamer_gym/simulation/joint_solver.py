@@ -13,8 +13,6 @@ beyond that at its new one; in a gap there is none.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numba as nb
 import numpy as np
 
@@ -33,166 +31,112 @@ GIVE, SLOPE, DRAG, SOFT, LATE, HEAVY, KNOWN, PUSH, HOLD = range(9)  # parts of a
 jit = nb.njit(cache=True, nogil=True, error_model="numpy")
 
 
-class Servo(NamedTuple):
-    """The servos of a batch, arrays (B, n)."""
-
-    stiffness: np.ndarray  # N m/rad
-    damping: np.ndarray  # N m s/rad
-    rotor: np.ndarray  # kg m^2
-    viscous: np.ndarray  # N m s/rad, of the joint
-
-
-class Loads(NamedTuple):
-    """What acts on the joints in a step."""
-
-    mass: np.ndarray  # mass matrix (B, n, n)
-    bias: np.ndarray  # gravity, centrifugal and Coriolis torque (B, n), N m
-    pull: np.ndarray  # stiffness times position error (B, n), N m
-    load: np.ndarray  # extra torque on the joint (B, n), N m
-    gain: np.ndarray  # a torque x of the drive arrives as gain x + shift (B, n); the gain is not negative
-    shift: np.ndarray  # N m
-    forward: np.ndarray  # highest friction (B, n) in forward motion, N m
-    backward: np.ndarray  # and in backward motion
-
-
-class Motion(NamedTuple):
-    """How the joints move as a step begins, arrays (B, n)."""
-
-    position: np.ndarray  # rad
-    velocity: np.ndarray  # rad/s, of half a step ago
-    wound: np.ndarray  # the motor's angle less the joint's, rad
-    spin: np.ndarray  # the motor's velocity; the new one when the step is solved
-
-
-class Work(NamedTuple):
-    """Arrays that a step writes to: results (B, n), and what is needed for one joint after the other."""
-
-    impulse: np.ndarray
-    acceleration: np.ndarray
-    torque: np.ndarray
-    low: np.ndarray
-    inverse: np.ndarray
-    diagonal: np.ndarray
-    right: np.ndarray
-    new: np.ndarray
-    column: np.ndarray
-    lone: np.ndarray
-    slowest: np.ndarray
-    fastest: np.ndarray
-    parts: np.ndarray
-    state: np.ndarray
-    side: np.ndarray
-    left: np.ndarray
-
-
 @jit
 def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound, spin, servo, limits, stops, gear,
                blocks, dt, impulse):  # fmt: skip
-    """Solve one step for a batch: acceleration (B, n), torque (B, n) of the drive, impulse (B, n), motors' velocity.
+    """Solve one step for a batch of B samples of n joints.
 
-    See `Loads`, `Motion` and `Servo`; line (2, B, n): gain and shift; friction (2, B, n); servo (4, B, n);
-    limits (5, B, n): the drive's highest torque forward and backward, N m, the speeds at which it fades to nothing, rad/s,
-    and its torque at rest on that line, N m; stops (2, n): end stops; gear (3, B, n): compliance, rad/(N m), settling time,
-    s, and half the gap, rad, or of no samples where no gear gives way; blocks: first joint of each independent arm, then
-    n; impulse: friction's of the last step (a warm start). The torque is that at the mean velocity of the step, before
-    the gain. Arrays are passed instead of the tuples because a call unpacks them in half the time.
+    One loop instead of a function per part: passing tuples of arrays to such functions doubles the time at 60 samples.
+
+    Args:
+        mass: mass matrix (B, n, n), kg m^2.
+        bias: gravity, centrifugal and Coriolis torque (B, n), N m.
+        pull: the servo's stiffness times its position error (B, n), N m.
+        load: extra torque on the joint (B, n), N m.
+        line: gain and shift (2, B, n): a torque x of the drive arrives as gain x + shift; the gain is not negative.
+        friction: highest friction in forward and in backward motion (2, B, n), N m.
+        position: joint angles (B, n), rad.
+        velocity: joint velocities of half a step ago (B, n), rad/s.
+        wound: the motor's angle less the joint's (B, n), rad.
+        spin: the motor's velocity of half a step ago (B, n), rad/s.
+        servo: stiffness, N m/rad, damping, N m s/rad, rotor inertia, kg m^2, and viscous friction of the joint,
+            N m s/rad (4, B, n).
+        limits: the drive's highest torque forward and backward, N m, the speeds at which it fades to nothing, rad/s,
+            and its torque at rest on that line, N m (5, B, n).
+        stops: lower and upper end stops (2, n), rad.
+        gear: compliance, rad/(N m), settling time, s, and half the gap, rad (3, B, n); (3, 0, 0) where no gear gives way.
+        blocks: first joint of each independent arm, then n.
+        dt: duration of the step, s.
+        impulse: friction's impulse of the last step (B, n), N m s, as the first guess of this one.
+
+    Returns:
+        Acceleration (B, n), rad/s^2; the drive's torque at the mean velocity of the step, before the gain (B, n), N m;
+        friction's impulse (B, n), N m s; the motor's new velocity (B, n), rad/s.
     """
     batch, n = velocity.shape
-    loads = Loads(mass, bias, pull, load, line[0], line[1], friction[0], friction[1])
-    motion = Motion(position, velocity, wound, spin.copy())
-    square, rows, marks = np.empty((2, n, n)), np.empty((16, n)), np.empty((3, n), np.int64)
-    work = Work(impulse.copy(), np.empty((batch, n)), np.empty((batch, n)), square[0], square[1], rows[0], rows[1], rows[2],
-                rows[3], rows[4], rows[5], rows[6], rows[7:], marks[0], marks[1], marks[2])  # fmt: skip
-    servos = Servo(servo[0], servo[1], servo[2], servo[3])
+    gain, shift, forward, backward = line[0], line[1], friction[0], friction[1]
+    stiffness, damping, rotor, viscous = servo[0], servo[1], servo[2], servo[3]
+    acceleration, torque, impulse, spin = np.empty((batch, n)), np.empty((batch, n)), impulse.copy(), spin.copy()
+    low, inverse, parts = np.empty((n, n)), np.empty((n, n)), np.empty((9, n))
+    diagonal, right, new, work, lone = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    slowest, fastest = np.empty(n), np.empty(n)
+    state, side, left = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    gives = gear.shape[1] > 0
     for b in range(batch):
         for i in range(n):
-            work.slowest[i] = min((stops[0, i] - position[b, i]) / dt, 0.0)  # that do not pass an end stop in a step
-            work.fastest[i] = max((stops[1, i] - position[b, i]) / dt, 0.0)
+            slowest[i] = min((stops[0, i] - position[b, i]) / dt, 0.0)  # that do not pass an end stop in a step
+            fastest[i] = max((stops[1, i] - position[b, i]) / dt, 0.0)
         for k in range(len(blocks) - 1):
-            _solve_arm(b, blocks[k], blocks[k + 1], loads, motion, servos, limits, gear, dt, work)
-    return work.acceleration, work.torque, work.impulse, motion.spin
-
-
-@jit
-def _solve_arm(b, first, end, loads, motion, servo, limits, gear, dt, work):
-    """Solve one arm of one sample, until each joint's drive and gear are in the state that they were taken to be in."""
-    gives = gear.shape[1] > 0
-    low, new, velocity, impulse = work.low, work.new, motion.velocity[b], work.impulse[b]
-    for i in range(first, end):
-        work.state[i] = FREE
-    if gives:
-        _at_first(gear[:, b], motion.wound[b], loads.mass[b], servo.rotor[b], work, first, end)
-    for _ in range(GEAR_PASSES if gives else PASSES):
-        for i in range(first, end):
-            _assemble(b, i, loads, motion, servo, limits, gear, dt, work)
-        factor(loads.mass[b], work.diagonal, low, first, end)
-        substitute(low, work.right, new, work.column, first, end)
-        constrained = False
-        for i in range(first, end):
-            new[i] = velocity[i] + dt * new[i]
-            if new[i] > work.fastest[i] or new[i] < work.slowest[i] or impulse[i] != 0.0:
-                constrained = True
-            if loads.forward[b, i] > 0.0 or loads.backward[b, i] > 0.0:
-                constrained = True
-        if constrained:
-            invert(low, work.inverse, work.column, first, end)
-            stop(work.inverse, new, impulse, loads.forward[b], loads.backward[b], work.slowest, work.fastest, dt,
-                      first, end)  # fmt: skip
-        if not _states_changed(b, first, end, loads, motion, servo, limits, gear, dt, work):
-            break
-    for i in range(first, end):
-        work.acceleration[b, i] = (new[i] - velocity[i]) / dt
-        if gives:
-            motion.spin[b, i] = work.column[i]
-
-
-@jit
-def _assemble(b, i, loads, motion, servo, limits, gear, dt, work):
-    """A joint's diagonal of the mass matrix and right-hand side, with its drive and gear in their present states."""
-    parts, mass, rotor = work.parts, loads.mass[b, i, i], servo.rotor[b, i]
-    _drive(work.state[i], i, b, loads.pull, servo.damping, limits, parts)
-    own, viscosity = mass + 0.5 * dt * servo.viscous[b, i], servo.viscous[b, i]
-    loose = gear.shape[1] > 0 and gear[0, b, i] + gear[2, b, i] > 0.0
-    base = max(rotor, LEAST_ROTOR * mass) if loose else own + rotor
-    heavy = _motor(work.state[i], i, base, loads.gain[b, i], servo.stiffness[b, i], dt, parts)
-    given = loads.gain[b, i] * parts[GIVE, i] + loads.shift[b, i]
-    if loose:
-        slip = motion.spin[b, i] - motion.velocity[b, i]
-        pair = base * work.lone[i] / (base + work.lone[i])
-        still, grip = _gear(
-            work.side[i], gear[0, b, i], gear[1, b, i], gear[2, b, i], motion.wound[b, i], slip, pair, dt
-        )
-        known = given + (base - 0.5 * dt * parts[DRAG, i] + parts[LATE, i]) * motion.spin[b, i] / dt
-        _eliminate(i, heavy / dt, known, still, grip, parts)
-        work.diagonal[i] = own + dt * parts[HOLD, i]
-        drag, given = parts[HOLD, i], parts[PUSH, i]
-    else:
-        work.diagonal[i] = heavy
-        drag = parts[DRAG, i] + parts[SOFT, i] / dt
-    work.right[i] = given - (drag + viscosity) * motion.velocity[b, i] - loads.bias[b, i] + loads.load[b, i]
-
-
-@jit
-def _states_changed(b, first, end, loads, motion, servo, limits, gear, dt, work):
-    """The drive's torques at the new velocities; whether a drive or a gear must be taken to be in another state."""
-    changed, gives, parts = False, gear.shape[1] > 0, work.parts
-    for i in range(first, end):
-        old, work.column[i] = motion.velocity[b, i], work.new[i]
-        if gives and gear[0, b, i] + gear[2, b, i] > 0.0:
-            old = motion.spin[b, i]
-            changed |= _turned(i, gear[2, b, i], motion.wound[b, i], dt, work)
-        mean = 0.5 * (old + work.column[i])
-        work.torque[b, i] = parts[GIVE, i] - parts[SLOPE, i] * mean
-        if parts[SOFT, i] + parts[LATE, i] > 0.0:
-            late = parts[SOFT, i] * work.column[i] + parts[LATE, i] * (work.column[i] - old)
-            work.torque[b, i] -= late / (dt * loads.gain[b, i])
-        free = work.state[i] == FREE
-        wanted = work.torque[b, i] if free else loads.pull[b, i] - servo.damping[b, i] * mean
-        state = _limit_state(wanted, mean, i, b, limits)
-        if state != work.state[i]:
-            work.state[i] = state
-            changed = True
-    return changed
+            first, end = blocks[k], blocks[k + 1]
+            for i in range(first, end):
+                state[i] = FREE
+            if gives:
+                _at_first(gear[:, b], wound[b], mass[b], rotor[b], side, left, lone, low, inverse, work, first, end)
+            for _ in range(GEAR_PASSES if gives else PASSES):
+                for i in range(first, end):
+                    _drive(state[i], i, b, pull, damping, limits, parts)
+                    own, viscosity = mass[b, i, i] + 0.5 * dt * viscous[b, i], viscous[b, i]
+                    loose = gives and gear[0, b, i] + gear[2, b, i] > 0.0
+                    base = max(rotor[b, i], LEAST_ROTOR * mass[b, i, i]) if loose else own + rotor[b, i]
+                    heavy = _motor(state[i], i, base, gain[b, i], stiffness[b, i], dt, parts)
+                    given = gain[b, i] * parts[GIVE, i] + shift[b, i]
+                    if loose:
+                        slip = spin[b, i] - velocity[b, i]
+                        still, grip = _gear(side[i], gear[0, b, i], gear[1, b, i], gear[2, b, i], wound[b, i], slip,
+                                            base * lone[i] / (base + lone[i]), dt)  # fmt: skip
+                        known = given + (base - 0.5 * dt * parts[DRAG, i] + parts[LATE, i]) * spin[b, i] / dt
+                        _eliminate(i, heavy / dt, known, still, grip, parts)
+                        diagonal[i] = own + dt * parts[HOLD, i]
+                        drag, given = parts[HOLD, i], parts[PUSH, i]
+                    else:
+                        diagonal[i] = heavy
+                        drag = parts[DRAG, i] + parts[SOFT, i] / dt
+                    right[i] = given - (drag + viscosity) * velocity[b, i] - bias[b, i] + load[b, i]
+                factor(mass[b], diagonal, low, first, end)
+                substitute(low, right, new, work, first, end)
+                constrained = False
+                for i in range(first, end):
+                    new[i] = velocity[b, i] + dt * new[i]
+                    if new[i] > fastest[i] or new[i] < slowest[i] or impulse[b, i] != 0.0:
+                        constrained = True
+                    if forward[b, i] > 0.0 or backward[b, i] > 0.0:
+                        constrained = True
+                if constrained:
+                    invert(low, inverse, work, first, end)
+                    stop(inverse, new, impulse[b], forward[b], backward[b], slowest, fastest, dt, first, end)
+                changed = False
+                for i in range(first, end):
+                    old, work[i] = velocity[b, i], new[i]
+                    if gives and gear[0, b, i] + gear[2, b, i] > 0.0:
+                        old = spin[b, i]
+                        changed |= _turned(i, gear[2, b, i], wound[b, i], new[i], dt, parts, side, left, work)
+                    mean = 0.5 * (old + work[i])
+                    torque[b, i] = parts[GIVE, i] - parts[SLOPE, i] * mean
+                    if parts[SOFT, i] + parts[LATE, i] > 0.0:
+                        late = parts[SOFT, i] * work[i] + parts[LATE, i] * (work[i] - old)
+                        torque[b, i] -= late / (dt * gain[b, i])
+                    wanted = pull[b, i] - damping[b, i] * mean if state[i] != FREE else torque[b, i]
+                    now = _limit_state(wanted, mean, i, b, limits)
+                    if now != state[i]:
+                        state[i] = now
+                        changed = True
+                if not changed:
+                    break
+            for i in range(first, end):
+                acceleration[b, i] = (new[i] - velocity[b, i]) / dt
+                if gives:
+                    spin[b, i] = work[i]
+    return acceleration, torque, impulse, spin
 
 
 @jit
@@ -234,17 +178,17 @@ def _limit_state(wanted, mean, i, b, limits):
 
 
 @jit
-def _at_first(gear, wound, mass, rotor, work, first, end):
+def _at_first(gear, wound, mass, rotor, side, left, lone, low, inverse, work, first, end):
     """On which side teeth touch as a step begins, and a joint's inertia where all other joints follow it freely."""
     for i in range(first, end):
         loose = gear[0, i] + gear[2, i] > 0.0
-        work.lone[i] = mass[i, i] + (0.0 if loose else rotor[i])
-        work.left[i], half = 0, gear[2, i]
-        work.side[i] = MESHED if half == 0.0 else AHEAD if wound[i] >= half else BEHIND if wound[i] <= -half else OPEN
-    factor(mass, work.lone, work.low, first, end)
-    invert(work.low, work.inverse, work.column, first, end)
+        lone[i] = mass[i, i] + (0.0 if loose else rotor[i])
+        left[i], half = 0, gear[2, i]
+        side[i] = MESHED if half == 0.0 else AHEAD if wound[i] >= half else BEHIND if wound[i] <= -half else OPEN
+    factor(mass, lone, low, first, end)
+    invert(low, inverse, work, first, end)
     for i in range(first, end):
-        work.lone[i] = 1.0 / work.inverse[i, i]
+        lone[i] = 1.0 / inverse[i, i]
 
 
 @jit
@@ -274,12 +218,11 @@ def _eliminate(i, heavy, known, still, grip, parts):
 
 
 @jit
-def _turned(i, half, wound, dt, work):
-    """Find a motor's new velocity (into `column`) from its joint's; whether its gear's teeth must touch on another side.
+def _turned(i, half, wound, joint, dt, parts, side, left, spin):
+    """Find a motor's new velocity from its joint's; whether its gear's teeth must touch on another side.
 
-    Teeth do not return in a step to the side that they have left in it already.
+    left: the side that they have left in this step already, to which they do not return.
     """
-    parts, joint, spin, side, left = work.parts, work.new[i], work.column, work.side, work.left
     passed = parts[PUSH, i] - parts[HOLD, i] * joint
     spin[i] = (parts[KNOWN, i] - passed) / parts[HEAVY, i]
     old, wound = side[i], wound + dt * (spin[i] - joint)
