@@ -318,5 +318,5 @@ def test_the_usual_rate_is_the_methods(method: str, rate: float) -> None:
     parser = argparse.ArgumentParser()
     cli_prefer.add_prefer(parser.add_subparsers())
     words = ["prefer", "--policy", "p", "--task", "t", "--out", "o", "--method", method]
-    assert preference_study._config(parser.parse_args(words)).rate == rate
-    assert preference_study._config(parser.parse_args([*words, "--rate", "0.5"])).rate == 0.5
+    assert preference_study._config(parser.parse_args(words)).learning_rate == rate
+    assert preference_study._config(parser.parse_args([*words, "--rate", "0.5"])).learning_rate == 0.5
