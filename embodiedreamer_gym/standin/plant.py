@@ -6,7 +6,6 @@ import copy
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -61,23 +60,6 @@ class Plant:
         for joint, _, dof, multiplier, _ in self.followers:
             out[joint] += multiplier * force[dof]
         return out
-
-
-def read_urdf(urdf: str | Path) -> ElementTree.Element:
-    """Parse a URDF given as a path or as text.
-
-    Raises: ModelError when it is missing or is not XML.
-    """
-    text = str(urdf)
-    if not text.lstrip().startswith("<"):
-        path = Path(urdf)
-        if not path.is_file():
-            raise ModelError(f"URDF {path} does not exist.")
-        text = path.read_text()
-    try:
-        return ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise ModelError(f"the URDF is not valid XML: {error}.") from error
 
 
 def end_effectors(root: ElementTree.Element, joints: Sequence[str]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from embodiedreamer_gym.errors import ModelError, RecordingError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.motions import Motion
 from embodiedreamer_gym.recordings.recording import Recording
+from embodiedreamer_gym.robot.urdf import read_xml
 from embodiedreamer_gym.standin.engine import Engine
 from embodiedreamer_gym.standin.hidden import Hidden, gears
 from embodiedreamer_gym.standin.plant import (
@@ -19,7 +20,6 @@ from embodiedreamer_gym.standin.plant import (
     build_plant,
     disturb_links,
     end_effectors,
-    read_urdf,
 )
 
 Array = np.ndarray
@@ -76,7 +76,7 @@ class StandIn:
             for key, value in given.items()
         }
         self.effort_scale = EFFORT_SCALE_ANGLE * self.true["stiffness"]
-        root = read_urdf(urdf)
+        root = read_xml(urdf)
         disturb_links(root, mass_error, com_error, self.rng)
         self.end_effectors = tips = tuple(end_effector_links or end_effectors(root, self.joints))
         self._hidden = Hidden(effects or {}, self._stroke, len(tips))

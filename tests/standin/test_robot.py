@@ -160,8 +160,10 @@ def test_faults_of_the_caller_are_named(build, moves, tmp_path):
         StandIn(arm_urdf("arm6"), ("elbow",), 1, 1, 1, 1)
     with pytest.raises(ModelError, match="does not exist"):
         StandIn(tmp_path / "none.urdf", ("a",), 1, 1, 1, 1)
-    with pytest.raises(ModelError, match="not valid XML"):
+    with pytest.raises(ModelError, match="is no XML"):
         StandIn("<robot", ("a",), 1, 1, 1, 1)
+    with pytest.raises(ModelError, match="its root is <sdf>, not <robot>"):
+        StandIn("<sdf/>", ("a",), 1, 1, 1, 1)
     with pytest.raises(ModelError, match="value at 1 that is above"):
         gripper(normalised={"grip": (0.04, 0.0)})
     with pytest.raises(RecordingError, match="motion has 1 joints but the stand-in has 6"):

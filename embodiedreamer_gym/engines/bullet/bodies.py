@@ -8,6 +8,7 @@ triangle rule), so a rotor adds to all three.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ import numpy as np
 from embodiedreamer_gym.effects import Mechanics
 from embodiedreamer_gym.engines.plant import rotor_shares
 from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.urdf import read_xml
 
 FIXED = "fixed"
 
@@ -33,8 +35,7 @@ class ArmBody:
 
 def arm_bodies(model: RobotModel) -> tuple[ArmBody, ...]:
     """URDF of each arm, cut where the arms leave the static part of the robot; meshes by absolute path."""
-    text = model.urdf.read_text(encoding="utf-8")
-    root = ElementTree.fromstring(text)
+    root = read_xml(model.urdf)
     _absolute_meshes(root, model.urdf.parent)
     return tuple(ArmBody(_write(part), _weightless(part)) for part in _cut(root))
 
@@ -79,7 +80,7 @@ def _cut(root: Element) -> Iterator[Element]:
                     owners.setdefault(foot, []).append(len(branches) - 1)
                     foot = _end(above[foot], "parent") if foot in above else None
     for number, branch in enumerate(branches):
-        part = ElementTree.fromstring(ElementTree.tostring(root))
+        part = copy.deepcopy(root)
         for joint in part.findall("joint"):
             if _end(joint, "child") not in branch | static:
                 part.remove(joint)

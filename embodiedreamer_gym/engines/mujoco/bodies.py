@@ -14,6 +14,7 @@ from embodiedreamer_gym.engines.mujoco.library import mujoco
 from embodiedreamer_gym.engines.plant import rotor_shares
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.urdf import read_xml
 
 READABLE = (".stl", ".obj", ".msh")  # meshes that MuJoCo reads
 
@@ -65,7 +66,7 @@ def robot_specification(robot: RobotModel) -> Any:
     Links without a visual are drawn by their collision shapes; meshes of a format that MuJoCo does not read are left out.
     Raises: ModelError when MuJoCo refuses the URDF.
     """
-    root = copy.deepcopy(ElementTree.parse(robot.urdf).getroot())
+    root = read_xml(robot.urdf)
     driven = set(robot.tree.joint_names)
     for joint in root.iter("joint"):
         for mimic in joint.findall("mimic"):

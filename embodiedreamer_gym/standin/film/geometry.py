@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,6 +15,7 @@ from embodiedreamer_gym.engines.shapes import Shape
 from embodiedreamer_gym.engines.table import TABLE
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.geometry.mesh import surface_of_revolution
+from embodiedreamer_gym.robot.urdf import read_xml
 
 SIDES = 48  # of round shapes
 ROUNDING = 0.0025  # m, bevel of the robot's edges; moves its outline by 0.7 mm
@@ -55,7 +56,7 @@ def robot_parts(urdf: Path) -> list[Part]:
     Raises: ModelError for a visual that is no box, cylinder or sphere.
     """
     parts = []
-    for link in ElementTree.parse(urdf).getroot().iter("link"):
+    for link in read_xml(urdf).iter("link"):
         for visual in link.iter("visual"):
             element = visual.find("material")
             own = "shell" if element is None else str(element.get("name"))
@@ -127,7 +128,7 @@ def _placed(shape: Shape) -> tuple[np.ndarray, Faces]:
     return points @ Rotation.from_euler("xyz", shape.rpy).as_matrix().T + shape.position, faces
 
 
-def _visual(visual: ElementTree.Element, where: str) -> tuple[str, tuple[float, ...], np.ndarray]:
+def _visual(visual: Element, where: str) -> tuple[str, tuple[float, ...], np.ndarray]:
     """Kind, size and pose (4, 4) in its link's frame of a URDF's visual."""
     origin, geometry = visual.find("origin"), next(iter(visual.iterfind("geometry/*")), None)
     kind = "nothing" if geometry is None else geometry.tag
