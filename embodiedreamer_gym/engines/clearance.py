@@ -3,63 +3,67 @@
 from __future__ import annotations
 
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.engines.bullet.client import pybullet
-from embodiedreamer_gym.engines.bullet.plant import BulletPlant
+from embodiedreamer_gym.engines.mujoco.bodies import MujocoBodies
+from embodiedreamer_gym.engines.mujoco.library import mujoco
 from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation.drive import TIME_STEP
 
-SIGHT = 0.3  # m; what is further apart counts as this far
+LARGEST = 0.3  # m; what is further apart counts as this far
 NEIGHBOURS = 2  # joints between two links of an arm that may touch by design
 TABLE = (4.0, 4.0, 0.5)  # m
+Chain = list[tuple[int, int]]  # geoms of an arm that move, each with the number of joints between it and the base
 
 
 def clearance(model: RobotModel, positions: np.ndarray, table: float | None = None) -> np.ndarray:
     """Least distance (K,), m, between parts that must not touch, at joint positions (K, n); at most 0.3.
 
-    Parts: links of different arms, links of one arm with two joints or more between them, and, where its height (m, in the
-    frame of the URDF's root) is given, a table and what moves. Links without a collision shape are not seen.
+    Parts: links of different arms, links of one arm with two joints or more between them, and a table and what moves.
+    Links without a collision shape are left out.
+
+    positions: (K, n) in the joints' units.
+    table: its height in the frame of the URDF's root, m; None for no table.
     """
-    with BulletPlant(model) as plant:
-        client = plant.client
-        pairs = _pairs(plant)
+
+    def furnish(spec: Any) -> None:
         if table is not None:
-            shape = client.createCollisionShape(pybullet.GEOM_BOX, halfExtents=[x / 2 for x in TABLE])
-            board = client.createMultiBody(0.0, shape, basePosition=(0.0, 0.0, table - TABLE[2] / 2))
-            pairs += [((board, -1), link) for link in _moving(plant)]
-        least = np.full(len(positions), SIGHT)
-        still = np.zeros(model.n)
-        for k, position in enumerate(positions):
-            plant.reset(position, still, position)
-            for (a, i), (b, j) in pairs:
-                near = client.getClosestPoints(a, b, float(least[k]), i, j)
-                least[k] = min([least[k], *(point[8] for point in near)])
+            spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[x / 2 for x in TABLE],
+                                    pos=(0.0, 0.0, table - TABLE[2] / 2))  # fmt: skip
+
+    bodies = MujocoBodies(model, TIME_STEP, furnish)
+    chains = _chains(bodies.model)
+    pairs = _pairs(chains)
+    if table is not None:
+        board = bodies.model.geom("table").id
+        pairs += [(board, geom) for chain in chains for geom, _ in chain]
+    tree, least = model.tree, np.full(len(positions), LARGEST)
+    for k, position in enumerate(positions):
+        joints = tree.gain * position[tree.coordinate] + tree.offset
+        bodies.place(joints, np.zeros_like(joints))
+        mujoco.mj_kinematics(bodies.model, bodies.data)
+        for one, other in pairs:
+            least[k] = min(least[k], mujoco.mj_geomDistance(bodies.model, bodies.data, one, other, least[k], None))
     return least
 
 
-def _moving(plant: BulletPlant) -> list[tuple[int, int]]:
-    """Links that a driven joint moves and that have a shape."""
-    return [link for arm in _chains(plant) for link, _ in arm]
+def _chains(model: Any) -> list[Chain]:
+    """The shapes of each arm that touch and move."""
+    depth = np.zeros(model.nbody, int)
+    for body in range(1, model.nbody):
+        depth[body] = depth[model.body_parentid[body]] + model.body_jntnum[body]
+    chains: dict[int, Chain] = {}
+    for geom in np.flatnonzero(model.geom_contype).tolist():
+        body = model.geom_bodyid[geom]
+        if depth[body]:
+            chains.setdefault(int(model.body_treeid[body]), []).append((geom, int(depth[body])))
+    return list(chains.values())
 
 
-def _chains(plant: BulletPlant) -> list[list[tuple[tuple[int, int], int]]]:
-    """For each arm its moving links with a shape, and how many joints stand between each and the base."""
-    client, arms = plant.client, []
-    for body in plant.ids:
-        depth: dict[int, int] = {-1: 0}
-        found = []
-        for link in range(client.getNumJoints(body)):
-            info = client.getJointInfo(body, link)
-            depth[link] = depth[info[16]] + (info[2] != pybullet.JOINT_FIXED)
-            if depth[link] and client.getCollisionShapeData(body, link):
-                found.append(((body, link), depth[link]))
-        arms.append(found)
-    return arms
-
-
-def _pairs(plant: BulletPlant) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    chains = _chains(plant)
+def _pairs(chains: list[Chain]) -> list[tuple[int, int]]:
+    """The shapes that must not touch."""
     pairs = [(a, b) for one, other in combinations(chains, 2) for a, _ in one for b, _ in other]
     for chain in chains:
         pairs += [(a, b) for (a, d), (b, e) in combinations(chain, 2) if abs(d - e) > NEIGHBOURS]

@@ -36,7 +36,7 @@ class EngineSettings:
     model: RobotModel
     """The robot."""
     props: tuple[Prop, ...]
-    """The task's props; the table is always there."""
+    """The task's props."""
     control_hz: int = 30
     """Actions per second: 50, 40, 30 or 20."""
     collisions: bool = True
@@ -45,6 +45,8 @@ class EngineSettings:
     """Which renderer draws the pictures; the engine says which there are."""
     picture_size: tuple[int, int] = (128, 96)
     """Width and height of the largest pictures to be drawn often, pixels."""
+    table: bool = True
+    """Whether there is a table."""
 
 
 class Engine(ABC):

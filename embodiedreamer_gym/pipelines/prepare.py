@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from embodiedreamer_gym.engines.bullet.robot_view import RobotView
 from embodiedreamer_gym.engines.frame import stacked
+from embodiedreamer_gym.engines.robot_view import RobotView
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence

@@ -47,8 +47,10 @@ class BulletEngine(PlantEngine):
         self.renderer_name, self.light = self.renderer.name, self.renderer.light
         client.setPhysicsEngineParameter(deterministicOverlappingPairs=1, numSolverIterations=30)
         self.plant: BulletPlant = BulletPlant(self.model, client, self.dt)  # pyright: ignore[reportIncompatibleVariableOverride]
-        self.table = self._load(TABLE)
-        self._put(self.table, TABLE, Pose(np.array(TABLE_CENTRE), np.array([0.0, 0.0, 0.0, 1.0])))
+        self.table = -1
+        if settings.table:
+            self.table = self._load(TABLE)
+            self._put(self.table, TABLE, Pose(np.array(TABLE_CENTRE), np.array([0.0, 0.0, 0.0, 1.0])))
         self._props = {prop.name: prop for prop in settings.props}
         self.bodies = {prop.name: self._load(prop) for prop in settings.props}
         self._classes = {self.table: 1, **dict.fromkeys(self.plant.ids, 2)}

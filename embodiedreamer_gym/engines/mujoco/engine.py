@@ -30,7 +30,9 @@ class MujocoEngine(PlantEngine):
         super().__init__(settings)
         self.renderer_name, self.light = check_renderer(settings.renderer), LIGHT
         joints = self.finger_joints()
-        furniture = Furniture(settings.props, [name for arm in joints for name in arm], drawn=True)
+        furniture = Furniture(
+            settings.props, [name for arm in joints for name in arm], drawn=True, table=settings.table
+        )
         self._bodies = MujocoBodies(self.model, self.dt, furniture)
         model, self._data = self._bodies.model, self._bodies.data
         self.state = WorldState(model, self._data)

@@ -31,10 +31,11 @@ class Furniture:
     props: of a task.
     fingers: names of the joints whose links close on things.
     drawn: add what a renderer shows beside what touches.
+    table: whether there is a table.
     """
 
-    def __init__(self, props: Sequence[Prop], fingers: Sequence[str], drawn: bool = False) -> None:
-        self.props, self.fingers, self.drawn = tuple(props), tuple(fingers), drawn
+    def __init__(self, props: Sequence[Prop], fingers: Sequence[str], drawn: bool = False, table: bool = True) -> None:
+        self.props, self.fingers, self.drawn, self.table = tuple(props), tuple(fingers), drawn, table
 
     def __call__(self, spec: Any) -> None:
         """Add ground, table and props; say which shapes touch which."""
@@ -53,7 +54,8 @@ class Furniture:
                 _touch(geom, FINGER_FRICTION if pads else LINK_FRICTION, LINKS, THINGS)
         ground = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(10.0, 10.0, 0.1), group=UNSEEN)
         _touch(ground, TABLE.friction, THINGS, THINGS | LINKS)
-        self._add(spec, TABLE, TABLE_CENTRE, 0)
+        if self.table:
+            self._add(spec, TABLE, TABLE_CENTRE, 0)
         for i, prop in enumerate(self.props):
             self._add(spec, prop, parked(i), 1)
 

@@ -9,6 +9,8 @@ import numpy as np
 from embodiedreamer_gym.engines.prop import Prop
 from embodiedreamer_gym.geometry.pose import Pose
 
+XYZW, WXYZ = [1, 2, 3, 0], [3, 0, 1, 2]  # quaternions: MuJoCo's begin with w, ours end with it
+
 
 class WorldState:
     """Reads poses, speeds and contacts by the names of bodies, and places props.
@@ -27,7 +29,7 @@ class WorldState:
 
     def place(self, prop: Prop, pose: Pose) -> None:
         """Put a prop, at rest, where its frame has a pose."""
-        where = np.concatenate([pose.position, np.roll(pose.quaternion, 1)])
+        where = np.concatenate([pose.position, pose.quaternion[WXYZ]])
         if prop.fixed:
             body = self._ids[prop.name]
             self.model.body_pos[body], self.model.body_quat[body] = where[:3], where[3:]
@@ -37,7 +39,7 @@ class WorldState:
     def pose(self, name: str) -> Pose:
         """Where the frame of a body is."""
         body = self._ids[name]
-        return Pose(self.data.xpos[body].copy(), np.roll(self.data.xquat[body], -1))
+        return Pose(self.data.xpos[body].copy(), self.data.xquat[body, XYZW])
 
     def rotation(self, name: str) -> np.ndarray:
         """Rotation matrix (3, 3) of a body's frame."""
@@ -47,13 +49,11 @@ class WorldState:
         """Speed of a loose prop's centre of mass, m/s."""
         body = self._ids[prop]
         velocity = self.data.qvel[self.model.body_dofadr[body] :][:6]
-        arm = self.data.xipos[body] - self.data.xpos[body]
-        spin = self.data.xmat[body].reshape(3, 3) @ velocity[3:]
-        return float(np.linalg.norm(velocity[:3] + np.cross(spin, arm)))
+        (x, y, z), (a, b, c) = self.rotation(prop) @ velocity[3:], self.data.xipos[body] - self.data.xpos[body]
+        return float(np.linalg.norm(np.add(velocity[:3], (y * c - z * b, z * a - x * c, x * b - y * a))))
 
     def touching(self, name: str) -> set[str]:
         """Names of the bodies that a body touches."""
-        pairs = self.model.geom_bodyid[self.data.contact.geom]
         body = self._ids[name]
-        partners = pairs[(pairs == body).any(axis=1)]
-        return {self.names[other] for other in np.unique(partners[partners != body]).tolist()}
+        pairs = self.model.geom_bodyid[self.data.contact.geom].tolist()
+        return {self.names[b if a == body else a] for a, b in pairs if body in (a, b)}
