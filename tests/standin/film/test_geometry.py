@@ -10,6 +10,7 @@ import pytest
 
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.geometry.mesh import surface_of_revolution
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.film.geometry import (
     ROBOT_CLASS,
@@ -19,7 +20,6 @@ from embodiedreamer_gym.standin.film.geometry import (
     robot_parts,
     sphere,
     table_part,
-    turned,
 )
 
 URDF = """<robot name="one"><link name="base"><visual><origin xyz="0 0 1" rpy="0 0 1.5707963"/>
@@ -40,7 +40,7 @@ def volume(points: np.ndarray, faces: list[tuple[int, ...]]) -> float:
         (box((0.1, 0.2, 0.3)), 0.006),
         (cylinder(0.1, 0.5), np.pi * 0.005),
         (sphere(0.1), 4 / 3 * np.pi * 0.001),
-        (turned([(0.0, 0.0), (0.1, 0.0), (0.0, 0.3)]), np.pi * 0.001),
+        (surface_of_revolution([(0.0, 0.0), (0.1, 0.0), (0.0, 0.3)]), np.pi * 0.001),
     ],
 )
 def test_a_shape_is_closed_and_seen_from_outside(mesh, expected: float) -> None:
@@ -52,7 +52,9 @@ def test_a_shape_is_closed_and_seen_from_outside(mesh, expected: float) -> None:
 
 
 def test_a_hollow_thing_holds_what_its_walls_leave() -> None:
-    thick = volume(*turned(CUP)) / volume(*turned([(0.0, 0.0), (0.03, 0.0), (0.04, 0.1), (0.0, 0.1)]))
+    thick = volume(*surface_of_revolution(CUP)) / volume(
+        *surface_of_revolution([(0.0, 0.0), (0.03, 0.0), (0.04, 0.1), (0.0, 0.1)])
+    )
     assert 0.08 < thick < 0.2
 
 
