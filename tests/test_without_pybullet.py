@@ -56,6 +56,7 @@ def test_environments_run_on_the_other_engine(run) -> None:
     run("-c", ENVIRONMENT)
 
 
+@pytest.mark.slow
 def test_comparison_and_calibration_run(run, tmp_path: Path) -> None:
     from embodiedreamer_gym.demo import unpack
 
