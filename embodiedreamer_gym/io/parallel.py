@@ -24,7 +24,7 @@ def ended_workers() -> Iterator[None]:
     finally:
         started = reusable_executor._executor
         if started is not None and started is not before:
-            started.shutdown(wait=True, kill_workers=True)
+            started.terminate(kill_workers=True)  # its folder of temporary files too
 
 
 def many(
@@ -38,8 +38,7 @@ def many(
     done: is called with the number of finished calls and the result, as each comes.
     """
     results: list[T] = []
-    # Arrays are sent, not mapped to files: an interruption would leave the files behind.
-    work: Any = Parallel(n_jobs=jobs, prefer="processes", return_as="generator", max_nbytes=None)
+    work: Any = Parallel(n_jobs=jobs, prefer="processes", return_as="generator")
     for result in work(delayed(function)(*c) for c in calls):
         results.append(result)
         if done is not None:
