@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.errors import ModelError, brief
 from embodiedreamer_gym.geometry.camera import Camera, look_at
-from embodiedreamer_gym.io.files import read_json
-from embodiedreamer_gym.robot.files import write_json
+from embodiedreamer_gym.io.files import read_json, write_json
 
 __all__ = ["CAMERAS", "Camera", "load_cameras", "look_at", "save_cameras"]
 
@@ -71,7 +70,7 @@ def save_cameras(cameras: Mapping[str, Camera] | Iterable[Camera], path: str | P
     if len(set(names)) != len(names):
         raise ModelError(f"two cameras have the same name; names: {', '.join(names)}.")
     entries = {c.name: {f.name: getattr(c, f.name) for f in fields(c) if f.name != "name"} for c in found}
-    write_json({"cameras": entries}, path)
+    write_json({"cameras": entries}, path, ModelError)
 
 
 def _camera(name: str, entry: Any, path: Path) -> Camera:
@@ -81,7 +80,7 @@ def _camera(name: str, entry: Any, path: Path) -> Camera:
         raise ModelError(f"{where}: must be an object with the keys {', '.join(NEEDED)}.")
     for key in entry:
         if key not in NEEDED + OPTIONAL:
-            raise ModelError(f"{where}: unknown key '{key}'; known keys: {', '.join(NEEDED + OPTIONAL)}.")
+            raise ModelError(f"{where}: unknown key {brief(key)}; known keys: {', '.join(NEEDED + OPTIONAL)}.")
     for key in NEEDED:
         if key not in entry:
             raise ModelError(f"{where}: key '{key}' is missing.")

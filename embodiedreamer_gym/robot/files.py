@@ -10,7 +10,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.errors import ModelError, brief
+from embodiedreamer_gym.io.files import read_json as read_checked_json
 
 ASSETS = Path(str(resources.files("embodiedreamer_gym") / "assets"))
 BUILT_IN_URDF = "embodiedreamer:"  # prefix of a URDF that the package ships
@@ -28,7 +29,7 @@ def find_model(source: str | Path) -> Path:
     Raises: ModelError that lists the built-in robots.
     """
     path = Path(source)
-    if path.is_file():
+    if os.path.isfile(path):  # Path.is_file fails at a name that is too long
         return path
     if str(source) in built_in_robots():
         return ASSETS / f"{source}.json"
@@ -40,15 +41,12 @@ def read_json(path: Path) -> dict[str, Any]:
 
     Raises: ModelError when it is no JSON object, lacks `robot` or holds a key that no model has.
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise ModelError(f"model {path} is no readable JSON: {error}.") from error
+    data = read_checked_json(path, ModelError, "model")
     if not isinstance(data, dict):
         raise ModelError(f"model {path} must be a JSON object with the key 'robot'.")
     unknown = [key for key in data if key not in KEYS]
     if unknown:
-        raise ModelError(f"model {path} has the unknown key '{unknown[0]}'; known keys: {', '.join(KEYS)}.")
+        raise ModelError(f"model {path} has the unknown key {brief(unknown[0])}; known keys: {', '.join(KEYS)}.")
     if not isinstance(data.get("name", ""), str):
         raise ModelError(f"model {path}: name must be a text.")
     robot = data.get("robot")
@@ -61,14 +59,17 @@ def urdf_path(text: str, model_path: Path) -> Path:
     """Path of the URDF a model names: relative to the model's file, or one that the package ships."""
     if text.startswith(BUILT_IN_URDF):
         return ASSETS / "urdf" / text.removeprefix(BUILT_IN_URDF)
-    return (model_path.parent / text).resolve()
+    try:
+        return Path(os.path.realpath(model_path.parent / text))  # Path.resolve fails at a loop of links
+    except ValueError as error:  # a null character
+        raise ModelError(f"model {model_path}: the urdf {brief(text)} cannot be a path.") from error
 
 
 def urdf_text(urdf: Path, model_path: Path) -> str:
     """How a model's file names its URDF."""
     if urdf.parent == ASSETS / "urdf":
         return BUILT_IN_URDF + urdf.name
-    return Path(os.path.relpath(urdf.resolve(), model_path.resolve().parent)).as_posix()
+    return Path(os.path.relpath(os.path.realpath(urdf), os.path.dirname(os.path.realpath(model_path)))).as_posix()
 
 
 def names(value: Any, what: str, path: Path) -> tuple[str, ...]:
@@ -101,7 +102,9 @@ def table(data: Mapping[str, Any], key: str, known: tuple[str, ...] | None, path
         raise ModelError(f"model {path}: {key} must be an object.")
     for name in value:
         if known is not None and name not in known:
-            raise ModelError(f"model {path} has the unknown key '{name}' in {key}; known keys: {', '.join(known)}.")
+            raise ModelError(
+                f"model {path} has the unknown key {brief(name)} in {key}; known keys: {', '.join(known)}."
+            )
     return value
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from io import BytesIO
 from pathlib import Path
@@ -63,7 +64,7 @@ def _bytes(urdf: str | Path) -> tuple[bytes, str]:
     if isinstance(urdf, str) and urdf.lstrip().startswith("<"):
         return urdf.encode(), "the URDF"
     path = Path(urdf)
-    if not path.is_file():
+    if not os.path.isfile(path):  # Path.is_file fails at a name that is too long
         raise ModelError(f"URDF {path} does not exist.")
     if path.stat().st_size > MOST_BYTES:
         raise ModelError(

@@ -1,0 +1,209 @@
+"""What reads episodes, policies, banks, weights and refit caches."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.fuzzing.case import Case
+from benchmarks.fuzzing.seeds import TRAIN
+from benchmarks.fuzzing.targets import mutated, target
+
+# ---- episodes and policies -------------------------------------------------------------------------------------
+
+
+def _set(case: Case, path: Path) -> None:
+    """Open a set of episodes, read all of it, and train a step on it."""
+    from embodiedreamer_gym.recordings.episodes import open_episodes
+
+    def read() -> None:
+        episodes = open_episodes(path)
+        for k in range(len(episodes)):
+            episodes.states(k), episodes.actions(k)
+            for camera in episodes.cameras:
+                episodes.frames(k, camera, 0, min(3, episodes.lengths[k]))
+
+    case.library("open_episodes", read)
+    if case.number % 3 == 0:
+        case.command("policy", "train", "--data", path, "--out", case.out / "policy", *TRAIN)
+
+
+@target
+def episodes(case: Case) -> None:
+    name = case.rng.choice(("episodes", "episodes", "jpegs"))
+    path = mutated(case, name)
+    _set(case, path)
+    if case.number % 3 == 1:
+        case.command("augment", "--data", path, "--out", case.out / "more", "--aligner", case.copy("lean.pt"), "--task", "PutCupOnMat-v0",
+                     "--quiet", patience=1.0)  # fmt: skip
+
+
+@target
+def lerobot(case: Case) -> None:
+    _set(case, mutated(case, "lerobot_set"))
+
+
+def _policy(case: Case, name: str) -> None:
+    from embodiedreamer_gym.policies import load_policy
+
+    path = mutated(case, name)
+
+    def ask() -> None:
+        policy: Any = load_policy(path)
+        size = policy.network.config.image_size
+        frame = np.zeros((1, size[1], size[0], 3), np.uint8)
+        policy(
+            {
+                "agent_pos": np.zeros((1, policy.network.config.state_size), np.float32),
+                "pixels": dict.fromkeys(policy.cameras, frame),
+            }
+        )
+
+    case.library("load_policy", ask)
+    if case.number % 2 == 0:
+        case.names.clear()  # a whole policy that does not fit the robot is refused by its sizes
+        case.command(
+            "policy",
+            "evaluate",
+            "--policy",
+            path,
+            "--task",
+            "PutCupOnMat-v0",
+            "--episodes",
+            1,
+            "--json",
+            case.out / "e.json",
+            "--quiet",
+        )
+
+
+@target
+def policy(case: Case) -> None:
+    _policy(case, "policy")
+
+
+@target
+def lerobot_policy(case: Case) -> None:
+    _policy(case, "lerobot_policy")
+
+
+@target
+def resume(case: Case) -> None:
+    """A training's folder, whose checkpoint it is to go on from."""
+    case.copy("episodes")
+    path = case.copy("training")
+    name = case.rng.choice(("checkpoint.pt", "checkpoint.pt", "checkpoint.pt", "curves.csv", "config.json"))
+    case.about(case.mutate(path / name), path)
+    case.command("policy", "train", "--data", "episodes", "--out", path, *TRAIN)
+
+
+@target
+def module(case: Case) -> None:
+    """A module with a policy of the user's own, as wrong as can be."""
+    from benchmarks.fuzzing.modules import source
+    from embodiedreamer_gym.policies import load_policy
+    from embodiedreamer_gym.policies.protocol import ask
+
+    Path("mine.py").write_text(source(case.rng), encoding="utf-8")
+    name = case.rng.choice(
+        ("mine:make",) * 12
+        + (
+            "mine:none",
+            "mine",
+            "none:make",
+            "mine:make:x",
+            "mine:",
+            ":make",
+            "..mine:make",
+            "a b:c",
+            "mine:chunk",
+            "os:getcwd",
+        )
+    )
+    batch = {"agent_pos": np.zeros((1, 14), np.float32), "pixels": {"head": np.zeros((1, 12, 16, 3), np.uint8)}}
+    case.library("load_policy", lambda: ask(load_policy(name), batch, (1, 4, 14)))
+    case.command(
+        "policy",
+        "evaluate",
+        "--policy",
+        name,
+        "--task",
+        "PutCupOnMat-v0",
+        "--episodes",
+        1,
+        "--quiet",
+        "--json",
+        case.out / "e.json",
+    )
+
+
+# ---- the video model -------------------------------------------------------------------------------------------
+
+
+@target
+def bank(case: Case) -> None:
+    from embodiedreamer_gym.vis_aligner import load_bank, load_episode
+
+    path = mutated(case, "bank.npz")
+    film = case.copy("film.hdf5")
+    case.about(film)
+    case.library("load_bank", lambda: load_bank(path).paint(load_episode(film).condition))
+    if case.number % 4 == 0:
+        case.command(
+            "vis", "render", film, "--aligner", case.copy("lean.pt"), "--bank", path, "--out", case.out / "film.mp4"
+        )
+
+
+@target
+def weights(case: Case) -> None:
+    from embodiedreamer_gym.vis_aligner import load_aligner
+
+    path = mutated(case, "lean.pt")
+    case.library("load_aligner", lambda: load_aligner(path))
+    if case.number % 2 == 0:
+        case.command("vis", "render", case.copy("film.hdf5"), "--aligner", path, "--out", case.out / "film.mp4")
+
+
+@target
+def film(case: Case) -> None:
+    """An episode with its simulated view."""
+    from embodiedreamer_gym.vis_aligner import load_episode
+
+    path = mutated(case, "film.hdf5")
+    case.library("load_episode", lambda: load_episode(path))
+    other = case.rng.choice((("vis", "render", path, "--aligner", case.copy("lean.pt"), "--out", case.out / "f.mp4"),
+                             ("vis", "bank", path, "--out", case.out / "b.npz")))  # fmt: skip
+    case.command(*other)
+
+
+# ---- diagnosis -------------------------------------------------------------------------------------------------
+
+
+@target
+def refits(case: Case) -> None:
+    """The file in which a diagnosis keeps its finished refits."""
+    from benchmarks.fuzzing.refits import read_refits, write_refits
+
+    case.copy("two.urdf")
+    arm, log = case.copy("two.json"), case.copy("log.csv")
+    path = case.folder / "refits.jsonl"
+    write_refits(path, arm, log)
+    case.about(case.mutate(path))
+    case.library("refit cache", lambda: read_refits(path, arm, log))
+    case.command(
+        "diagnose",
+        "--model",
+        arm,
+        "--train",
+        log,
+        "--test",
+        log,
+        "--resume",
+        path,
+        "--jobs",
+        1,
+        "--quiet",
+        patience=1.5,
+    )

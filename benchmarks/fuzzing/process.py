@@ -1,0 +1,160 @@
+"""A case in a process of its own, with limits of time and memory."""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import json
+import os
+import resource
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import NoReturn
+
+from benchmarks.fuzzing.case import VERDICTS, Case, Found, Result
+
+ADDRESSES = 16 << 30  # bytes of address space beyond what the parent has, so that an absurd claim fails at once
+LARGEST_FILE = 1 << 30  # bytes
+
+
+@dataclass
+class Limits:
+    """seconds: of wall clock that a case may take, without the time that it waits for a processor; memory: bytes by which it may grow."""
+
+    seconds: float = 10.0
+    memory: int = 2 << 30
+
+
+class Running:
+    """A forked process with one case; `poll` returns its result once it has ended, or was ended."""
+
+    def __init__(
+        self, target: str, number: int, seed: int, run: Callable[[Case], None], seeds: Path, work: Path, limits: Limits
+    ) -> None:
+        self.target, self.number, self._limits = target, number, limits
+        self.folder = work / f"{target}-{number}"
+        self.folder.mkdir()
+        self._before, self._begun, self._scanned = _resident(os.getpid()), time.monotonic(), 0.0
+        self._grown, self._killed, self._many = 0, "", 0
+        sys.stdout.flush(), sys.stderr.flush()
+        self.pid = os.fork()
+        if self.pid == 0:
+            _child(
+                lambda: run(Case(self.folder, seeds, Random(f"{seed}:{target}:{number}"), number)), self.folder, limits
+            )
+
+    def poll(self) -> Result | None:
+        """The result, or None while it runs; ends what is beyond the limits."""
+        pid, status, usage = os.wait4(self.pid, os.WNOHANG)
+        now = time.monotonic()
+        if pid == 0:
+            self._grown = max(self._grown, _resident(self.pid) - self._before)
+            waited = _waited(self.pid)
+            if self._grown > self._limits.memory:
+                self._kill("memory")
+            elif now - self._begun - waited > self._limits.seconds or now - self._begun > 12 * self._limits.seconds:
+                self._kill("hang")
+            elif now - self._scanned > 1.0:
+                self._scanned = now
+                if len(_group(self.pid)) > 32:
+                    self._kill("memory")
+            return None
+        with contextlib.suppress(OSError):
+            os.killpg(self.pid, signal.SIGKILL)  # what it has left running
+        self._grown = max(self._grown, usage.ru_maxrss * 1024 - self._before)
+        return self._result(status, now - self._begun)
+
+    def _kill(self, verdict: str) -> None:
+        self._killed = self._killed or verdict
+        with contextlib.suppress(OSError):
+            os.killpg(self.pid, signal.SIGKILL)
+
+    def _result(self, status: int, seconds: float) -> Result:
+        found: list[Found] = []
+        with contextlib.suppress(OSError, ValueError):
+            found = [Found(**one) for one in json.loads((self.folder / "found.json").read_text())]
+        if self._killed or status != 0:
+            text = _tail(self.folder / "hang.txt") if self._killed == "hang" else _tail(self.folder / "stderr.txt")
+            ended = (
+                f"killed after {seconds:.0f} s, {self._grown / 2**20:.0f} MB more"
+                if self._killed
+                else f"wait status {status}"
+            )
+            found.append(Found("?", self._killed or "dead", f"{ended}: {text}", _innermost(text)))
+        elif self._grown > self._limits.memory:
+            found.append(Found("?", "memory", f"{self._grown / 2**20:.0f} MB more", "?"))
+        verdict = max((one.verdict for one in found), key=VERDICTS.index, default="ok")
+        return Result(self.target, self.number, verdict, round(seconds, 3), round(self._grown / 2**20, 1), found)
+
+
+def _child(run: Callable[[], None], folder: Path, limits: Limits) -> NoReturn:
+    """The forked process: its own group, its own streams, its own folder."""
+    code = 1
+    try:
+        os.setpgid(0, 0)
+        for stream, name in ((1, "stdout.txt"), (2, "stderr.txt")):
+            os.dup2(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+        sys.stderr = open(2, "w", encoding="utf-8", errors="backslashreplace", buffering=1, closefd=False)  # noqa: SIM115
+        hang = (folder / "hang.txt").open("w")
+        faulthandler.enable(sys.stderr)
+        faulthandler.dump_traceback_later(0.8 * limits.seconds, file=hang)
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (used + ADDRESSES,) * 2)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE,) * 2)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        os.chdir(folder)
+        run()
+        (folder / "modules.json").write_text(json.dumps(sorted(sys.modules)))
+        code = 0
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush(), sys.stderr.flush()
+        os._exit(code)
+
+
+def _resident(pid: int) -> int:
+    """Bytes of memory that a process holds; 0 once it has gone."""
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * resource.getpagesize()
+    except (OSError, IndexError):
+        return 0
+
+
+def _waited(pid: int) -> float:
+    """Seconds for which a process was ready but had no processor: on a busy machine they do not count as a hang."""
+    try:
+        return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) * 1e-9
+    except (OSError, IndexError, ValueError):
+        return 0.0
+
+
+def _group(group: int) -> Sequence[int]:
+    """Processes of a group."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError, IndexError, ValueError):
+            if int(path.read_text().rpartition(")")[2].split()[2]) == group:
+                found.append(int(path.parent.name))
+    return found
+
+
+def _tail(path: Path) -> str:
+    with contextlib.suppress(OSError):
+        return path.read_bytes()[-3000:].decode("utf-8", "replace")
+    return ""
+
+
+def _innermost(text: str) -> str:
+    """The innermost line of the package in a stack that faulthandler printed."""
+    lines = [line.strip() for line in text.splitlines() if "embodiedreamer_gym/" in line]
+    return lines[0].rpartition("embodiedreamer_gym/")[2].replace('", line ', ":") if lines else "?"
