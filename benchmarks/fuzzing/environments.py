@@ -61,7 +61,7 @@ _env: list[Any] = []
 
 def make(**arguments: Any) -> Any:
     """An environment without `gymnasium.make`, whose own checks would come first."""
-    return AlohaEnv(**{"task": "PutCupOnMat", "obs_type": "state"} | arguments)
+    return AlohaEnv(**{"task": "PutCupOnMat", "obs_type": "state", "renderer": "tiny"} | arguments)
 
 
 def warm() -> None:
@@ -168,5 +168,9 @@ def _goal(case: Case, rng: Random) -> None:
     arguments = {rng.choice(ARGUMENTS): _value(rng)}
     made: list[Any] = []
     allowed = (TypeError,) if "engine" in arguments else ERRORS
-    if case.library(f"AlohaGoalEnv({sorted(arguments)})", lambda: made.append(AlohaGoalEnv(**arguments)), allowed):
+    if case.library(
+        f"AlohaGoalEnv({sorted(arguments)})",
+        lambda: made.append(AlohaGoalEnv(**{"renderer": "tiny"} | arguments)),
+        allowed,
+    ):
         _works(case, made[0])
