@@ -83,13 +83,20 @@ def _value(rng: Random) -> Any:
     return rng.choice(VALUES)
 
 
-def _arguments(case: Case, rng: Random) -> None:
+def _some_arguments(rng: Random) -> dict[str, Any]:
     arguments = {rng.choice(ARGUMENTS): _value(rng) for _ in range(rng.choice((1, 1, 2)))}
+    if callable(arguments.get("engine")):  # a user's own engine may raise what it likes
+        arguments["engine"] = "none"
+    return arguments
+
+
+def _arguments(case: Case, rng: Random) -> None:
+    arguments = _some_arguments(rng)
     made: list[Any] = []
     if case.library(
         f"make({sorted(arguments)})",
         lambda: made.append(make(**arguments)),
-        (TypeError,) if "engine" in arguments else ERRORS,
+        ERRORS,
     ):
         _works(case, made[0])
 
@@ -165,9 +172,9 @@ def _wrapped(case: Case, rng: Random) -> None:
 
 
 def _goal(case: Case, rng: Random) -> None:
-    arguments = {rng.choice(ARGUMENTS): _value(rng)}
+    arguments = _some_arguments(rng)
     made: list[Any] = []
-    allowed = (TypeError,) if "engine" in arguments else ERRORS
+    allowed = ERRORS
     if case.library(
         f"AlohaGoalEnv({sorted(arguments)})",
         lambda: made.append(AlohaGoalEnv(**{"renderer": "tiny"} | arguments)),
