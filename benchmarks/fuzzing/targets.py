@@ -91,7 +91,7 @@ def model(case: Case) -> None:
 
 @target
 def urdf(case: Case) -> None:
-    from embodiedreamer_gym.geometry.pose_error import EndEffector
+    from embodiedreamer_gym.robot.forward_kinematics import EndEffector
     from embodiedreamer_gym.robot.surface import Surface
 
     _model(case, "two.urdf")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 
 from embodiedreamer_gym.engines.engine import Engine, EngineFactory, EngineSettings
-from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.errors import SimulationError, brief
 
 ENGINES = ("auto", "bullet", "mujoco")
 
@@ -25,8 +25,8 @@ def engine_factory(engine: str | EngineFactory) -> EngineFactory:
     """
     if callable(engine):
         return engine
-    if engine not in ENGINES:
-        raise SimulationError(f"engine {engine!r} is none of {', '.join(map(repr, ENGINES))}.")
+    if not isinstance(engine, str) or engine not in ENGINES:
+        raise SimulationError(f"engine {brief(engine)} is none of {', '.join(map(repr, ENGINES))}.")
     if engine == "bullet" or (engine == "auto" and has_pybullet()):
         from embodiedreamer_gym.engines.bullet.engine import BulletEngine
 

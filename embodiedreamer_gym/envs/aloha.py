@@ -17,6 +17,7 @@ from embodiedreamer_gym.envs.arguments import (
     check_choice,
     check_control_rate,
     check_flag,
+    check_mapping,
     check_size,
     choose,
     vector,
@@ -120,7 +121,7 @@ class AlohaEnv(gym.Env, EzPickle):
         where the robot model diverges.
         """
         self._check_open()
-        options = options or {}
+        options = dict(check_mapping("options", options))
         given = self._beginning(options)
         super().reset(seed=seed)
         self._side, poses = self.task.place(self.np_random)
@@ -142,9 +143,7 @@ class AlohaEnv(gym.Env, EzPickle):
         render: False skips the drawing of pictures; the observation repeats those drawn last.
         Raises: ValueError for an action of another shape, or one that is not finite.
         """
-        self._check_open()
-        if self._command is None:
-            raise gym.error.ResetNeeded("call reset before the first step.")
+        self._check_started()
         target = np.clip(vector("action", action, self.robot.n), self._joint_space.low, self._joint_space.high)
         self.engine.advance(target)
         self._command = target
@@ -159,9 +158,7 @@ class AlohaEnv(gym.Env, EzPickle):
         """
         if self.render_mode is None:
             return None
-        self._check_open()
-        if self._command is None:
-            raise gym.error.ResetNeeded("call reset before the first picture.")
+        self._check_started()
         return self.engine.rgb(self._render_camera, RENDER_SIZE)
 
     def close(self) -> None:
@@ -178,12 +175,8 @@ class AlohaEnv(gym.Env, EzPickle):
 
     @property
     def side(self) -> str:
-        """The arm that acts in this episode: left or right.
-
-        Raises: ResetNeeded before the first episode.
-        """
-        if self._command is None:
-            raise gym.error.ResetNeeded("call reset first: which arm acts is drawn there.")
+        """The arm that acts in this episode: left or right. Raises: ResetNeeded before the first episode."""
+        self._check_reset()
         return self._side
 
     @property
@@ -192,9 +185,7 @@ class AlohaEnv(gym.Env, EzPickle):
 
         Raises: ResetNeeded before the first episode.
         """
-        if self._command is None:
-            raise gym.error.ResetNeeded("call reset first: an episode begins at rest under a command.")
-        return self._command.copy()
+        return self._check_reset().copy()
 
     @property
     def segmentation_classes(self) -> tuple[str, ...]:
@@ -211,28 +202,34 @@ class AlohaEnv(gym.Env, EzPickle):
 
         Raises: ValueError for an unknown camera.
         """
+        self._check_open()
         known = {**CAMERAS, **self.cameras}
         size = self.image_size if size is None else check_size("size", size)
         return self.engine.capture(known[check_choice("camera", camera, known)], size)
 
     def observe(self) -> Any:
         """The observation of this instant, as the last `reset` or `step` gave it, with new pictures."""
+        self._check_started()
         return self._observe(render=True)[0]
 
     def joint_positions(self) -> np.ndarray:
         """What the encoders (14,) read at this instant, in the units of the action."""
+        self._check_started()
         return self.engine.joints()[0]
 
     def joint_velocities(self) -> np.ndarray:
         """Speed of the joints (14,) at this instant, in the units of the action per second."""
+        self._check_started()
         return self.engine.joints()[1]
 
     def object_pose(self, prop: str) -> Pose:
         """Where a prop of the task is."""
-        return self.engine.pose(prop)
+        self._check_started()
+        return self.engine.pose(check_choice("prop", prop, [one.name for one in self.task.props]))
 
     def situation(self) -> Situation:
         """The world at this instant, as the task judges it."""
+        self._check_started()
         engine, task, arm = self.engine, self.task, SIDES.index(self._side)
         thing, goal = task.object.name, (task.goal or task.object).name
         touched = engine.touching(thing)
@@ -249,6 +246,15 @@ class AlohaEnv(gym.Env, EzPickle):
         if self._closed:
             raise gym.error.ClosedEnvironmentError("the environment is closed; make another.")
 
+    def _check_started(self) -> None:
+        self._check_open()
+        self._check_reset()
+
+    def _check_reset(self) -> np.ndarray:
+        if self._command is None:
+            raise gym.error.ResetNeeded("call reset first: an episode begins there.")
+        return self._command
+
     def _at_rest(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Joint positions, joint velocities and command (14,) of arms that rest at home.
 
@@ -263,6 +269,8 @@ class AlohaEnv(gym.Env, EzPickle):
         """Joint positions, joint velocities and command (14,) that options begin an episode with; None: at rest."""
         for key in options:
             check_choice("reset option", key, RESET_OPTIONS)
+        anywhere = {prop.name: Pose(np.zeros(3), np.zeros(4)) for prop in self.task.props}
+        placed(SIDES[0], anywhere, options.get("object_poses"), self.task.object.name)  # before anything is drawn
         if not set(options) - {"object_poses"}:
             return None
         n, space = self.robot.n, self._joint_space

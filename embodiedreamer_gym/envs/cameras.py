@@ -52,6 +52,8 @@ def load_cameras(path: str | Path) -> dict[str, Camera]:
     Keys as the fields of Camera; link, near and far may be left out.
     Raises: ModelError that names the camera and the key.
     """
+    if not isinstance(path, (str, Path)):
+        raise ModelError(f"a camera file is named by its path, not by {brief(path)}.")
     path = Path(path)
     data = read_json(path, ModelError, "camera file")
     entries = data.get("cameras") if isinstance(data, dict) and set(data) == {"cameras"} else None

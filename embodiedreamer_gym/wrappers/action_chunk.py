@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 from embodiedreamer_gym.engines.frame import Frame, stacked
 from embodiedreamer_gym.envs.aloha import AlohaEnv
-from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.errors import SimulationError, brief
 
 
 class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
@@ -41,7 +41,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         gym.Wrapper.__init__(self, env)
         for text, count in (("a chunk has k = 1 or more actions", k), ("the camera films every n = 1 or more", every)):
             if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
-                raise SimulationError(f"{text}, not {count!r}.")
+                raise SimulationError(f"{text}, not {brief(count)}.")
         one = env.action_space
         if not isinstance(one, spaces.Box):
             raise SimulationError(f"ActionChunk takes actions that are arrays, not a {type(one).__name__}.")

@@ -37,6 +37,9 @@ WRONG = [
     ({"robot": "nobody"}, r"nobody is neither a file nor a built-in robot \(aloha, servo, so101\)"),
     ({"robot": "so101"}, "so101 has 6 joints on 1 arms; the ALOHA environments take 14: 6 and a normalised gripper"),
     ({"robot": 3}, "a built-in robot's name or a model file's path, not a int"),
+    ({"camera_file": 0.5}, "a camera file is named by its path, not by 0.5"),
+    ({"engine": np.zeros(2)}, "engine array.* is none of 'auto', 'bullet', 'mujoco'"),
+    ({"renderer": 3}, "renderer 3 is none of"),
     ({"camera_file": "none.json"}, "camera file none.json cannot be read: No such file"),
 ]
 
@@ -163,6 +166,32 @@ def test_another_pose_of_an_object_is_refused(env: AlohaEnv, poses, says: str) -
     with pytest.raises(EmbodieDreamerError, match=says) as error:
         env.reset(seed=0, options={"object_poses": poses})
     sentence(error)
+
+
+def test_bad_options_draw_nothing(env: AlohaEnv) -> None:
+    drawn = env.np_random.bit_generator.state
+    for options in (5, {5: 0}, {"object_poses": 5}, {"object_poses": {"cup": [0.0] * 7}}):
+        with pytest.raises(EmbodieDreamerError):
+            env.reset(seed=5, options=options)
+    assert env.np_random.bit_generator.state == drawn
+
+
+def test_nothing_is_observed_before_the_first_reset() -> None:
+    env = AlohaEnv(obs_type="state", render_mode="rgb_array")
+    for call in (
+        env.observe,
+        env.situation,
+        env.joint_positions,
+        env.joint_velocities,
+        env.render,
+        lambda: env.object_pose("cup"),
+        lambda: env.side,
+    ):
+        with pytest.raises(gym.error.ResetNeeded, match="call reset"):
+            call()
+    env.close()
+    with pytest.raises(gym.error.ClosedEnvironmentError, match="closed"):
+        env.capture()
 
 
 @pytest.mark.parametrize("value", ["no", 0, 1.0, None, 10**9999], ids=["text", "0", "1.0", "None", "huge"])

@@ -172,3 +172,25 @@ def test_a_model_that_does_not_exist(tmp_path: Path) -> None:
         RobotModel.load(tmp_path / "no.json")
     with pytest.raises(ModelError, match="neither a file"):
         RobotModel.load("no_such_robot")
+
+
+@pytest.mark.parametrize(
+    ("urdf", "says"),
+    [("two.urdf\x00", "cannot be a path"), ("x" * 5000, "does not exist"), ("loop.urdf", "does not exist")],
+    ids=["null", "long", "loop"],
+)
+def test_a_urdf_that_is_no_file_is_named(arm: Path, urdf: str, says: str) -> None:
+    (arm / "loop.urdf").symlink_to("loop.urdf")
+    data = json.loads((arm / "bad.json").read_text())
+    data["robot"]["urdf"] = urdf
+    (arm / "bad.json").write_text(json.dumps(data))
+    with pytest.raises(ModelError, match=says):
+        RobotModel.load(arm / "bad.json")
+
+
+def test_numbers_of_any_length_are_refused(arm: Path) -> None:
+    data = json.loads((arm / "bad.json").read_text())
+    data["rotor_inertia"] = [10**400, 0.0]
+    (arm / "bad.json").write_text(json.dumps(data))
+    with pytest.raises(ModelError, match="rotor_inertia must be a list of 2 finite numbers"):
+        RobotModel.load(arm / "bad.json")

@@ -13,7 +13,7 @@ import numpy as np
 from embodiedreamer_gym.engines.bullet import egl
 from embodiedreamer_gym.engines.bullet.client import BulletClient, pybullet
 from embodiedreamer_gym.engines.frame import Frame, projections
-from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.errors import SimulationError, brief
 from embodiedreamer_gym.geometry.camera import Camera, Pose, rotation_matrix, whole_size
 
 Drawn = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -49,8 +49,8 @@ class Renderer:
     """
 
     def __init__(self, client: BulletClient, choice: str = "auto", size: tuple[int, int] = (128, 96)) -> None:
-        if choice not in CHOICES:
-            raise SimulationError(f"renderer {choice!r} is none of {', '.join(map(repr, CHOICES))}.")
+        if not isinstance(choice, str) or choice not in CHOICES:
+            raise SimulationError(f"renderer {brief(choice)} is none of {', '.join(map(repr, CHOICES))}.")
         width, height = whole_size(size)
         wanted = choice == "egl"
         if choice == "auto" and width * height > SMALL and egl.fits((width, height)):

@@ -11,7 +11,7 @@ import numpy as np
 from embodiedreamer_gym.engines.frame import Frame, projections
 from embodiedreamer_gym.engines.mujoco.furniture import DRAWN
 from embodiedreamer_gym.engines.mujoco.library import mujoco
-from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.errors import SimulationError, brief
 from embodiedreamer_gym.geometry.camera import Camera, Pose
 
 RENDERERS = ("auto", "egl", "osmesa")
@@ -30,8 +30,10 @@ def check_renderer(choice: str) -> str:
 
     Raises: SimulationError for another one.
     """
-    if choice not in RENDERERS:
-        raise SimulationError(f"renderer {choice!r} is none of {', '.join(map(repr, RENDERERS))} of engine 'mujoco'.")
+    if not isinstance(choice, str) or choice not in RENDERERS:
+        raise SimulationError(
+            f"renderer {brief(choice)} is none of {', '.join(map(repr, RENDERERS))} of engine 'mujoco'."
+        )
     return choice
 
 
