@@ -24,7 +24,7 @@ from benchmarks.fuzzing.modules import source
 from benchmarks.fuzzing.process import Limits, Running
 from embodiedreamer_gym.errors import ModelError
 
-LATER = {"environments", "module", "policy", "refits", "resume"}
+LATER = {"environments", "module", "policy", "refits", "resume"}  # not yet run without a finding
 LIMITS = Limits(1.0, 100 << 20)
 
 

@@ -11,12 +11,12 @@ FITS = ("0 effects + coulomb_friction", "0 effects + backlash", "1 effects + tor
 
 
 def _open(path: Path, model: Path, log: Path) -> Any:
-    from embodiedreamer_gym.diagnosis.refit_cache import Journal
+    from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
     from embodiedreamer_gym.effects import CATALOGUE
     from embodiedreamer_gym.recordings import load_recordings
     from embodiedreamer_gym.robot import RobotModel
 
-    return Journal(path, RobotModel.load(model), list(load_recordings(log)), CATALOGUE)
+    return RefitCache(path, RobotModel.load(model), list(load_recordings(log)), CATALOGUE)
 
 
 def write_refits(path: Path, model: Path, log: Path) -> None:
@@ -30,5 +30,5 @@ def read_refits(path: Path, model: Path, log: Path) -> None:
     """Read the fits, and keep one more."""
     cache = _open(path, model, log)
     for name in FITS:
-        cache.known(name)
+        cache.get(name)
     cache.keep("2 effects + backlash", np.zeros(3), None)
