@@ -104,7 +104,7 @@ def module(case: Case) -> None:
     """A module with a policy of the user's own, as wrong as can be."""
     from benchmarks.fuzzing.modules import source
     from embodiedreamer_gym.policies import load_policy
-    from embodiedreamer_gym.policies.protocol import ask
+    from embodiedreamer_gym.policies.protocol import predict
 
     Path("mine.py").write_text(source(case.rng), encoding="utf-8")
     name = case.rng.choice(
@@ -123,7 +123,7 @@ def module(case: Case) -> None:
         )
     )
     batch = {"agent_pos": np.zeros((1, 14), np.float32), "pixels": {"head": np.zeros((1, 12, 16, 3), np.uint8)}}
-    case.library("load_policy", lambda: ask(load_policy(name), batch, (1, 4, 14)))
+    case.library("load_policy", lambda: predict(load_policy(name), batch, (1, 4, 14)))
     case.command(
         "policy",
         "evaluate",
