@@ -2,7 +2,7 @@
 
 python -m benchmarks.aloha_log [--effects coulomb_friction,payload,...] [--seed 0] [--out FILE.json]
 
-The stand-in writes AgileX HDF5; the files are read with --rate 30 as a user would, five episodes train, five judge.
+The stand-in writes AgileX HDF5; the files are read with --hz 30 as a user would, five episodes train, five judge.
 """
 
 from __future__ import annotations

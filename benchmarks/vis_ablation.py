@@ -20,7 +20,7 @@ import numpy as np
 import torch
 
 from benchmarks.common import pin_threads
-from embodiedreamer_gym.robot.files import write_json
+from embodiedreamer_gym.io.files import write_json
 from embodiedreamer_gym.vis_aligner import load_episodes
 from embodiedreamer_gym.vis_aligner.bench import make_bench
 from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, evaluate_aligner

@@ -1,4 +1,4 @@
-"""The demo: recordings of an arm with a hidden effect, and the way from a wrong model to one that has the effect."""
+"""The demo: from recordings of an arm with a hidden effect to a model that has the effect."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from pathlib import Path
 from embodiedreamer_gym.diagnosis import Comparison, Diagnosis, compare, diagnose, error_breakdown
 from embodiedreamer_gym.diagnosis.report import write_report
 from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.io.files import write_json
 from embodiedreamer_gym.io.progress import Progress
 from embodiedreamer_gym.io.tables import layout, number
 from embodiedreamer_gym.phys_aligner import calibrate
 from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.robot.files import write_json
 
 DATA = Path(str(resources.files("embodiedreamer_gym") / "assets" / "demo"))
-TRUTH = DATA / "truth.json"  # read when everything else is done
+TRUTH = DATA / "truth.json"  # the ground truth; the diagnosis does not read it
 BAR = 48  # characters of the largest error
 
 INTRODUCTION = """\
-A six-joint arm was recorded for 16 s: two motions to learn from, two others to be judged by. Its model has
+A six-joint arm was recorded for 16 s: two motions for training, two others held out for testing. Its model has
 a URDF, servo gains as on a data sheet, and viscous friction. The arm has one physical effect more. (It lives
 in another physics engine, MuJoCo, and its masses, gains and sensors are not quite right either.)
 """
 
 
 def run(folder: str | Path = "demo_report", progress: Progress | None = None) -> Path:
-    """Compare, calibrate, diagnose, add and compare again; prints the story and returns the report's path.
+    """Compare, calibrate, diagnose, add and compare again; prints each step and returns the report's path.
 
     folder: gets the model, the recordings, the better model and the report.
     Raises: EmbodieDreamerError when the folder cannot be written to.
@@ -43,35 +43,35 @@ def run(folder: str | Path = "demo_report", progress: Progress | None = None) ->
     print(INTRODUCTION)
 
     before = compare(model, test)
-    _say(1, "compare", f"the simulation is {_error(before)}")
+    _print_step(1, "compare", f"the simulation is {_error(before)}")
 
     fit = calibrate(model, train, progress=progress)
     progress.close()
     calibrated = compare(fit.model, test)
     times = float(calibrated.error[0]) / calibrated.noise
-    _say(2, "calibrate", f"now {_error(calibrated)}")
-    print(f"         {fit.rollouts} rollouts, and still {times:.1f} times the noise: no servo gain mends this.")
+    _print_step(2, "calibrate", f"now {_error(calibrated)}")
+    print(f"         {fit.rollouts} rollouts, and still {times:.1f} times the noise: no servo gain explains this.")
 
     found = diagnose(model, train, test, jobs=os.cpu_count() or 1, progress=progress)
     progress.close()
     tried = f"{len(found.ranking)} of {len(model.catalogue)} effects refitted"
-    _say(3, "diagnose", f"{tried}, {found.rollouts} rollouts, {found.seconds:.0f} s")
+    _print_step(3, "diagnose", f"{tried}, {found.rollouts} rollouts, {found.seconds:.0f} s")
     print(_indent(_ranking(found)))
     print(f"         {found.sentence}")
 
-    _say(4, "add", f"{' and '.join(found.effects) or 'nothing'}, everything fitted again")
+    _print_step(4, "add", f"{' and '.join(found.effects) or 'nothing'}, everything fitted again")
     found.model.save(folder / "better.json")
     write_json(found.as_dict(), folder / "diagnosis.json")
 
     models = [found.nominal, found.calibrated, *([found.model] if found.effects else [])]
-    _say(5, "compare again", "held-out error by joint, mrad")
+    _print_step(5, "compare again", "held-out error by joint, mrad")
     print(_indent(_joints(compare(models, test, labels=["nominal", "calibrated", "better"][: len(models)]))))
     print()
     print(_indent(_bars([*found.steps, ("sensor noise", found.error["noise"] or 0.0)])))
     page = write_report(folder, diagnosis=found, breakdown=error_breakdown(found.calibrated, test), recordings=test)
 
-    print("\nThe sealed truth is opened:")
-    print(_indent(_revealed(found, json.loads(TRUTH.read_text(encoding="utf-8")))))
+    print("\nThe ground truth:")
+    print(_indent(_ground_truth(found, json.loads(TRUTH.read_text(encoding="utf-8")))))
     print(f"\nreport: {page}\nmodel:  {folder / 'better.json'}\n\nThe same by hand:")
     inputs = f"--model {folder / 'model.json'} --train {folder / 'train'} --test {folder / 'test'}"
     print(f"  embodiedreamer diagnose {inputs} --report {folder}")
@@ -95,7 +95,7 @@ def unpack(folder: str | Path) -> Path:
     return folder
 
 
-def _say(step: int, verb: str, text: str) -> None:
+def _print_step(step: int, verb: str, text: str) -> None:
     print(f"{step} of 5   {verb}: {text}", flush=True)
 
 
@@ -131,13 +131,13 @@ def _bars(steps: Sequence[tuple[str, float]]) -> str:
     )
 
 
-def _revealed(found: Diagnosis, truth: dict) -> str:
+def _ground_truth(found: Diagnosis, truth: dict) -> str:
     """The hidden effect beside the verdict, parameter by parameter."""
     named = ", ".join(found.effects) or found.verdict
-    lines = [f"hidden: {truth['effect']}    named: {named}"]
+    lines = [f"hidden: {truth['effect']}    diagnosed: {named}"]
     rows = list(_parameters(found, truth))
     if rows:
-        lines.append(layout(["parameter", "truth", "found", "95 % interval", "unit"], rows))
+        lines.append(layout(["parameter", "truth", "estimate", "95 % interval", "unit"], rows))
     return "\n".join(lines)
 
 

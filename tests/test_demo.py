@@ -34,7 +34,7 @@ def test_the_error_falls_to_the_noise_the_truth_comes_last_and_the_files_work(to
     assert error["with_effect"] < 0.3 * error["calibrated"]
     assert error["with_effect"] < 1.3 * error["noise"]
     stories = ["1 of 5   compare", "2 of 5   calibrate", "3 of 5   diagnose", "4 of 5   add", "5 of 5   compare again"]
-    stories += ["sealed truth", "hidden: stribeck_friction    named: stribeck_friction", f"report: {folder}"]
+    stories += ["The ground truth:", "hidden: stribeck_friction    diagnosed: stribeck_friction", f"report: {folder}"]
     places = [text.index(part) for part in stories]
     assert places == sorted(places)
     assert max(len(line) for line in text.splitlines() if str(folder) not in line) <= 110

@@ -92,9 +92,10 @@ def test_skipped_blocks_say_why(block: Block) -> None:
 
 @pytest.mark.parametrize(("block", "words"), COMMANDS, ids=[f"{b} {' '.join(w[:1])}" for b, w in COMMANDS])
 def test_command_lines_parse(block: Block, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    from embodiedreamer_gym.cli.command import build_parser
+    from embodiedreamer_gym.cli.command import build_parser, renamed
 
     try:
+        assert renamed(words) == words, f"{block}: use the present names"
         build_parser().parse_args(words)
     except SystemExit as stop:
         assert stop.code == 0, f"{block}: {capsys.readouterr().err}"  # 0: --help or --version

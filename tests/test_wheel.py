@@ -145,5 +145,5 @@ def test_the_demo_runs_outside_the_checkout(kind: str, request: pytest.FixtureRe
     """What `make demo` runs, from the wheel and from the source distribution."""
     command = request.getfixturevalue(kind).parent / "embodiedreamer"
     text = run(command, "demo", "--quiet", "--out", "report", cwd=tmp_path)
-    assert "hidden: stribeck_friction    named: stribeck_friction" in text
+    assert "hidden: stribeck_friction    diagnosed: stribeck_friction" in text
     assert (tmp_path / "report" / "better.json").is_file() and (tmp_path / "report" / "index.html").is_file()

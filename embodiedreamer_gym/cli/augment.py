@@ -1,69 +1,53 @@
-"""The verb `augment`: recorded episodes with other pictures, dreamed from edited references."""
+"""`embodiedreamer augment`."""
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
 from typing import Any
 
+from embodiedreamer_gym.cli.options import COUNT, JOBS, MODEL, QUIET, REQUIRED, SEED, option, out_folder
 from embodiedreamer_gym.errors import EmbodieDreamerError
-from embodiedreamer_gym.io.terminal import check_counts
+from embodiedreamer_gym.io.files import check_outputs
 
 EDITS = "recolour[:NAME,...], background[:FOLDER], table[:FOLDER], paper, inpaint:FOLDER"
+TEXT = "replay recorded episodes and film them anew through the video model, from edited first frames"
+OPTIONS = (
+    option("--data", "DIR", "HDF5 episodes, as `demos` writes them", REQUIRED, nargs="+"),
+    out_folder("goes on where it was"),
+    option("--edit", "EDIT", f"{EDITS} (default: none, the video model alone)", [], nargs="+"),
+    option("--prompt", "TEXT", "what inpaint is to paint"),
+    option("--copies", "N", "of each episode", 1, COUNT),
+    option("--aligner", "A", "video model: lean, a file or folder", "lean"),
+    option("--bank", "B", "photos for the first frame: lab, a file, or none for the episode's own", "lab"),
+    SEED,
+    option("--task", "TASK", "of files that do not say it, such as PutCupOnMat-v0"),
+    option("--robot", "M", f"that replays: {MODEL} (default: the recorded one)"),
+    JOBS,
+    QUIET,
+)
 
 
-def add_augment(verbs: Any) -> None:
-    """Add the verb."""
-    text = "replay recorded episodes and film them anew through the video model, from edited first frames"
-    one = verbs.add_parser("augment", help=text, description=text)
-    one.add_argument("--data", nargs="+", required=True, metavar="DIR", help="HDF5 episodes, as `demos` writes them")
-    one.add_argument("--out", type=Path, required=True, metavar="DIR", help="goes on where it was")
-    one.add_argument("--edit", nargs="+", default=[], metavar="EDIT", help=f"{EDITS} (default: none, dream only)")
-    one.add_argument("--prompt", metavar="TEXT", help="what inpaint is to paint")
-    one.add_argument("--copies", type=int, default=1, metavar="N", help="of each episode (default %(default)s)")
-    one.add_argument("--aligner", default="lean", metavar="A", help="lean, a file or folder (default %(default)s)")
-    one.add_argument(
-        "--bank", default="lab", metavar="B",
-        help="photos for the first frame: lab, a file, or none for the episode's own (default %(default)s)",
-    )  # fmt: skip
-    one.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
-    one.add_argument("--task", metavar="TASK", help="of files that do not say it, such as PutCupOnMat-v0")
-    one.add_argument("--robot", metavar="M", help="that replays: JSON file or built-in (default: the recorded one)")
-    one.add_argument("--jobs", type=int, default=1, metavar="J", help="processes (default %(default)s)")
-    one.add_argument("--quiet", action="store_true", help="no progress")
-    one.set_defaults(verb=_augment)
-
-
-def _augment(a: argparse.Namespace, progress: Any) -> None:
+def run(a, progress) -> None:
+    """Run the verb."""
     from embodiedreamer_gym.envs import task_name
     from embodiedreamer_gym.pipelines.regenerate import regenerate
-
-    check_counts(a, "copies", "jobs")
-    check_counts(a, "seed", least=0)
-    task = None if a.task is None else task_name(a.task)
-    if a.prompt is not None and not any(edit.startswith("inpaint") for edit in a.edit):
-        raise EmbodieDreamerError("--prompt is for --edit inpaint:FOLDER; leave it out.")
-
-    found = regenerate(
-        a.data, a.out, a.aligner, None if a.bank == "none" else a.bank, _editor(a.edit), a.copies, a.seed, None if a.quiet else progress,
-        prompt=a.prompt, task=task, robot=a.robot, jobs=a.jobs,
-    )  # fmt: skip
-    print(f"{found.written + found.kept} episodes in {a.out}, {found.kept} of them were there")
-    if found.failed:
-        print(f"{len(found.failed)} recorded episodes no longer end in success and were left out: "
-              f"{', '.join(found.failed[:10])}{', ...' if len(found.failed) > 10 else ''}")  # fmt: skip
-
-
-def _editor(edits: list[str]) -> Any:
-    """The edits of a command line as one editor; None without any."""
     from embodiedreamer_gym.vis_aligner.editing import Chain
 
-    made = [_one(*edit.partition(":")[::2]) for edit in edits]
-    return None if not made else made[0] if len(made) == 1 else Chain(made)
+    check_outputs(folders=[a.out])
+    if a.prompt is not None and not any(edit.startswith("inpaint") for edit in a.edit):
+        raise EmbodieDreamerError("--prompt is for --edit inpaint:FOLDER; leave it out.")
+    edits = [_edit(*edit.partition(":")[::2]) for edit in a.edit]
+    made = regenerate(
+        a.data, a.out, a.aligner, None if a.bank == "none" else a.bank,
+        None if not edits else edits[0] if len(edits) == 1 else Chain(edits), a.copies, a.seed, progress,
+        prompt=a.prompt, task=None if a.task is None else task_name(a.task), robot=a.robot, jobs=a.jobs,
+    )  # fmt: skip
+    progress.close()
+    print(f"{made.written + made.kept} episodes in {a.out}, {made.kept} of them were there")
+    if made.failed:
+        print(f"{len(made.failed)} recorded episodes no longer end in success and were left out: "
+              f"{', '.join(made.failed[:10])}{', ...' if len(made.failed) > 10 else ''}")  # fmt: skip
 
 
-def _one(kind: str, value: str) -> Any:
-    """One edit: what is before its colon, and what behind."""
+def _edit(kind: str, value: str) -> Any:
+    """One edit: its name, and what follows the colon."""
     from embodiedreamer_gym.envs.cameras import CAMERAS
     from embodiedreamer_gym.vis_aligner.editing import Background, Inpaint, PaperSheet, Recolour
 

@@ -1,13 +1,18 @@
-"""Progress of long work: the callable that functions report it to, and a line on stderr that shows it."""
+"""Progress of long work on stderr: the stage, how far it is, the time left, and a line at least every ten seconds."""
 
 from __future__ import annotations
 
 import inspect
+import shutil
+import sys
+import threading
 import time
 import warnings
 from typing import Any, Protocol
 
-from embodiedreamer_gym.io.terminal import StatusLine
+SILENCE = 8.0  # seconds between lines in a log, where nothing changes stage
+REDRAW = (0.1, 1.0)  # seconds on a terminal: from one change to the next, and while nothing changes
+TICK = 0.1  # seconds between looks at the clock
 
 
 class ProgressCallback(Protocol):
@@ -22,28 +27,6 @@ class ProgressCallback(Protocol):
         quantities: named values as text with their units.
         """
         ...
-
-
-class Progress:
-    """One line that changes on a terminal, else a line now and then."""
-
-    def __init__(self, quiet: bool = False) -> None:
-        self._line = StatusLine(quiet, (0.1, 10.0))
-        self._stage, self._begun = "", time.monotonic()
-
-    def __call__(self, stage: str, done: int, total: int | float | None = None, /, **quantities: object) -> None:
-        """Show the stage, its steps and the quantities; see `ProgressCallback`."""
-        new, self._stage = stage != self._stage, stage
-        if isinstance(total, float):  # a caller that reports one number without a name
-            total, quantities = None, {"value": f"{total:.4g}", **quantities}
-        steps = f"{done} of {total}" if total is not None else f"step {done}"
-        values = [f"{name.replace('_', ' ')} {value}" for name, value in quantities.items()]
-        self._line.say(", ".join([f"{time.monotonic() - self._begun:5.0f} s  {stage}: {steps}", *values]), now=new)
-
-    def close(self) -> None:
-        """Clear the line."""
-        self._line.close()
-        self._stage = ""
 
 
 def silent(stage: str, done: int, total: int | None = None, /, **quantities: object) -> None:
@@ -64,3 +47,104 @@ def progress_or_silence(progress: Any) -> ProgressCallback:
         warnings.warn(text, DeprecationWarning, stacklevel=3)
         return lambda stage, done, total=None, /, **_: progress(stage, done, float(total or 0))
     return progress
+
+
+class Progress:
+    """Shows progress: one line that changes on a terminal, lines in a log; a thread repeats it where a step takes long.
+
+    quiet: show nothing.
+    """
+
+    def __init__(self, quiet: bool = False) -> None:
+        self._quiet, self._terminal = quiet, sys.stderr.isatty()
+        self._begun = self._stage_begun = time.monotonic()
+        self._stage, self._text, self._first = "", "", 0
+        self._last, self._urgent, self._shown, self._width = -float("inf"), False, "", 0
+        self._lock, self._stop = threading.Lock(), threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def __call__(self, stage: str, done: int = 0, total: int | None = None, /, **quantities: object) -> None:
+        """Show the stage, its steps and the quantities; see `ProgressCallback`."""
+        if self._quiet:
+            return
+        now = time.monotonic()
+        with self._lock:
+            if new := stage != self._stage:
+                self._stage, self._stage_begun, self._first = stage, now, done
+            self._text, self._urgent = (
+                self._describe(done, total, quantities, now),
+                self._urgent or new or done == total,
+            )
+        self._show()
+        self._start()
+
+    def starting(self, what: str, after: float = 1.0) -> None:
+        """Show what has begun, unless it reports a stage or ends within `after` seconds."""
+        if not self._quiet:
+            self._text = f"{what}: starting"
+            self._last = time.monotonic() - (REDRAW[self._text == self._shown] if self._terminal else SILENCE) + after
+            self._start()
+
+    def note(self, text: str) -> None:
+        """Print a line that stays."""
+        self.close()
+        print(text, file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """Stop, and clear the line of a terminal; the next call starts again."""
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            self._stop.set()
+            thread.join()
+        with self._lock:
+            if self._terminal and self._width:
+                print(f"\r{'':<{self._width}}\r", end="", file=sys.stderr, flush=True)
+            self._stage, self._shown, self._width, self._last, self._urgent = "", "", 0, -float("inf"), False
+
+    def _start(self) -> None:
+        if self._thread is None:
+            self._stop.clear()
+            self._thread = threading.Thread(target=self._repeat, daemon=True)
+            self._thread.start()
+
+    def _describe(self, done: int, total: int | None, quantities: dict[str, object], now: float) -> str:
+        text = self._stage
+        if total:
+            text += f": {done} of {total} ({100 * done // total} %)"
+        elif done:
+            text += f": step {done}"
+        text += "".join(f", {name.replace('_', ' ')} {value}" for name, value in quantities.items())
+        steps = done - self._first
+        if total and steps > 0 and done < total:
+            text += f", {duration((total - done) * (now - self._stage_begun) / steps)} left"
+        return text
+
+    def _repeat(self) -> None:
+        while not self._stop.wait(TICK):
+            self._show()
+
+    def _show(self) -> None:
+        """Show the text where it is time to."""
+        with self._lock:
+            now = time.monotonic()
+            waited = now - self._last
+            if self._terminal:
+                due = waited >= REDRAW[self._text == self._shown]
+            else:
+                due = waited >= (REDRAW[1] if self._urgent else SILENCE)
+            if not due:
+                return
+            line = f"{duration(now - self._begun):>6}  {self._text}"
+            if self._terminal:
+                line = line[: shutil.get_terminal_size().columns - 1]
+                print(f"\r{line:<{self._width}}", end="", file=sys.stderr, flush=True)
+            else:
+                print(line, file=sys.stderr, flush=True)
+            self._last, self._urgent, self._shown, self._width = now, False, self._text, len(line)
+
+
+def duration(seconds: float) -> str:
+    """A duration in s, min or h."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 100 * 60 else f"{seconds / 3600:.1f} h"

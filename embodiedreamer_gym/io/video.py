@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.io.files import atomic_file
 
 
 def write_video(frames: np.ndarray, path: str | Path, rate: float = 30.0) -> None:
-    """Write frames (T, H, W, 3) uint8 as mp4, beside and renamed; rate: frames per second.
+    """Write frames (T, H, W, 3) uint8 as mp4; rate: frames per second.
 
     Raises: VisionError where the file cannot be written.
     """
@@ -19,33 +20,27 @@ def write_video(frames: np.ndarray, path: str | Path, rate: float = 30.0) -> Non
     wrong = VisionError(f"{path} cannot be written; give a file name.mp4 in a folder that exists.")
     if path.suffix != ".mp4" or not path.parent.is_dir():
         raise wrong
-    part = path.with_name(f".part-{path.stem}.mp4")
     height, width = frames.shape[1:3]
-    writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), rate, (width, height))
-    if not writer.isOpened():
-        part.unlink(missing_ok=True)
-        raise wrong
-    for frame in frames:
-        writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
-    writer.release()
-    part.replace(path)
+    with atomic_file(path, VisionError, suffix=".mp4") as part:
+        writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), rate, (width, height))
+        if not writer.isOpened():
+            raise wrong
+        for frame in frames:
+            writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+        writer.release()
 
 
 def save_picture(picture: np.ndarray, path: str | Path) -> None:
-    """Write a picture (h, w, 3), uint8 RGB, as a file of its suffix, beside it first, then renamed.
+    """Write a picture (h, w, 3), uint8 RGB, as a file of its suffix.
 
     Raises: VisionError when it cannot be written.
     """
     path = Path(path)
-    part = path.with_name(f".{path.stem}.part{path.suffix or '.png'}")
     try:
         good, data = cv2.imencode(path.suffix or ".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-        if not good:
-            raise VisionError(f"{path} cannot be written: the picture cannot be encoded.")
-        part.write_bytes(data.tobytes())
-        part.replace(path)
     except cv2.error as error:
         raise VisionError(f"{path} cannot be written: '{path.suffix}' is no format of pictures; take .png.") from error
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise VisionError(f"{path} cannot be written: {error.strerror}.") from error
+    if not good:
+        raise VisionError(f"{path} cannot be written: the picture cannot be encoded.")
+    with atomic_file(path, VisionError) as part:
+        part.write_bytes(data.tobytes())

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import tempfile
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -19,7 +18,9 @@ from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.envs.robots import load_robot
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.errors import RecordingError, SimulationError
+from embodiedreamer_gym.io.files import read_json
 from embodiedreamer_gym.io.fingerprint import check_settings
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.recordings.episodes import LeRobotWriter, copy_episodes, open_episodes, write_aloha_episode
 from embodiedreamer_gym.recordings.episodes.lerobot_writer import ABOUT
 from embodiedreamer_gym.recordings.episodes.video import check_video
@@ -30,8 +31,6 @@ STEPS = 300  # control steps, after which an attempt has failed
 STILL = 15  # control steps without motion, after which an episode that has succeeded ends
 MOVES = 0.002  # rad, m or share of the gripper's opening per control step
 PATIENCE = 20  # attempts beyond four for each episode that is wanted, after which the expert is given up
-
-Tell = Callable[[int, int], None]  # episodes there are, attempts that have failed
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ class Demonstrations:
 
 
 def record_demonstrations(wanted: Demonstrations, episodes: int, folder: str | Path, jobs: int = 1,
-                          tell: Tell | None = None) -> int:  # fmt: skip
+                          progress: ProgressCallback | None = None) -> int:  # fmt: skip
     """Write episode_0.hdf5, … of an expert's successes into a folder; how many attempts failed.
 
     Episodes that are there already are kept, and it goes on behind them. jobs: processes.
@@ -82,7 +81,7 @@ def record_demonstrations(wanted: Demonstrations, episodes: int, folder: str | P
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(f"{folder} cannot be made a folder: {error.strerror}; give another place.") from error
-    for left in folder.glob(".attempt_*.hdf5*"):  # of a run that was interrupted
+    for left in folder.glob("*.attempt_*.hdf5*"):  # of a run that was interrupted
         left.unlink()
     done, attempt = _there(wanted, folder)
     while done < episodes:
@@ -96,13 +95,12 @@ def record_demonstrations(wanted: Demonstrations, episodes: int, folder: str | P
             if path is not None:
                 path.replace(folder / f"episode_{done}.hdf5")
                 done += 1
-            if tell is not None:
-                tell(done, attempt - done)
+            progress_or_silence(progress)("episodes", done, episodes, failed_attempts=attempt - done)
     return attempt - done
 
 
 def record_lerobot(wanted: Demonstrations, episodes: int, folder: str | Path, jobs: int = 1,
-                   tell: Tell | None = None) -> int:  # fmt: skip
+                   progress: ProgressCallback | None = None) -> int:  # fmt: skip
     """Write an expert's successes as a LeRobot v3 folder, which is there when it is whole; how many attempts failed.
 
     Until then the episodes are kept in a hidden folder beside it, from which it goes on where it was interrupted.
@@ -115,7 +113,7 @@ def record_lerobot(wanted: Demonstrations, episodes: int, folder: str | Path, jo
         return _whole(folder / ABOUT, said)
     parts = folder.with_name(f".{folder.name}.episodes")
     check_video(wanted.size)
-    failed = record_demonstrations(wanted, episodes, parts, jobs, tell)
+    failed = record_demonstrations(wanted, episodes, parts, jobs, progress)
     source, joints = open_episodes(parts), load_robot(wanted.robot).joints
     with LeRobotWriter(folder, source.hz, joints, robot_type="aloha", about={**said, "failed": failed}) as writer:
         copy_episodes(source, writer, count=episodes)
@@ -129,9 +127,9 @@ def _whole(path: Path, said: dict[str, Any]) -> int:
     Raises: RecordingError where it is not the one that is wanted.
     """
     try:
-        there = dict(json.loads(path.read_text(encoding="utf-8")))
+        there = dict(read_json(path))
         failed = int(there.pop("failed"))
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError) as error:
         raise RecordingError(
             f"{path.parents[1]} is in the way: it is no set of demonstrations; give another folder."
         ) from error

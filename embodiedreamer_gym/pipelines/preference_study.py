@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 import zlib
@@ -11,10 +10,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.io.files import atomic_file, read_json, write_json
 from embodiedreamer_gym.io.fingerprint import check_settings
 from embodiedreamer_gym.policies.evaluation import check_fit
-from embodiedreamer_gym.robot.files import write_json
 
 FIRST_START, FIRST_EVALUATION = (
     300_000_000,
@@ -36,6 +37,7 @@ LEARNING = (
     "rate",
     "fall",
 )  # those that may change as long as nothing has been learnt: rollouts do not depend on them
+ROW_KEYS = ("success", "distance", "object_distance", "remaining", "pairs", "contrast", "gradient", "winners", "losers")
 PREFERENCES = "preferences"  # the method that compares; the others clone
 RATE, CLONING_RATE = 3e-5, 1e-4  # of Adam
 
@@ -139,9 +141,8 @@ class Study:
                 raise PolicyError(f"{folder / WEIGHTS} is damaged, or of another policy; remove {folder}.") from error
             return _read(folder / ROW)
         told = self._learn(cycle, folder) if cycle else {}
-        part = folder / f".{WEIGHTS}.part"
-        torch.save(self.policy.network.state_dict(), part)
-        part.replace(folder / WEIGHTS)
+        with atomic_file(folder / WEIGHTS, PolicyError) as part:
+            torch.save(self.policy.network.state_dict(), part)
         row = {"cycle": cycle, **self._judge(), **told}
         write_json(row, folder / ROW)
         shutil.rmtree(folder / ROLLOUTS, ignore_errors=True)
@@ -250,8 +251,8 @@ def _fingerprint(network: Any) -> str:
 def _read(path: Path) -> dict[str, Any]:
     """A JSON object that a study left."""
     try:
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError) as error:
+        return dict(read_json(path))
+    except (ValueError, TypeError) as error:
         raise PolicyError(f"{path} is damaged; remove {path.parent}.") from error
 
 
@@ -265,3 +266,20 @@ def _config(a: StudySettings) -> Any:
         return CloningConfig(a.epochs, a.batch or 256, rate, a.seed)
     loss = LossConfig(a.variant, a.beta)
     return TuningConfig(loss, a.sigma, a.epochs, a.batch or 25, rate, a.fall or None, seed=a.seed)
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """One line for each cycle, gain in points with its standard error, scene by scene; cycle 0 is the policy as given."""
+    lines = ["cycle" + "".join(f"{key.replace('_', ' '):>17}" for key in ROW_KEYS) + f"{'gain':>17}"]
+    for row in rows:
+        cells = [f"{row[key]:>17.3g}" if row.get(key) is not None else f"{'':>17}" for key in ROW_KEYS]
+        note = f"   stopped in epoch {row['stopped']}" if row.get("stopped") else ""
+        lines.append(f"{row['cycle']:>5}" + "".join(cells) + f"{gain(rows[0], row):>17}" + note)
+    return "\n".join(lines)
+
+
+def gain(before: dict[str, Any], after: dict[str, Any]) -> str:
+    """What the successes of the same scenes are more, in points, and its standard error."""
+    more = 100.0 * (np.array(after["successes"], float) - before["successes"])
+    error = more.std(ddof=1) / np.sqrt(len(more)) if len(more) > 1 else float("nan")
+    return f"{more.mean():+.1f} ± {error:.1f}"

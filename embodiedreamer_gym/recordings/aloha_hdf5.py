@@ -115,7 +115,7 @@ def _even_times(file: hdf5.Hdf5File, count: int, hz: float | None) -> np.ndarray
     """Times (T,) s of a file without stamps, from a rate that the caller or the file states."""
     hz = file.hz() if hz is None else check_hz(hz, str(file.path))
     if hz is None:
-        raise file.error("it has no /timestamps; give the sampling rate with `--rate HZ` (hz=HZ)")
+        raise file.error("it has no /timestamps; give the sampling rate with `--hz HZ` (hz=HZ)")
     return np.arange(count) / hz
 
 

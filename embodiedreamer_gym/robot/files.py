@@ -1,8 +1,7 @@
-"""The JSON form of a robot model: read and checked, written beside and renamed."""
+"""The JSON form of a robot model: read and checked."""
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Mapping
@@ -140,21 +139,6 @@ def by_joint(value: Any, joints: tuple[str, ...], what: str, path: Path) -> dict
     if isinstance(value, dict) and all(_is_number(v) for v in value.values()):
         return {k: float(v) for k, v in value.items()}
     raise ModelError(f"model {path}: {what} must map joints to finite numbers.")
-
-
-def write_json(data: Mapping[str, Any], path: str | Path) -> None:
-    """Write JSON beside the target, then rename, so that nothing half-written is left.
-
-    Raises: ModelError when the folder does not exist or cannot be written.
-    """
-    path = Path(path)
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise ModelError(f"{path} cannot be written: {error.strerror}.") from error
 
 
 def _is_number(value: Any) -> bool:

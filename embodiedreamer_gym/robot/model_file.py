@@ -10,6 +10,7 @@ import numpy as np
 
 from embodiedreamer_gym.effects import Effect, find_effect
 from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.io.files import write_json
 from embodiedreamer_gym.robot import files
 from embodiedreamer_gym.robot.data import SERVO_GROUPS, RobotData
 from embodiedreamer_gym.robot.parameters import ParameterKey
@@ -87,4 +88,4 @@ def write_model(model: RobotData, path: Path) -> None:
         "effects": [{"name": e.name, **e.values} for e in model.effects],
         "intervals": {k: list(v) for k, v in model.intervals.items()},
     }
-    files.write_json(data, path)
+    write_json(data, path, ModelError)

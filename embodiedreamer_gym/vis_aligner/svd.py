@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import torch
 from torch import Generator, Tensor
 
 from embodiedreamer_gym.errors import MissingExtraError, VisionError
+from embodiedreamer_gym.io.files import read_json, write_json
 from embodiedreamer_gym.vis_aligner.aligner import Made, check_batch
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, Condition, References
 from embodiedreamer_gym.vis_aligner.diffusion import add_noise, draw_times, sample
@@ -148,7 +148,7 @@ def load_svd(folder: str | Path, steps: int = 4, seed: int = 0) -> SvdAligner:
     """
     folder = Path(folder)
     _, unet, vae = import_diffusers()
-    settings = json.loads((folder / SETTINGS).read_text()) if (folder / SETTINGS).is_file() else {}
+    settings = read_json(folder / SETTINGS, VisionError) if (folder / SETTINGS).is_file() else {}
     try:
         parts = [kind.from_pretrained(str(folder / name), local_files_only=True, use_safetensors=True)
                  for kind, name in ((unet, "unet"), (vae, "vae"))]  # fmt: skip
@@ -165,9 +165,7 @@ def save_svd(aligner: SvdAligner, folder: str | Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     aligner.network.save_pretrained(folder / "unet", safe_serialization=True)
     aligner.vae.save_pretrained(folder / "vae", safe_serialization=True)
-    part = folder / f".{SETTINGS}.part"
-    part.write_text(json.dumps({"chunk": aligner.chunk}))
-    part.replace(folder / SETTINGS)
+    write_json({"chunk": aligner.chunk}, folder / SETTINGS, VisionError)
 
 
 def tiny_svd(chunk: int = 7, seed: int = 0) -> SvdAligner:

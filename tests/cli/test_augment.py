@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.cli import augment as cli_augment
+from embodiedreamer_gym.cli.command import execute
 from embodiedreamer_gym.envs.cameras import CAMERAS
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.pipelines import regenerate as module
@@ -25,35 +24,30 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[dict[str, Any]]]:
     calls: list[dict[str, Any]] = []
 
     def regenerate(data, out, aligner, bank, editor, copies, seed, tell, **more: Any) -> Regenerated:
-        if tell is not None:
-            tell("replaying episodes", 1, 2, failed=0)
+        tell("replaying episodes", 1, 2, failed=0)
         calls.append({"data": data, "out": out, "aligner": aligner, "bank": bank, "editor": editor, "copies": copies,
                       "seed": seed, **more})  # fmt: skip
         return Regenerated(3, 1, ("episode_7",) if copies > 1 else ())
 
     monkeypatch.setattr(module, "regenerate", regenerate)
 
-    def call(*words: str, progress: Any = lambda *_, **__: None) -> list[dict[str, Any]]:
-        parser = argparse.ArgumentParser()
-        cli_augment.add_augment(parser.add_subparsers())
-        a = parser.parse_args(["augment", "--data", "real", "--out", "made", *words])
-        a.verb(a, progress)
+    def call(*words: str) -> list[dict[str, Any]]:
+        execute(["augment", "--data", "real", "--out", "made", *words])
         return calls
 
     return call
 
 
 def test_without_edits_it_only_dreams(run, capsys: pytest.CaptureFixture[str]) -> None:
-    said: list[Any] = []
-    assert run(progress=lambda *x, **more: said.append((*x, more))) == [{
+    assert run() == [{
         "data": ["real"], "out": Path("made"), "aligner": "lean", "bank": "lab", "editor": None, "copies": 1, "seed": 0,
         "prompt": None, "task": None, "robot": None, "jobs": 1,
     }]  # fmt: skip
-    assert (
-        said == [("replaying episodes", 1, 2, {"failed": 0})]
-        and capsys.readouterr().out == "4 episodes in made, 1 of them were there\n"
-    )
-    run("--quiet", progress=lambda *x: pytest.fail("it is not quiet"))
+    shown = capsys.readouterr()
+    assert shown.out == "4 episodes in made, 1 of them were there\n"
+    assert "replaying episodes: 1 of 2 (50 %), failed 0" in shown.err
+    run("--quiet")
+    assert capsys.readouterr().err == ""
 
 
 def test_what_is_asked_for(run, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -77,8 +71,8 @@ def test_one_edit_is_no_chain(run) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--copies", "0"], "--copies is 0, but must be at least 1"),
-        (["--seed", "-1"], "--seed is -1, but must be at least 0"),
+        (["--copies", "0"], "--copies: 0 is not a whole number of 1 to"),
+        (["--seed", "-1"], "--seed: -1 is not a whole number of 0 to"),
         (["--edit", "paint"], "--edit paint is none of recolour"),
         (["--edit", "inpaint"], "--edit inpaint is none of"),
         (["--edit", "paper:big"], "--edit paper:big is none of"),

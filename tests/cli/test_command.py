@@ -195,8 +195,8 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(work, logs, capsys, verb, 
         ([], "VERB"),
         (["fly"], "compare"),
         (["compare", "x.csv"], "--model"),
-        (["compare", "--model", "two.json", "LOG", "--rate", "-3"], "positive"),
-        (["compare", "--model", "two.json", "LOG", "--rate", "fast"], "--rate"),
+        (["compare", "--model", "two.json", "LOG", "--hz", "-3"], "--hz: -3 is not a number above 0"),
+        (["compare", "--model", "two.json", "LOG", "--hz", "fast"], "--hz"),
         (["compare", "--model", "two.json", "LOG", "--json", "no/c.json"], "does not exist"),
         (["compare", "--model", "two.json", "LOG", "--json", "."], "a folder"),
         (["compare", "--model", "two.json", "LOG", "--report", "two.json"], "a file"),
@@ -231,7 +231,7 @@ def test_interrupted(work, logs, capsys, monkeypatch) -> None:
     def stop(*_args, **_options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "compare", stop)
+    monkeypatch.setattr("embodiedreamer_gym.diagnosis.compare", stop)
     code, _, err = run(capsys, "compare", "--model", "two.json", logs / "test", "--json", "c.json")
     assert code == 130 and err.endswith("interrupted\n") and not Path("c.json").exists()
 
@@ -239,7 +239,9 @@ def test_interrupted(work, logs, capsys, monkeypatch) -> None:
 def test_terminated_is_interrupted(work, logs, capsys, monkeypatch) -> None:
     """So that processes beside it end too; and the signal means what it did before."""
     before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(cli, "compare", lambda *_args, **_options: os.kill(os.getpid(), signal.SIGTERM))
+    monkeypatch.setattr(
+        "embodiedreamer_gym.diagnosis.compare", lambda *_args, **_options: os.kill(os.getpid(), signal.SIGTERM)
+    )
     code, _, err = run(capsys, "compare", "--model", "two.json", logs / "test", "--json", "c.json")
     assert code == 143 and err.endswith("interrupted\n") and not Path("c.json").exists()
     assert signal.getsignal(signal.SIGTERM) == before
@@ -249,7 +251,7 @@ def test_a_library_that_stumbles_over_a_file_leaks_no_traceback(work, logs, caps
     def stumble(*_args, **_options):
         raise KeyError("what a library says")
 
-    monkeypatch.setattr(cli, "load_recordings", stumble)
+    monkeypatch.setattr("embodiedreamer_gym.recordings.load_recordings", stumble)
     code, _, err = run(capsys, "compare", "--model", "two.json", logs / "test")
     assert code == 2 and "cannot be read" in err and "KeyError" in err
 
@@ -257,7 +259,7 @@ def test_a_library_that_stumbles_over_a_file_leaks_no_traceback(work, logs, caps
 def test_help_lists_the_verbs() -> None:
     done = subprocess.run([sys.executable, "-m", "embodiedreamer_gym", "--help"], capture_output=True, text=True)
     assert done.returncode == 0
-    assert all(v in done.stdout for v in ("compare", "where", "calibrate", "diagnose", "add", "demo"))
+    assert all(v in done.stdout for v in ("compare", "breakdown", "calibrate", "diagnose", "add", "demo"))
 
 
 def parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
@@ -292,7 +294,7 @@ def test_a_stand_in_is_recorded_with_its_truth_apart(tmp_path: Path, capsys) -> 
 def test_a_stand_ins_log_is_of_ones_choice(tmp_path: Path, capsys) -> None:
     """Two effects, a slower log of one kind of motion without commands, coarser sensors; refused for the ALOHA pair."""
     out = tmp_path / "arm"
-    options = ["--rate", "50", "--seconds", "3", "--noise", "0.001", "--quantum", "0.002", "--jitter", "0.002"]
+    options = ["--hz", "50", "--seconds", "3", "--noise", "0.001", "--quantum", "0.002", "--jitter", "0.002"]
     effects = ["--effect", "payload,coulomb_friction", "--motion", "teleoperation", "--no-command"]
     assert cli.main(["standin", "record", *effects, *options, "--out", str(out)]) == 0
     truth = json.loads((out / "truth.json").read_text())
@@ -303,6 +305,6 @@ def test_a_stand_ins_log_is_of_ones_choice(tmp_path: Path, capsys) -> None:
     assert np.allclose(logs[0].quantum, 0.002) and logs[0].noise.max() > 5e-4
     assert np.diff(logs[0].time).std() > 0.001
     capsys.readouterr()
-    pair = ["standin", "record", "--arm", "aloha", "--rate", "50", "--out", str(tmp_path / "pair")]
+    pair = ["standin", "record", "--arm", "aloha", "--hz", "50", "--out", str(tmp_path / "pair")]
     assert cli.main(pair) == 2 and "ALOHA pair" in capsys.readouterr().err
     assert not (tmp_path / "pair").exists()

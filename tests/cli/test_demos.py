@@ -2,40 +2,31 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from embodiedreamer_gym.cli import demos as cli_demos
+from embodiedreamer_gym.cli.command import execute
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.pipelines import demonstrations
 from embodiedreamer_gym.recordings.episodes import open_episodes
 
 
-@pytest.fixture
-def run() -> Callable[..., None]:
-    def call(*words: str) -> None:
-        parser = argparse.ArgumentParser()
-        cli_demos.add_demos(parser.add_subparsers())
-        a = parser.parse_args(["demos", *words])
-        a.verb(a, None)
-
-    return call
+def run(*words: str) -> None:
+    execute(["demos", *words])
 
 
-def test_an_episode_on_disk(run, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_episode_on_disk(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("--task", "GrabPaperCup-v0", "--episodes", "1", "--out", str(tmp_path / "demos"), "--size", "16x12",
         "--cameras", "head,left_wrist", "--jobs", "1")  # fmt: skip
     episodes = open_episodes(tmp_path / "demos")
     assert episodes.cameras == ("head", "left_wrist") and episodes.frame_size("head") == (16, 12)
     said = capsys.readouterr()
     assert said.out == f"1 episodes in {tmp_path / 'demos'}; 0 attempts failed and were left out\n"
-    assert "1 of 1 episodes, 0 failed" in said.err
+    assert "episodes: 1 of 1 (100 %), failed attempts 0" in said.err
 
 
-def test_what_is_asked_for_is_recorded(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+def test_what_is_asked_for_is_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     calls = []
     for name in ("record_demonstrations", "record_lerobot"):
         monkeypatch.setattr(demonstrations, name, lambda *a, name=name: (calls.append((name, *a[:4])), 2)[1])
@@ -52,27 +43,14 @@ def test_what_is_asked_for_is_recorded(run, tmp_path: Path, monkeypatch: pytest.
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--episodes", "0"), "--episodes is 0, but must be at least 1"),
-        (("--jobs", "0"), "--jobs is 0"),
+        (("--episodes", "0"), "--episodes: 0 is not a whole number of 1 to"),
+        (("--jobs", "0"), "--jobs: 0 is not"),
         (("--size", "big"), "--size big is no width and height"),
         (("--cameras", "foot"), "camera 'foot' is none of"),
         (("--task", "Fly-v0"), "there is no task 'Fly'"),
     ],
 )
-def test_what_cannot_be(run, tmp_path: Path, words: tuple[str, ...], message: str) -> None:
+def test_what_cannot_be(tmp_path: Path, words: tuple[str, ...], message: str) -> None:
     with pytest.raises(EmbodieDreamerError, match=message):
         run("--task", "PutCupOnMat-v0", "--out", str(tmp_path / "demos"), *words)
     assert not (tmp_path / "demos").exists()
-
-
-def test_how_long_it_takes(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    now = 0.0
-    monkeypatch.setattr(cli_demos.time, "monotonic", lambda: now)
-    clock = cli_demos._Clock(13, quiet=False)
-    for now, done, failed in ((30.0, 11, 0), (60.0, 12, 0), (61.0, 12, 1), (90.0, 13, 1)):  # noqa: B007  ten were there
-        clock(done, failed)
-    assert capsys.readouterr().err.splitlines() == [
-        "11 of 13 episodes, 0 failed, 30.0 s each, 1 min left",
-        "12 of 13 episodes, 0 failed, 30.0 s each, 0 min left",
-        "13 of 13 episodes, 1 failed, 30.0 s each, 0 min left",
-    ]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,10 @@ import joblib
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.cli import policy as cli_policy
-from embodiedreamer_gym.cli.policy import add_policy
+from embodiedreamer_gym.cli import policy_train
+from embodiedreamer_gym.cli.command import build_parser, execute
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
-from embodiedreamer_gym.io.progress import Progress
+from embodiedreamer_gym.pipelines import policy_runs
 from embodiedreamer_gym.policies.act import Act, ActConfig, ActPolicy
 from embodiedreamer_gym.policies.evaluation import EpisodeResult
 from embodiedreamer_gym.recordings import Recording, save_recording
@@ -27,10 +27,7 @@ TRAIN = ("--steps", 3, "--batch", 2, "--chunk", 4, "--quiet")
 
 
 def run(*arguments: object) -> None:
-    parser = argparse.ArgumentParser()
-    add_policy(parser.add_subparsers(required=True))
-    a = parser.parse_args(["policy", *map(str, arguments)])
-    a.verb(a, Progress(True))
+    execute(["policy", *map(str, arguments)])
 
 
 @pytest.fixture
@@ -63,12 +60,14 @@ def test_training_writes_a_policy(tmp_path: Path, episodes: Tiny, capsys: pytest
 def test_large_pictures_are_scaled_where_the_user_does_not_say(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, episodes: Tiny, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(cli_policy, "WIDEST", SIZE[0] // 2)
+    monkeypatch.setattr(policy_train, "WIDEST", SIZE[0] // 2)
     run("train", "--data", tmp_path, "--out", tmp_path / "act", *TRAIN)
     config = ActPolicy.load(tmp_path / "act").network.config
     assert (config.image_size, config.source_size) == ((SIZE[0] // 2, SIZE[1] // 2), SIZE)
     assert f"are scaled to {SIZE[0] // 2}x{SIZE[1] // 2}; --size says otherwise" in capsys.readouterr().err
-    assert cli_policy._shrunk((640, 480), "paper") == (640, 480) and cli_policy._shrunk((16, 480), "small") == (16, 480)
+    assert policy_train.default_size((640, 480), "paper") == (640, 480) and policy_train.default_size(
+        (16, 480), "small"
+    ) == (16, 480)
 
 
 def test_real_episodes_on_disk(tmp_path: Path) -> None:
@@ -97,15 +96,13 @@ def test_options_of_training_that_are_not_said_are_the_networks(
     run("train", "--data", tmp_path, "--out", tmp_path / "a", "--quiet", "--steps", 5, "--batch", 6)
     assert [(s.steps, s.batch, s.chunk_start_share) for _, s in told] == [(8000, 64, 0.7), (4000, 32, 0.0), (5, 6, 0.7)]
     assert [config.objects for config, _ in told] == [("thing",), (), ("thing",)]
-    with pytest.raises(PolicyError, match="chunk_start_share is 2"):
+    with pytest.raises(EmbodieDreamerError, match="chunk_start_share is 2"):
         run("train", "--data", tmp_path, "--out", tmp_path / "a", "--quiet", "--asked", 2)
 
 
 def test_the_papers_preset(episodes: Tiny, tmp_path: Path) -> None:
-    parser = argparse.ArgumentParser()
-    add_policy(parser.add_subparsers())
-    a = parser.parse_args(["policy", "train", "--data", "d", "--out", "o", "--preset", "paper"])
-    config = cli_policy._config(a, episodes)
+    a = build_parser().parse_args(["policy", "train", "--data", "d", "--out", "o", "--preset", "paper"])
+    config = policy_train.network_config(a, episodes, print)
     assert (config.width, config.latent, config.chunk, config.widths[-1]) == (512, 32, 100, 512)
     assert config.state_size == 3
 
@@ -157,8 +154,8 @@ def test_episodes_are_dealt_out_to_processes(
     class Still:
         action_size, chunk = 14, 50
 
-    monkeypatch.setattr(cli_policy, "_play", play)
-    monkeypatch.setattr(cli_policy, "_policy", lambda a: Still())
+    monkeypatch.setattr(policy_runs, "play_seeds", play)
+    monkeypatch.setattr(policy_runs, "policy_of", lambda run: Still())
     arguments = ("evaluate", "--policy", "m:f", "--task", "PutCupOnMat", "--episodes", 20, "--seed", 0, "--quiet")
     run(*arguments)
     one = capsys.readouterr().out
@@ -172,9 +169,9 @@ def test_episodes_are_dealt_out_to_processes(
 
 
 def test_temporal_ensembling_asks_at_each_step(still: Path) -> None:
-    a = argparse.Namespace(policy=str(still), ensemble=0.01)
-    assert cli_policy._policy(a).chunk == 1
-    assert cli_policy._policy(argparse.Namespace(policy=str(still), ensemble=None)).chunk == 30
+    run = policy_runs.Run(str(still), "PutCupOnMat", 1)
+    assert policy_runs.policy_of(run).chunk == 30
+    assert policy_runs.policy_of(replace(run, ensemble=0.01)).chunk == 1
 
 
 @pytest.mark.parametrize(
@@ -184,9 +181,9 @@ def test_temporal_ensembling_asks_at_each_step(still: Path) -> None:
         (("--task", "PutCupOnMat", "--execute", "31"), "of a chunk of 30; give 1 to 30"),
         (("--task", "PutCupOnMat", "--size", "big"), "--size big is no width and height"),
         (("--task", "PutCupOnMat", "--json", "/no/such/folder/e.json"), "does not exist; make it first"),
-        (("--task", "PutCupOnMat", "--json", "/"), "is a folder; name a file"),
-        (("--task", "PutCupOnMat", "--video", __file__), "cannot be a folder: .* is a file"),
-        (("--task", "PutCupOnMat", "--seed", "-1"), "seed is -1, but must be at least 0"),
+        (("--task", "PutCupOnMat", "--json", "/"), "it is a folder; name a file"),
+        (("--task", "PutCupOnMat", "--video", __file__), "cannot be written: .* is a file"),
+        (("--task", "PutCupOnMat", "--seed", "-1"), "--seed: -1 is not a whole number of 0 to"),
         (("--task", "PutCupOnMat", "--policy", "nowhere"), "is no folder and no function"),
         (("--task", "PutCupOnMat", "--dream"), "looks through head, left_wrist, and only the head camera is dreamed"),
         (("--task", "PutCupOnMat", "--dream", "--ensemble", "0.01"), "leave out --ensemble and --size"),
@@ -210,9 +207,9 @@ def test_what_cannot_be_trained(tmp_path: Path, episodes: Tiny) -> None:
         (("--cameras", "wrist"), "no pictures of the camera 'wrist'; cameras: head, left"),
         (("--size", "0x12"), "must be a whole number of at least 1"),
         (("--device", "cuda"), "is not there; take cpu"),
-        (("--rate", "nan"), "learning rate is nan"),
-        (("--seed", "-1"), "seed is -1"),
-        (("--out", f"{__file__}/act"), "cannot be a folder: .*py is a file"),
+        (("--learning-rate", "nan"), "--learning-rate: nan is not a number above 0"),
+        (("--seed", "-1"), "--seed: -1 is not"),
+        (("--out", f"{__file__}/act"), "cannot be written: .*py is a file"),
     ):
         with pytest.raises(EmbodieDreamerError, match=said):
             run("train", *data, *TRAIN, *extra)

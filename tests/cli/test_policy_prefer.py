@@ -14,7 +14,7 @@ import torch
 from gymnasium.vector import SyncVectorEnv
 from torch import nn
 
-from embodiedreamer_gym.cli import policy_prefer as cli_prefer
+from embodiedreamer_gym.cli.command import build_parser, execute
 from embodiedreamer_gym.envs import task_id
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
 from embodiedreamer_gym.pipelines import preference_study
@@ -96,8 +96,6 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def run(out: Path, *words: str, spec: str = "make") -> dict[str, Any]:
-    parser = argparse.ArgumentParser()
-    cli_prefer.add_prefer(parser.add_subparsers())
     given = [
         "--policy",
         f"tests.cli.test_policy_prefer:{spec}",
@@ -118,7 +116,7 @@ def run(out: Path, *words: str, spec: str = "make") -> dict[str, Any]:
         "8",
         "--epochs",
         "5",
-        "--rate",
+        "--learning-rate",
         "1e-2",
         "--metric",
         "distance",
@@ -127,8 +125,7 @@ def run(out: Path, *words: str, spec: str = "make") -> dict[str, Any]:
         "--margin",
         "0.01",
     ]
-    a = parser.parse_args(["prefer", *given, *sizes, "--json", str(out.parent / "rows.json"), *words])
-    a.verb(a, None)
+    execute(["policy", "prefer", *given, *sizes, "--json", str(out.parent / "rows.json"), *words])
     return json.loads((out.parent / "rows.json").read_text())
 
 
@@ -197,14 +194,14 @@ def test_the_paper_taken_literally_warns(tmp_path: Path) -> None:
     ("words", "message"),
     [
         (["--variant", "dpo"], "'dpo' is none of"),
-        (["--fall", "-1"], "fall is -1.0"),
+        (["--fall", "-1"], "--fall: -1 is not a number of 0 to"),
         (["--task", "PutCup"], "there is no task 'PutCup'"),
         (["--json", "nowhere/rows.json"], "nowhere does not exist"),
         (["--metric", "cup"], "metric 'cup' is none of distance, object_distance, remaining"),
         (["--tries", "1"], "every start is tried once"),
-        (["--noise", "nan"], "noise is nan"),
-        (["--margin", "-1"], "margin is -1"),
-        (["--seed", "-1"], "seed is -1"),
+        (["--noise", "nan"], "--noise: nan is not a number of 0 to"),
+        (["--margin", "-1"], "--margin: -1 is not a number of 0 to"),
+        (["--seed", "-1"], "--seed: -1 is not a whole number of 0 to"),
         (["--out", f"{__file__}/study"], "py is a file"),
     ],
 )
@@ -280,7 +277,9 @@ def test_a_study_of_other_weights_or_a_damaged_one_is_refused(tmp_path: Path, mo
 
 
 def test_what_the_guard_took_back_is_not_what_is_told(tmp_path: Path) -> None:
-    row = run(tmp_path / "study", "--cycles", "1", "--rate", "3", "--fall", "0.001", "--variant", "paper")["rows"][1]
+    row = run(tmp_path / "study", "--cycles", "1", "--learning-rate", "3", "--fall", "0.001", "--variant", "paper")[
+        "rows"
+    ][1]
     assert row["stopped"] is not None and row["winners"] >= -0.001
 
 
@@ -309,14 +308,13 @@ def test_the_environment_of_the_options(files, envs: int, dream: str | None, kin
 
 def test_the_gain_is_that_of_the_same_scenes() -> None:
     before, after = {"successes": [0, 0, 1, 1]}, {"successes": [1, 0, 1, 1]}
-    assert cli_prefer.gain(before, after) == "+25.0 ± 25.0"  # of 100, 0, 0 and 0
-    assert cli_prefer.gain(after, before) == "-25.0 ± 25.0"
+    assert preference_study.gain(before, after) == "+25.0 ± 25.0"  # of 100, 0, 0 and 0
+    assert preference_study.gain(after, before) == "-25.0 ± 25.0"
 
 
 @pytest.mark.parametrize(("method", "rate"), [("preferences", 3e-5), ("best_of", 1e-4)])
 def test_the_usual_rate_is_the_methods(method: str, rate: float) -> None:
-    parser = argparse.ArgumentParser()
-    cli_prefer.add_prefer(parser.add_subparsers())
-    words = ["prefer", "--policy", "p", "--task", "t", "--out", "o", "--method", method]
+    parser = build_parser()
+    words = ["policy", "prefer", "--policy", "p", "--task", "t", "--out", "o", "--method", method]
     assert preference_study._config(parser.parse_args(words)).learning_rate == rate
-    assert preference_study._config(parser.parse_args([*words, "--rate", "0.5"])).learning_rate == 0.5
+    assert preference_study._config(parser.parse_args([*words, "--learning-rate", "0.5"])).learning_rate == 0.5

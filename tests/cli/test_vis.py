@@ -84,7 +84,7 @@ def test_a_bank_is_made_of_first_frames(bench: Path, tmp_path: Path, capsys) -> 
     ("arguments", "sentence"),
     [
         (["train", "none", "--out", "x"], "there is no episode"),
-        (["train", "EPISODE", "--out", "x", "--steps", "0"], "--steps is 0, but must be at least 1"),
+        (["train", "EPISODE", "--out", "x", "--steps", "0"], "--steps: 0 is not a whole number of 1 to"),
         (["train", "EPISODE", "--out", "x", "--model", "svd"], "needs --from"),
         (["evaluate", "EPISODE", "--aligner", "none.pt"], "none.pt"),
         (["render", "EPISODE", "EPISODE", "--aligner", "MODEL", "--out", "x.mp4"], "takes one episode, not 2"),

@@ -108,11 +108,14 @@ def test_the_same_seed_gives_the_same_episodes(real: Path, tmp_path: Path) -> No
 
 @pytest.mark.parametrize("jobs", [1, 3])
 def test_failures_are_counted_and_left_out(quick: list[int], tmp_path: Path, jobs: int) -> None:
-    told: list[tuple[int, int]] = []
+    told: list[tuple[Any, ...]] = []
     with joblib.parallel_config("threading"):  # which the stand-in for the expert needs
-        failed = record_demonstrations(QUICK, 4, tmp_path, jobs, lambda done, lost: told.append((done, lost)))
+        failed = record_demonstrations(
+            QUICK, 4, tmp_path, jobs, lambda *said, **named: told.append((*said, named["failed_attempts"]))
+        )
     assert failed == 3 and attempts(tmp_path) == [1, 4, 5, 6]
-    assert told == [(0, 1), (1, 1), (1, 2), (1, 3), (2, 3), (3, 3), (4, 3)]
+    counts = [(0, 1), (1, 1), (1, 2), (1, 3), (2, 3), (3, 3), (4, 3)]
+    assert told == [("episodes", done, 4, lost) for done, lost in counts]
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"episode_{k}.hdf5" for k in range(4)]
     assert sorted(quick) == list(range(7))  # none too many
 

@@ -181,7 +181,7 @@ def test_bad_files_are_named_in_one_sentence(tmp_path, case):
 
 def test_a_file_without_times_asks_for_the_rate(tmp_path):
     path = aloha(tmp_path / "a.hdf5")
-    with pytest.raises(RecordingError, match="--rate HZ"):
+    with pytest.raises(RecordingError, match="--hz HZ"):
         read_aloha_hdf5(path)
     with pytest.raises(RecordingError, match="must be above 0"):
         read_aloha_hdf5(path, hz=0)

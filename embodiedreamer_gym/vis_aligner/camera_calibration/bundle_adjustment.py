@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from embodiedreamer_gym.geometry.articulated_mesh import DetailLevels
+from embodiedreamer_gym.io.progress import ProgressCallback
 from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Observations
 from embodiedreamer_gym.vis_aligner.camera_calibration.keypoints import Keypoints
-from embodiedreamer_gym.vis_aligner.camera_calibration.search import Report
 from embodiedreamer_gym.vis_aligner.camera_calibration.silhouette_edges import Outline, find_steps, predict
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import LENS, PARAMETERS, POSE, View
 
@@ -113,7 +113,7 @@ def edge_support(matches: Sequence[Match]) -> float:
 def bundle_adjust(
     levels: DetailLevels, stations: Sequence[Sequence[Observations]], state: State, free: Sequence[str], prior: State,
     marks: Keypoints | None = None, reach: float = REACH[0], few: bool = False, rounds: int = 16, hold: bool = True,
-    report: Report | None = None,
+    report: ProgressCallback | None = None,
 ) -> State:  # fmt: skip
     """Adjust views until predicted edges coincide with those in the pictures, and marked points with their marks.
 
@@ -136,7 +136,7 @@ def bundle_adjust(
             if np.abs(change).max() < CONVERGED:
                 break
         if report is not None:
-            report("outlines", count, moved)
+            report("outlines", count, largest_step=f"{moved:.3g}")
         if wide <= REACH[1] * width and moved < CONVERGED:
             break
     return state

@@ -10,6 +10,7 @@ import numpy as np
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.geometry.articulated_mesh import Body, DetailLevels
 from embodiedreamer_gym.geometry.camera import Camera
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.vis_aligner.camera_calibration.bundle_adjustment import (
     REACH,
     SHARED,
@@ -23,7 +24,7 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.fit_quality import evalua
 from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Footage, Observations, bounding_sphere, observe
 from embodiedreamer_gym.vis_aligner.camera_calibration.keypoints import Keypoints, initial_views
 from embodiedreamer_gym.vis_aligner.camera_calibration.result import MIN_SCORE, CameraFit, names_of
-from embodiedreamer_gym.vis_aligner.camera_calibration.search import Matcher, Report, search
+from embodiedreamer_gym.vis_aligner.camera_calibration.search import Matcher, search
 from embodiedreamer_gym.vis_aligner.camera_calibration.silhouette import Silhouette
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
 
@@ -42,7 +43,7 @@ ROUNDS = (16, 8)  # of the joint adjustment: over all selected frames, and over 
 def calibrate_camera(
     body: Body, footage: Sequence[Footage], *, start: Camera | None = None, marks: Keypoints | None = None,
     fixed: bool = False, free: Iterable[str] = LENS, loose: Iterable[str] = (), margin: float = 0.06,
-    name: str = "camera", seed: int = 0, report: Report | None = None,
+    name: str = "camera", seed: int = 0, report: ProgressCallback | None = None,
 ) -> CameraFit:  # fmt: skip
     """Estimate intrinsics and poses of one camera from recordings of a robot in its view; deterministic for a seed.
 
@@ -55,10 +56,10 @@ def calibrate_camera(
     loose: links whose shape differs in the pictures; margin: distance around them within which edges are ignored, m.
     name: of the camera.
     seed: of the search.
-    report: called with stage, step and value.
+    report: called as progress(stage, done, total, **quantities).
     Raises: VisionError where no moving robot is visible, it is not recognised, or arguments are inconsistent.
     """
-    chosen = _checked_free(free)
+    chosen, report = _checked_free(free), progress_or_silence(report)
     if not footage:
         raise VisionError("there is no footage; give at least one recording with frames of the camera.")
     size = footage[0].size
@@ -114,7 +115,7 @@ class _Calibration:
 
     def __init__(
         self, levels: DetailLevels, stations: list[list[Observations]], middle: np.ndarray, radius: float, free: tuple[str, ...],
-        marks: Keypoints | None, rng: np.random.Generator, report: Report | None,
+        marks: Keypoints | None, rng: np.random.Generator, report: ProgressCallback | None,
     ) -> None:  # fmt: skip
         self._levels, self._stations, self._middle, self._radius = levels, stations, middle, radius
         self._free, self._marks, self._rng, self._report = free, marks, rng, report
@@ -170,7 +171,7 @@ class _Calibration:
         for count, view in enumerate(found[:TRIED]):
             fitted.append(shape.fit(view, ("focal",) if lens is None else ()))
             if self._report is not None:
-                self._report("silhouettes", count, shape.score(fitted[-1]))
+                self._report("silhouettes", count, len(found[:TRIED]), overlap=f"{shape.score(fitted[-1]):.3g}")
         return sorted(fitted, key=lambda view: -shape.score(view))
 
     def _fit_alone(self, k: int, views: Sequence[View]) -> View:

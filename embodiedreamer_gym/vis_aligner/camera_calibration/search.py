@@ -6,8 +6,6 @@ counts; the correlation covers all shifts of the picture at once (by FFT).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 from scipy import fft
@@ -15,10 +13,9 @@ from scipy.stats import qmc
 
 from embodiedreamer_gym.geometry.articulated_mesh import Body
 from embodiedreamer_gym.geometry.rasterizer import draw_parts
+from embodiedreamer_gym.io.progress import ProgressCallback
 from embodiedreamer_gym.vis_aligner.camera_calibration.footage import Observations
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
-
-Report = Callable[[str, int, float], None]
 
 CELLS = 40  # of the coarse grid across the picture
 TRIED = 2048  # sampled views, a power of two
@@ -83,7 +80,7 @@ class Matcher:
 
 def search(
     matcher: Matcher, size: tuple[int, int], middle: np.ndarray, radius: float, rng: np.random.Generator,
-    focal: float | None = None, aspect: float = 1.0, report: Report | None = None,
+    focal: float | None = None, aspect: float = 1.0, report: ProgressCallback | None = None,
 ) -> list[View]:  # fmt: skip
     """Sampled views, best match first.
 
@@ -97,7 +94,7 @@ def search(
         length = size[0] * FOCAL[0] * (FOCAL[1] / FOCAL[0]) ** draw[0] if focal is None else focal
         scored.append(matcher.match(_sample_view(draw[1:], middle, radius, length, aspect, size)))
         if report is not None and count % 64 == 0:
-            report("search", count, max(score for score, _ in scored))
+            report("search", count, len(draws), best_overlap=f"{max(score for score, _ in scored):.3g}")
     return [view for _, view in sorted(scored, key=lambda one: -one[0])]
 
 

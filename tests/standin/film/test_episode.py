@@ -13,6 +13,7 @@ import pytest
 from embodiedreamer_gym.cli import command as cli
 from embodiedreamer_gym.envs.cameras import CAMERAS, load_cameras
 from embodiedreamer_gym.errors import EmbodieDreamerError, MissingExtraError, RecordingError
+from embodiedreamer_gym.io.progress import Progress
 from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.standin.film import blender
 from embodiedreamer_gym.standin.film.episode import film_episode
@@ -98,9 +99,9 @@ def test_other_settings_are_refused_before_anything_is_filmed(filmed: Path) -> N
 
 
 def test_processes_film_the_same_and_say_how_far_they_are(filmed: Path, tmp_path: Path, capsys) -> None:
-    film_episodes([FILM], 1, tmp_path, jobs=2, quiet=False, render=grey)
+    film_episodes([FILM], 1, tmp_path, jobs=2, progress=Progress(), render=grey)
     assert FILM.path(tmp_path, 0).read_bytes() == FILM.path(filmed, 0).read_bytes()
-    assert "1 of 1 episodes, 10 pictures, " in capsys.readouterr().err
+    assert "10 of 10 (100 %), episodes 1 of 1" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -109,12 +110,12 @@ def test_processes_film_the_same_and_say_how_far_they_are(filmed: Path, tmp_path
         (["--task", "PutCup-v0"], "no task 'PutCup'; there are GrabPaperCup"),
         (["--size", "128"], "--size 128 is no width and height; give two numbers such as 128x96"),
         (["--size", "4x4"], "4 x 4 pixels; each may be 16 to 2048"),
-        (["--episodes", "-1"], "--episodes is -1, but must be at least 1"),
-        (["--jobs", "0"], "--jobs is 0"),
+        (["--episodes", "-1"], "--episodes: -1 is not a whole number of 1 to"),
+        (["--jobs", "0"], "--jobs: 0 is not a whole number of 1 to"),
         (["--frames", "3"], "frames is 3, but must be at least 10"),
         (["--appearance", "mine"], "no appearance 'mine'"),
         (["--blender", "/nowhere/python"], "/nowhere/python is no Python"),
-        (["--every", "two"], "invalid int value: 'two'"),
+        (["--every", "two"], "--every: two is not a whole number"),
     ],
 )
 def test_a_mistake_on_the_command_line_is_one_sentence(
@@ -131,7 +132,7 @@ def test_a_file_where_the_folder_should_be_is_named(tmp_path: Path, capsys, monk
     monkeypatch.setattr("embodiedreamer_gym.standin.film.run.find_blender", lambda blender: blender)
     (tmp_path / "films").write_text("here")
     assert cli.main(["standin", "film", "--out", str(tmp_path / "films")]) == 2
-    assert "films cannot be made a folder: File exists" in capsys.readouterr().err
+    assert "films is a file, not a folder" in capsys.readouterr().err
 
 
 def test_without_blender_nothing_is_begun(tmp_path: Path) -> None:
@@ -167,11 +168,11 @@ def test_the_command_films_every_task(tmp_path: Path, brief: None, monkeypatch, 
     assert len(set(names)) == 4
 
 
-def test_the_former_name_of_an_option_works_with_a_warning(tmp_path: Path, brief: None) -> None:
+def test_the_former_name_of_an_option_works_with_a_warning(tmp_path: Path, brief: None, capsys) -> None:
     python = fake_blender(tmp_path / "python")
     options = ["--task", "PutCupOnMat", "--frames", "10", "--size", "32x24", "--jobs", "1", "--quiet"]
-    with pytest.warns(DeprecationWarning, match="--look is deprecated; use --appearance"):
-        assert cli.main(["standin", "film", *options, "--look", "4", "--blender", python, "--out", str(tmp_path)]) == 0
+    assert cli.main(["standin", "film", *options, "--look", "4", "--blender", python, "--out", str(tmp_path)]) == 0
+    assert "warning: --look is now --appearance" in capsys.readouterr().err
     with h5py.File(tmp_path / "PutCupOnMat_000.hdf5") as file:
         assert json.loads(file.attrs["look"])["name"] == "look 4"
         assert np.ptp(file["observations/clean/head"][:]) > 30

@@ -38,7 +38,7 @@ def test_views_move_until_the_outlines_lie_on_the_robot(
     levels: DetailLevels, scene: Observations, near: Camera
 ) -> None:
     told: list[int] = []
-    report = lambda stage, count, value: told.append(count)  # noqa: E731
+    report = lambda stage, count, **named: told.append(count)  # noqa: E731
     state = bundle_adjust(levels, [[scene]], state_of(near), ("focal", "aspect"), state_of(TRUTH), report=report)
     assert apart(near, TRUTH, motion()) > 8.0
     assert apart(state.views[0].camera("c"), TRUTH, motion()) < 0.6

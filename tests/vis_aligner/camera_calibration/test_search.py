@@ -55,7 +55,7 @@ def test_a_search_ends_near_the_truth(matcher: Matcher, monkeypatch: pytest.Monk
     monkeypatch.setattr(searching, "TRIED", 256)
     middle, radius = bounding_sphere(surface().body, surface().poses(motion()))
     told: list[str] = []
-    report = lambda stage, count, value: told.append(stage)  # noqa: E731
+    report = lambda stage, count, total, **named: told.append(stage)  # noqa: E731
     views = search(matcher, SIZE, middle, radius, np.random.default_rng(0), TRUTH.fx, report=report)
     again = search(matcher, SIZE, middle, radius, np.random.default_rng(0), TRUTH.fx)
     assert len(views) == 256 and set(told) == {"search"}

@@ -1,0 +1,71 @@
+"""What the verbs on logs share: reading models and recordings, and writing the result."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
+from embodiedreamer_gym.io.files import check_outputs, write_json
+
+MEANINGLESS = ("swapped", "sign-flipped")  # findings of a log to which no model should be fitted
+T = TypeVar("T")
+
+
+def check_results(a: argparse.Namespace) -> None:
+    """Check the outputs of a verb on logs before its work begins."""
+    check_outputs(getattr(a, "out", None), getattr(a, "resume", None), a.json, folders=[a.report])
+
+
+def load_model(a: argparse.Namespace, source: str) -> Any:
+    """The model of a file or a built-in robot, with the user's effects."""
+    from embodiedreamer_gym.effects import CATALOGUE, load_effects
+    from embodiedreamer_gym.robot import RobotModel
+
+    catalogue = load_effects(a.effects) if a.effects else CATALOGUE
+    return readable(f"model {source}", lambda: RobotModel.load(source, catalogue))
+
+
+def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: bool = False) -> Any:
+    """Recordings without their bad samples; prints what was found wrong. fit: a model will be fitted to them."""
+    from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight
+
+    load = lambda: load_recordings(*patterns, hz=a.hz, joints=model.joints, command_hold=a.hold)  # noqa: E731
+    ends = zip(model.joints, model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True)
+    limits = {joint: (low, high) for joint, low, high in ends}
+    checked = [preflight(r.with_(units=model.units), limits) for r in readable("a recording", load)]
+    findings: dict[Any, list[Any]] = {}
+    for one in checked:
+        for finding in one.findings:
+            findings.setdefault((finding.severity, finding.code, finding.joints), []).append((one.recording, finding))
+            if fit and finding.code in MEANINGLESS:
+                raise RecordingError(f"{one.recording.source or one.recording.name}: {finding.message}.")
+    for (severity, *_), same in findings.items():
+        more = f" (and {len(same) - 1} more)" if len(same) > 1 else ""
+        print(f"{severity}: {same[0][0].name}{more}: {same[0][1].message}", file=sys.stderr)
+    left_out = sum(sum(one.excluded.values()) for one in checked)
+    total = sum(one.recording.position.size for one in checked)
+    print(f"{len(checked)} recordings, {left_out} of {total} joint samples left out", file=sys.stderr)
+    return Recordings(one.recording for one in checked)
+
+
+def readable(what: str, load: Callable[[], T]) -> T:
+    """Load a user's file; whatever a library finds wrong with it becomes one sentence."""
+    try:
+        return load()
+    except EmbodieDreamerError:
+        raise
+    except Exception as error:
+        raise EmbodieDreamerError(f"{what} cannot be read: {type(error).__name__}: {error}.") from error
+
+
+def show(a: argparse.Namespace, result: Any, report: Callable[[], Path]) -> None:
+    """Print a result and write the page and the JSON that were asked for."""
+    print(result)
+    if a.report:
+        print(f"\nreport: {report()}")
+    if a.json:
+        write_json(result.as_dict(), a.json)

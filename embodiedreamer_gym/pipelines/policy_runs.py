@@ -1,0 +1,148 @@
+"""A policy played on seeds it has not seen, in processes, with a video of each episode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from embodiedreamer_gym.envs import task_id
+from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.geometry.camera import read_size
+from embodiedreamer_gym.io.parallel import many
+from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
+from embodiedreamer_gym.io.video import write_video
+from embodiedreamer_gym.pipelines import FRAME_INTERVAL
+from embodiedreamer_gym.policies import load_policy
+from embodiedreamer_gym.policies.evaluation import EpisodeResult, Evaluation, evaluate, executed
+from embodiedreamer_gym.policies.protocol import picture_inputs
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is played.
+
+    policy: as `load_policy` takes it.
+    task: id or name.
+    episodes: how many.
+    seed: of the first episode; the next ones count on.
+    execute: actions of each chunk, None for all.
+    ensemble: decay of temporal ensembling, None for none.
+    robot: a built-in one or a model file.
+    size: of the pictures, such as "128x96"; None: as the policy learnt.
+    dream: a video model to observe through, None for the simulator's pictures.
+    bank: photos that the video model starts from.
+    every: actions between the video model's pictures, None: `FRAME_INTERVAL`, with a video 1.
+    jobs: processes.
+    video: folder for a video of each episode.
+    """
+
+    policy: str
+    task: str
+    episodes: int
+    seed: int = 100_000
+    execute: int | None = None
+    ensemble: float | None = None
+    robot: str = "aloha"
+    size: str | None = None
+    dream: str | None = None
+    bank: str = "lab"
+    every: int | None = None
+    jobs: int = 1
+    video: Path | None = None
+
+
+def play(run: Run, progress: ProgressCallback | None = None) -> Evaluation:
+    """Play all episodes of a run.
+
+    Raises: EmbodieDreamerError for settings that exclude each other; PolicyError for a policy that does not fit.
+    """
+    if run.dream is not None and (run.ensemble is not None or run.size is not None):
+        raise EmbodieDreamerError(
+            "--dream shows whole chunks at the size of the bank's photos; leave out --ensemble and --size."
+        )
+    progress = progress_or_silence(progress)
+    task, policy = task_id(run.task), policy_of(run)
+    actions, rows = executed(policy, run.execute), []
+    seeds = range(run.seed, run.seed + run.episodes)
+
+    def show(row: EpisodeResult) -> None:
+        rows.append(row)
+        progress("episodes", len(rows), run.episodes, successes=sum(row.success for row in rows))
+
+    progress("episodes", 0, run.episodes)
+    if run.jobs == 1:
+        play_seeds(run, policy, tuple(seeds), show)
+    else:  # some episodes for each call, which builds its environment anew
+        step = max(1, min(8, run.episodes // run.jobs))
+        calls = [(run, None, tuple(seeds[k : k + step])) for k in range(0, run.episodes, step)]
+
+        def show_all(number: int, results: list[EpisodeResult]) -> None:
+            for row in results:
+                show(row)
+
+        many(play_seeds, calls, run.jobs, show_all)
+    return Evaluation(task, actions, tuple(rows))
+
+
+def play_seeds(
+    run: Run, policy: Any, seeds: tuple[int, ...], done: Callable[[EpisodeResult], None] | None = None
+) -> list[EpisodeResult]:
+    """Results of some seeds; policy: None to load it, in a process of its own."""
+    import torch
+
+    torch.set_num_threads(1)
+    policy = policy_of(run) if policy is None else policy
+    env = _environment(run, policy)
+    films: dict[int, list[Any]] = {}
+
+    def watch(seed: int) -> Any:
+        frames = films.setdefault(seed, [])
+        return lambda observation, info: frames.extend(_pictures(observation, info))
+
+    def finished(row: EpisodeResult) -> None:
+        if run.video is not None:
+            run.video.mkdir(parents=True, exist_ok=True)
+            name = f"seed_{row.seed}_{'success' if row.success else 'failure'}.mp4"
+            write_video(np.stack(films.pop(row.seed)), run.video / name, env.unwrapped.metadata["render_fps"])
+        if done is not None:
+            done(row)
+
+    try:
+        return list(evaluate(policy, env, seeds, run.execute, watch if run.video else None, finished).episodes)
+    finally:
+        env.close()
+
+
+def policy_of(run: Run) -> Any:
+    """The policy of a run, with temporal ensembling where that is wanted."""
+    policy = load_policy(run.policy)
+    if run.ensemble is None:
+        return policy
+    from embodiedreamer_gym.policies.act import TemporalEnsemble
+
+    return TemporalEnsemble(policy, run.ensemble)
+
+
+def _environment(run: Run, policy: Any) -> Any:
+    """The task with the policy's cameras, its pictures as large as those it learnt from, or from the video model."""
+    if run.dream is not None:
+        from embodiedreamer_gym.pipelines.policy_env import policy_world
+
+        every = run.every or (1 if run.video else FRAME_INTERVAL)
+        return policy_world(policy, run.task, run.robot, run.execute, run.dream, run.bank, every)
+    cameras, learnt = picture_inputs(policy)
+    size = learnt if run.size is None else read_size(run.size)
+    return gymnasium.make(task_id(run.task), cameras=cameras, image_size=size, robot=run.robot)
+
+
+def _pictures(observation: Any, info: Any) -> Any:
+    """The frames of a chunk from the video model, or one picture of all cameras, side by side."""
+    if "frames" in info:
+        return info["frames"][: info["filmed"]]
+    pixels = observation["pixels"]
+    return [np.concatenate(list(pixels.values()), 1) if isinstance(pixels, dict) else pixels]
