@@ -47,7 +47,6 @@ def run(a, progress) -> None:
         if a.arm == "aloha":
             case = aloha_case(effects[0] if effect else None, a.side, rng, a.strength)
         else:
-            log |= {"rate": log.pop("hz")} if "hz" in log else {}
             case = draw_case(effect, a.arm, rng, a.strength, **log)
         progress(f"{len(case.train) + len(case.test)} recordings")
         model = case.write(part)
