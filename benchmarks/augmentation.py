@@ -15,8 +15,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from embodiedreamer_gym.unseen import EVERY
-
 from benchmarks.act_runs import SIZE, keep_settings, play_each, played, train_act
 from benchmarks.common import clopper_pearson, pin_threads
 
