@@ -55,7 +55,9 @@ def test_a_folder_in_its_place_is_one_sentence(question, tmp_path) -> None:
         RefitCache(tmp_path, *question)
 
 
-@pytest.mark.parametrize("old", [{"rng": np.random.default_rng(0)}, {"journal": "refits.jsonl"}], ids=str)
+@pytest.mark.parametrize(
+    "old", [{"rng": np.random.default_rng(0)}, {"journal": "refits.jsonl"}], ids=["rng", "journal"]
+)
 def test_former_arguments_work_with_a_warning(old: dict, question) -> None:
     with pytest.warns(DeprecationWarning, match="is now"), pytest.raises(CalibrationError, match="held out"):
         diagnose(question[0], [], [], **old)

@@ -29,12 +29,17 @@ def installed_builds() -> list[str]:
     return [name for name in BUILDS if any(metadata.distributions(name=name))]
 
 
-if len(installed_builds()) > 1:
-    warnings.warn(
-        "pybullet and pybullet-arm64 are both installed and overwrite each other's files; "
-        "run: pip uninstall pybullet pybullet-arm64, then install one of them.",
-        RuntimeWarning, stacklevel=2,
-    )  # fmt: skip
+def warn_of_two_builds() -> None:
+    """Warn where both distributions are installed: they overwrite each other's files."""
+    if len(installed_builds()) > 1:
+        warnings.warn(
+            "pybullet and pybullet-arm64 are both installed and overwrite each other's files; "
+            "run: pip uninstall pybullet pybullet-arm64, then install one of them.",
+            RuntimeWarning, stacklevel=2,
+        )  # fmt: skip
+
+
+warn_of_two_builds()
 
 
 class World(BulletClient):
