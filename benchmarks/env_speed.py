@@ -162,6 +162,8 @@ def workers(peers: list[str], venvs: Path, robot: str) -> dict[str, tuple[Worker
     mine = {
         "ours, state": (OURS.format(arguments=state), TRIALS["state"], 1 / 30),
         "ours, state, six effects": (OURS.format(arguments=random), TRIALS["state"], 1 / 30),
+        "ours, MuJoCo, state": (OURS.format(arguments=f'{state}, engine="mujoco"'), TRIALS["state"], 1 / 30),
+        "ours, MuJoCo, six effects": (OURS.format(arguments=f'{random}, engine="mujoco"'), TRIALS["state"], 1 / 30),
         "its stepSimulation alone": (OURS.format(arguments=state) + RAW, TRIALS["state"], 1 / 30),
         "ours, 640x480": (OURS.format(arguments=pixels), TRIALS["pixels"], 1 / 30),
         "ours, 128x96": (OURS.format(arguments=""), TRIALS["state"], 1 / 30),
@@ -234,8 +236,11 @@ def ratios(times: dict[str, list[float]], seconds: dict[str, float]):
     if "panda-gym" in times:
         yield "simulated seconds per CPU second, over panda-gym PickAndPlace", of("ours, state", "panda-gym")
         yield "the same with six effects", of("ours, state, six effects", "panda-gym")
+        yield "the same on MuJoCo", of("ours, MuJoCo, state", "panda-gym")
+        yield "the same on MuJoCo with six effects", of("ours, MuJoCo, six effects", "panda-gym")
     if "robosuite" in times:
         yield "simulated seconds per CPU second, over robosuite TwoArmLift", of("ours, state, six effects", "robosuite")
+        yield "the same on MuJoCo with six effects, over robosuite", of("ours, MuJoCo, six effects", "robosuite")
     if "gym-aloha" in times:
         yield (
             "steps per CPU second at 640x480, over gym-aloha",

@@ -1,6 +1,6 @@
 """Scripted experts: how often each task succeeds on seeds not looked at, with the nominal and with another robot.
 
-python -m benchmarks experts [--episodes 100] [--seed 100000] [--task NAME ...] [--out FILE.json]
+python -m benchmarks experts [--episodes 100] [--seed 100000] [--task NAME ...] [--engine bullet mujoco] [--out FILE.json]
 
 The other robot stands for a calibrated one: each gain is 0.7 to 1.3 times the nominal one's, joints 1 to 3 have Coulomb
 friction of 0.3 N m, each hand carries 0.1 kg, commands arrive 20 ms late. The expert knows its gains, not its effects.
@@ -9,6 +9,7 @@ friction of 0.3 N m, each hand carries 0.1 kg, commands arrive 20 ms late. The e
 from __future__ import annotations
 
 import argparse
+import itertools
 import tempfile
 from pathlib import Path
 
@@ -64,23 +65,27 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=100_000)
     parser.add_argument("--task", nargs="*", default=list(TASKS))
+    parser.add_argument("--engine", nargs="*", default=["bullet", "mujoco"], choices=["bullet", "mujoco"])
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
     pin_threads()
     rows = []
-    print(f"{'task':<16}{'robot':<9}{'picked up':>10}{'success':>9}{'95 % interval':>16}{'median step':>13}{'last':>6}")
+    print(
+        f"{'task':<16}{'robot':<9}{'engine':<8}{'picked up':>10}{'success':>9}{'95 % interval':>16}{'median step':>13}{'last':>6}"
+    )
     with tempfile.TemporaryDirectory() as folder:
         for task in arguments.task:
-            for name, robot in (("nominal", "aloha"), ("other", str(other_robot(folder)))):
-                env = gym.make(f"EmbodieDreamer/{task}-v0", obs_type="state", robot=robot)
+            robots = (("nominal", "aloha"), ("other", str(other_robot(folder))))
+            for (name, robot), engine in itertools.product(robots, arguments.engine):
+                env = gym.make(f"EmbodieDreamer/{task}-v0", obs_type="state", robot=robot, engine=engine)
                 played = [play(env, arguments.seed + k) for k in range(arguments.episodes)]
                 env.close()
-                rows += [{"task": task, "robot": name, **row} for row in played]
+                rows += [{"task": task, "robot": name, "engine": engine, **row} for row in played]
                 save(rows, arguments.out)
                 hits, of = sum(row["success"] for row in played), len(played)
                 low, high = binomtest(hits, of).proportion_ci()  # Clopper-Pearson
                 steps = [row["first"] for row in played if row["success"]]
-                print(f"{task:<16}{name:<9}{sum(row['grasp'] for row in played):>6}/{of}{hits:>5}/{of}"
+                print(f"{task:<16}{name:<9}{engine:<8}{sum(row['grasp'] for row in played):>6}/{of}{hits:>5}/{of}"
                       f"{f'{low:.1%} .. {high:.1%}':>16}{np.median(steps or [np.nan]):>13.0f}{max(steps, default=0):>6}"
                       + "".join(f"  failed: {row['seed']}" for row in played if not row["success"]), flush=True)  # fmt: skip
 

@@ -46,8 +46,8 @@ def replayed(world: Any, seed: int, actions: np.ndarray) -> bool:
     """Whether actions succeed in the stand-in world."""
     world.reset(seed=seed)
     info: dict[str, Any] = {}
-    for start in range(0, STEPS, world.chunk):
-        info = world.step(actions[start : start + world.chunk])[4]
+    for start in range(0, STEPS, world.k):
+        info = world.step(actions[start : start + world.k])[4]
     return bool(info["is_success"])
 
 
