@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,7 @@ from embodiedreamer_gym.engines.mujoco.bodies import MujocoBodies
 from embodiedreamer_gym.engines.mujoco.furniture import LINKS, THINGS, Furniture, parked
 from embodiedreamer_gym.engines.mujoco.library import mujoco
 from embodiedreamer_gym.engines.mujoco.rendering import LIGHT, Renderer, check_renderer
-from embodiedreamer_gym.engines.mujoco.state import WorldState
+from embodiedreamer_gym.engines.mujoco.world import MujocoWorld
 from embodiedreamer_gym.engines.plant import Plant
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.geometry.camera import Camera
@@ -21,7 +21,7 @@ from embodiedreamer_gym.geometry.pose import Pose
 from embodiedreamer_gym.simulation.drive import Sets
 
 
-class MujocoEngine(PlantEngine):
+class MujocoEngine(MujocoWorld, PlantEngine):
     """Bodies in one MuJoCo world; pictures are drawn by OpenGL, which needs EGL or OSMesa."""
 
     name = "mujoco"
@@ -35,17 +35,17 @@ class MujocoEngine(PlantEngine):
         )
         self._bodies = MujocoBodies(self.model, self.dt, furniture)
         model, self._data = self._bodies.model, self._bodies.data
-        self.state = WorldState(model, self._data)
+        self.take_over(model, self._data)
         self.plant = Plant(self.model, self._bodies, self.dt)
         self.fingers = [[self.state.link_of(name) for name in arm] for arm in joints]
-        self._links = self._robot_links()
-        self.part_names = (*self._links, *(prop.name for prop in settings.props))
         self._let_arms_touch(settings.collisions)
 
     def _let_arms_touch(self, collisions: bool) -> None:
         """Give the links of each arm a contact bit of its own: arms touch each other and things, not themselves."""
         model = self._bodies.model
-        shapes = np.isin(model.geom_bodyid, [model.body(name).id for name in self._links]) & (model.geom_contype > 0)
+        shapes = np.isin(model.geom_bodyid, [model.body(name).id for name in self.link_names]) & (
+            model.geom_contype > 0
+        )
         if not collisions:
             model.geom_contype[shapes], model.geom_conaffinity[shapes] = 0, 0
             return
@@ -57,19 +57,13 @@ class MujocoEngine(PlantEngine):
             model.geom_contype[shape], model.geom_conaffinity[shape] = bit, THINGS | (every & ~bit)
         model.geom_conaffinity[~shapes & (model.geom_contype > 0)] |= every
 
-    def _robot_links(self) -> tuple[str, ...]:
-        """Names of the robot's links, in the order of MuJoCo's bodies."""
-        others = {"world", "table", *(prop.name for prop in self.settings.props)}
-        names = (self._bodies.model.body(i).name for i in range(self._bodies.model.nbody))
-        return tuple(name for name in names if name not in others)
-
     @cached_property
     def renderer(self) -> Renderer:
         """What draws the pictures, made for the first of them.
 
         Raises: SimulationError where there is neither EGL nor OSMesa.
         """
-        classes = {"table": 1, **dict.fromkeys(self._links, 2)}
+        classes = {"table": 1, **dict.fromkeys(self.link_names, 2)}
         classes |= {prop.name: 3 + i for i, prop in enumerate(self.settings.props)}
         return Renderer(self._bodies.model, self.settings.renderer, classes, self.part_names)
 
@@ -98,26 +92,6 @@ class MujocoEngine(PlantEngine):
         mujoco.mj_resetData(self._bodies.model, self._data)
         for i, prop in enumerate(self.settings.props):
             self.state.place(prop, Pose(np.array(parked(i)), np.array([0.0, 0.0, 0.0, 1.0])))
-
-    def pose(self, prop: str) -> Pose:
-        """Where a prop is."""
-        return self.state.pose(prop)
-
-    def link_pose(self, link: str) -> Pose:
-        """Where the frame of a robot's link is."""
-        return self.state.pose(link)
-
-    def links(self) -> Sequence[str]:
-        """Names of the robot's links."""
-        return self._links
-
-    def speed(self, prop: str) -> float:
-        """Speed of a prop's centre of mass, m/s."""
-        return self.state.speed(prop)
-
-    def touching(self, prop: str) -> set[str]:
-        """Names of the links, of the props and of "table" that a prop touches."""
-        return self.state.touching(prop)
 
     def rgb(self, camera: Camera, size: tuple[int, int]) -> np.ndarray:
         """Colours (H, W, 3), uint8, of a picture of a size (width, height)."""

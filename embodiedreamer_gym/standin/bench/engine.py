@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.engines.engine import Engine, EngineSettings
+from embodiedreamer_gym.engines.engine import EngineSettings
 from embodiedreamer_gym.engines.frame import Frame
 from embodiedreamer_gym.engines.mujoco.furniture import Furniture
-from embodiedreamer_gym.engines.mujoco.state import WorldState
+from embodiedreamer_gym.engines.mujoco.world import MujocoWorld
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.geometry.pose import Pose
@@ -49,7 +49,7 @@ class StandInWorld:
         return StandInEngine(settings, self)
 
 
-class StandInEngine(Engine):
+class StandInEngine(MujocoWorld):
     """The robot with hidden effects, a table and a task's props in MuJoCo; the controller ramps between commands."""
 
     name = "stand-in"
@@ -64,11 +64,8 @@ class StandInEngine(Engine):
         furniture = Furniture(settings.props, [name for arm in joints for name in arm])
         robot = build_robot(world.effects, world.seed_of_robot, self._period / self._steps, furniture)
         self.engine = robot.engine
-        self.state = WorldState(self.engine.model, self.engine.data)
+        self.take_over(self.engine.model, self.engine.data)
         self.fingers = [[self.state.link_of(name) for name in arm] for arm in joints]
-        props = [prop.name for prop in settings.props]
-        self._links = tuple(name for name in self.state.names if name not in ("world", "table", *props))
-        self.part_names = (*self._links, *props)
         self._pictures = world.pictures if callable(world.pictures) else None
         self._traced = None
         if world.pictures == "traced":
@@ -114,26 +111,6 @@ class StandInEngine(Engine):
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """What the encoders (n,) read now, and the joints' speed (n,)."""
         return self.engine.encoders(), self.engine.speeds()
-
-    def pose(self, prop: str) -> Pose:
-        """Where a prop is."""
-        return self.state.pose(prop)
-
-    def link_pose(self, link: str) -> Pose:
-        """Where the frame of a robot's link is."""
-        return self.state.pose(link)
-
-    def links(self) -> Sequence[str]:
-        """Names of the robot's links."""
-        return self._links
-
-    def speed(self, prop: str) -> float:
-        """Speed of a prop's centre of mass, m/s."""
-        return self.state.speed(prop)
-
-    def touching(self, prop: str) -> set[str]:
-        """Names of the links, of the props and of "table" that a prop touches."""
-        return self.state.touching(prop)
 
     def poses(self) -> dict[str, np.ndarray]:
         """Where the frames (4, 4) of links, table and props are, by name."""

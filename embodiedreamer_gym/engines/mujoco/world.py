@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from embodiedreamer_gym.engines.engine import Engine
 from embodiedreamer_gym.engines.prop import Prop
+from embodiedreamer_gym.engines.table import TABLE
 from embodiedreamer_gym.geometry.pose import Pose
 
 XYZW, WXYZ = [1, 2, 3, 0], [3, 0, 1, 2]  # quaternions: MuJoCo's begin with w, ours end with it
@@ -57,3 +60,38 @@ class WorldState:
         body = self._ids[name]
         pairs = self.model.geom_bodyid[self.data.contact.geom].tolist()
         return {self.names[b if a == body else a] for a, b in pairs if body in (a, b)}
+
+
+class MujocoWorld(Engine):
+    """An engine whose world MuJoCo holds: where things are and what they touch.
+
+    state: of the world.
+    link_names: of the robot, in the order of MuJoCo's bodies.
+    """
+
+    def take_over(self, model: Any, data: Any) -> None:
+        """Read from this model and data of MuJoCo's from now on."""
+        props = [prop.name for prop in self.settings.props]
+        self.state = WorldState(model, data)
+        self.link_names = tuple(name for name in self.state.names if name not in ("world", TABLE.name, *props))
+        self.part_names = (*self.link_names, *props)
+
+    def pose(self, prop: str) -> Pose:
+        """Where a prop is."""
+        return self.state.pose(prop)
+
+    def link_pose(self, link: str) -> Pose:
+        """Where the frame of a robot's link is."""
+        return self.state.pose(link)
+
+    def links(self) -> Sequence[str]:
+        """Names of the robot's links."""
+        return self.link_names
+
+    def speed(self, prop: str) -> float:
+        """Speed of a prop's centre of mass, m/s."""
+        return self.state.speed(prop)
+
+    def touching(self, prop: str) -> set[str]:
+        """Names of the links, of the props and of "table" that a prop touches."""
+        return self.state.touching(prop)
