@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 import warnings
+import weakref
 from typing import Any, Protocol
 
 SILENCE = 8.0  # seconds between lines in a log, where nothing changes stage
@@ -96,6 +97,9 @@ class Progress:
         if thread is not None:
             self._stop.set()
             thread.join()
+        if self._urgent and not self._terminal:
+            self._last = -float("inf")
+            self._show()
         with self._lock:
             if self._terminal and self._width:
                 print(f"\r{'':<{self._width}}\r", end="", file=sys.stderr, flush=True)
@@ -104,7 +108,7 @@ class Progress:
     def _start(self) -> None:
         if self._thread is None:
             self._stop.clear()
-            self._thread = threading.Thread(target=self._repeat, daemon=True)
+            self._thread = threading.Thread(target=_repeat, args=(weakref.ref(self), self._stop), daemon=True)
             self._thread.start()
 
     def _describe(self, done: int, total: int | None, quantities: dict[str, object], now: float) -> str:
@@ -118,10 +122,6 @@ class Progress:
         if total and steps > 0 and done < total:
             text += f", {duration((total - done) * (now - self._stage_begun) / steps)} left"
         return text
-
-    def _repeat(self) -> None:
-        while not self._stop.wait(TICK):
-            self._show()
 
     def _show(self) -> None:
         """Show the text where it is time to."""
@@ -141,6 +141,16 @@ class Progress:
             else:
                 print(line, file=sys.stderr, flush=True)
             self._last, self._urgent, self._shown, self._width = now, False, self._text, len(line)
+
+
+def _repeat(progress: weakref.ref[Progress], stop: threading.Event) -> None:
+    """Show the text again and again, until it is closed or nobody holds it any more."""
+    while not stop.wait(TICK):
+        shown = progress()
+        if shown is None:
+            return
+        shown._show()
+        del shown
 
 
 def duration(seconds: float) -> str:

@@ -126,7 +126,7 @@ def test_without_friction_nothing_is_lifted() -> None:
 def test_no_part_of_the_arm_but_the_fingers_touches_anything() -> None:
     for task in TASKS:
         env = AlohaEnv(task=task, obs_type="state")
-        fingers = {finger for side in env.engine.fingers for finger in side}
+        fingers = {env.engine.plant.links[finger] for side in env.engine.fingers for finger in side}
         env.reset(seed=11)
         expert = ScriptedExpert(env)
         for _ in range(250):
