@@ -76,7 +76,7 @@ class Design:
 
 FEW = {"null": 24, "single": 56}
 SLOW = {"learnt": ("slow_ramps", "slow_ramps"), "held_out": ("hold_poses", "slow_ramps"), "reach": 0.2, "speed": 0.15}
-AS_A_PERSON = {"learnt": ("teleoperation",) * 2, "held_out": ("teleoperation",) * 2, "rate": 30.0}
+AS_A_PERSON = {"learnt": ("teleoperation",) * 2, "held_out": ("teleoperation",) * 2, "hz": 30.0}
 SETS = {
     "main": Design(1, {"null": 100, "single": 80, "pair": 30, "outside": 30}),
     "positions": Design(2, FEW, recording={"with_effort": False}),

@@ -24,7 +24,7 @@ TRUTH = DATA / "truth.json"  # the ground truth; the diagnosis does not read it
 BAR = 48  # characters of the largest error
 
 INTRODUCTION = """\
-A six-joint arm was recorded for 16 s: two motions for training, two others held out for testing. Its model has
+A six-joint arm was recorded for 16 s: two motions for training, two held out for testing. Its model has
 a URDF, servo gains as on a data sheet, and viscous friction. The arm has one physical effect more. (It lives
 in another physics engine, MuJoCo, and its masses, gains and sensors are not quite right either.)
 """

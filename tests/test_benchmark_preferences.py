@@ -15,7 +15,7 @@ from embodiedreamer_gym.policies.preferences import CloningConfig
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Little training and few starts."""
-    monkeypatch.setattr(study, "SFT", CloningConfig(epochs=3, batch=64, rate=1e-3))
+    monkeypatch.setattr(study, "SFT", CloningConfig(epochs=3, batch=64, learning_rate=1e-3))
     monkeypatch.setattr(study, "STARTS", 5)
     monkeypatch.setattr(study, "DEMOS", 3)
     monkeypatch.setattr(study, "TRIES", 3)
