@@ -44,7 +44,10 @@ def load_policy(spec: str | Path) -> Policy:
         from embodiedreamer_gym.policies.act.lerobot import is_lerobot, load_lerobot
         from embodiedreamer_gym.policies.act.policy import ActPolicy
 
-        return load_lerobot(folder) if is_lerobot(folder) else ActPolicy.load(folder)
+        try:
+            return load_lerobot(folder) if is_lerobot(folder) else ActPolicy.load(folder)
+        except PolicyError as error:
+            raise error if str(folder) in str(error) else PolicyError(f"policy {folder}: {error}") from error
     module, colon, name = str(spec).partition(":")
     if not colon or not all(part.isidentifier() for part in [*module.split("."), name]):
         raise PolicyError(f"policy {spec} is no folder and no function; give {HOW}.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -61,7 +62,7 @@ def load_bank(path: str | Path) -> Bank:
             entries.append(Entry(frame, classes, joints, poses or None, props))
         return Bank(plate, tuple(entries), _bench(arrays))
     except (OSError, LookupError, TypeError, ValueError, AttributeError, EOFError, RuntimeError, zlib.error,
-            zipfile.BadZipFile) as error:  # fmt: skip
+            zipfile.BadZipFile, SyntaxError, tokenize.TokenError) as error:  # fmt: skip
         raise VisionError(f"{path} is no reference bank ({error}); make one with `embodiedreamer vis bank`.") from error
 
 
