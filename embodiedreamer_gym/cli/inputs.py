@@ -33,7 +33,7 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
     """Recordings without their bad samples; prints what was found wrong. fit: a model will be fitted to them."""
     from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight
 
-    load = lambda: load_recordings(*patterns, hz=a.hz, joints=model.joints, command_hold=a.hold)  # noqa: E731
+    load = lambda: load_recordings(*patterns, hz=a.hz, joints=model.joints, command_hold=a.hold, time_unit=a.time_unit)  # noqa: E731
     ends = zip(model.joints, model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True)
     limits = {joint: (low, high) for joint, low, high in ends}
     checked = [preflight(r.with_(units=model.units), limits) for r in readable("a recording", load)]

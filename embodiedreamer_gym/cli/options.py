@@ -76,6 +76,9 @@ JOBS = option("--jobs", "N", "processes", 1, whole(1, max(64, 4 * CORES)))
 ALL_JOBS = option("--jobs", "N", "processes (default: one per core)", CORES, whole(1, max(64, 4 * CORES)))
 ROBOT = option("--robot", "M", MODEL, "aloha")
 HZ = option("--hz", "HZ", "samples per second of logs without time stamps", None, POSITIVE)
+TIME_UNIT = option(
+    "--time-unit", None, "of the logs' time stamps (default: found from the log)", None, choices=("s", "ms", "us", "ns")
+)
 SIZE = option("--size", "WxH", "of the pictures", "128x96")
 TASK = option("--task", "TASK", "such as PutCupOnMat-v0", REQUIRED)
 JSON = option("--json", "FILE", "write the result as JSON", None, Path)
@@ -85,6 +88,7 @@ EXECUTE = option("--execute", "K", "actions executed of each chunk (default: all
 LOGS = (
     option("--effects", "FILE.py", "your own effects; the file is executed"),
     HZ,
+    TIME_UNIT,
     option("--hold", None, "how the controller reaches the next command", choices=("linear", "hold")),
     SEED,
     ALL_JOBS,

@@ -40,9 +40,9 @@ def run(a, progress) -> None:
         raise EmbodieDreamerError(f"there is no camera '{a.camera}'; there are {', '.join(cameras)}.")
     masks = _masks(a)
     model, recordings = RobotModel.load(a.model), load_recordings(*a.episodes)
-    a.out.mkdir(parents=True, exist_ok=True)
     for recording in recordings:
         episode = prepare(recording, model, cameras[a.camera], size, masks(recording.name), progress)
+        a.out.mkdir(parents=True, exist_ok=True)
         write_episode(episode, a.out / f"{recording.name}.hdf5")
     progress.close()
     print(f"{len(recordings)} episodes in {a.out}")

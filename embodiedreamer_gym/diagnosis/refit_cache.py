@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from embodiedreamer_gym.errors import CalibrationError
-from embodiedreamer_gym.io.files import MAX_BYTES
+from embodiedreamer_gym.io.files import MAX_BYTES, check_regular
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
@@ -58,9 +58,13 @@ class RefitCache:
 
     @staticmethod
     def _read(path: Path) -> str:
-        """Text of the file, "" where there is none. Raises: ValueError for one that is too large or not UTF-8."""
+        """Text of the file, "" where there is none.
+
+        Raises: ValueError for one that is too large or not UTF-8, CalibrationError for a pipe or a device.
+        """
         if not path.exists():
             return ""
+        check_regular(path, CalibrationError, "refit cache")
         if path.stat().st_size > MAX_BYTES:
             raise ValueError
         return path.read_text(encoding="utf-8")

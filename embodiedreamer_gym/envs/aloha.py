@@ -21,9 +21,9 @@ from embodiedreamer_gym.envs.arguments import (
     check_size,
     choose,
     vector,
-    within,
 )
 from embodiedreamer_gym.envs.cameras import CAMERAS, load_cameras
+from embodiedreamer_gym.envs.reset_options import beginning
 from embodiedreamer_gym.envs.robots import draw_parameters, home, load_robot
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.envs.tasks.attempt import Attempt
@@ -32,7 +32,6 @@ from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.geometry.pose import Pose
 
 RENDER_SIZE = (640, 480)
-RESET_OPTIONS = ("joint_positions", "joint_velocities", "command", "object_poses")
 
 
 class AlohaEnv(gym.Env, EzPickle):
@@ -122,7 +121,7 @@ class AlohaEnv(gym.Env, EzPickle):
         """
         self._check_open()
         options = dict(check_mapping("options", options))
-        given = self._beginning(options)
+        given = beginning(options, self.robot, self.task, self._joint_space)
         super().reset(seed=seed)
         self._side, poses = self.task.place(self.np_random)
         self._side, poses = placed(self._side, poses, options.get("object_poses"), self.task.object.name)
@@ -264,22 +263,6 @@ class AlohaEnv(gym.Env, EzPickle):
         if self._rest is None:
             self._rest = self.engine.settle(rest)
         return self._rest, np.zeros_like(rest), rest
-
-    def _beginning(self, options: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """Joint positions, joint velocities and command (14,) that options begin an episode with; None: at rest."""
-        for key in options:
-            check_choice("reset option", key, RESET_OPTIONS)
-        anywhere = {prop.name: Pose(np.zeros(3), np.zeros(4)) for prop in self.task.props}
-        placed(SIDES[0], anywhere, options.get("object_poses"), self.task.object.name)  # before anything is drawn
-        if not set(options) - {"object_poses"}:
-            return None
-        n, space = self.robot.n, self._joint_space
-        position = vector("joint_positions", options.get("joint_positions", home(self.robot)), n)
-        velocity = vector("joint_velocities", options.get("joint_velocities", np.zeros(n)), n)
-        command = vector("command", options.get("command", position), n)
-        fastest = np.full(n, observe.FASTEST)
-        within("joint_positions", position, space.low, space.high)
-        return position, within("joint_velocities", velocity, -fastest, fastest), command
 
     def _space(self) -> spaces.Space:
         """The observation space of this obs_type."""

@@ -104,6 +104,18 @@ def write_json(data: Any, path: str | os.PathLike[str], error: type[EmbodieDream
         part.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
+def check_regular(
+    path: str | os.PathLike[str], error: type[EmbodieDreamerError] = EmbodieDreamerError, what: str = "file"
+) -> None:
+    """Check that what is at a path, if anything, is a file or a folder: a pipe or a device would block whoever opens it.
+
+    Raises: `error` for anything else.
+    """
+    path = Path(path)
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise error(f"{what} {path} is no regular file.")
+
+
 def read_json(
     path: str | os.PathLike[str], error: type[EmbodieDreamerError] = EmbodieDreamerError, what: str = "file"
 ) -> Any:
@@ -113,6 +125,7 @@ def read_json(
     Raises: `error` for a file that is missing, too large, not UTF-8, no JSON or nested too deeply.
     """
     path = Path(path)
+    check_regular(path, error, what)
     try:
         if path.stat().st_size > MAX_BYTES:
             raise error(f"{what} {path} is larger than {MAX_BYTES // 1_000_000} MB.")

@@ -68,7 +68,7 @@ class Calibration:
         }  # fmt: skip
         return {"method": self.method, "error": {"unit": self.unit, "value": self.error}, "parameters": rows,
                 "command_hold": self.model.command_hold, "undetermined": list(self.undetermined),
-                "rollouts": self.rollouts, "seconds": self.seconds, "converged": self.converged}  # fmt: skip
+                "rollouts": self.rollouts, "seconds": self.seconds, "converged": bool(self.converged)}  # fmt: skip
 
 
 ROLLOUTS = 13  # per parameter; a fit that takes more is creeping along a bend of the cost

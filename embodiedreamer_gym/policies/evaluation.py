@@ -120,7 +120,10 @@ def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | N
     cameras = tuple(getattr(env.unwrapped, "cameras", ()) or getattr(policy, "cameras", ()))
     forget = getattr(policy, "reset", None)
     if forget is not None:
-        forget()
+        try:
+            forget()
+        except Exception as error:  # whatever the user's code raises
+            raise PolicyError(f"the policy {type(policy).__name__} fails to reset: {error!r}.") from error
     observation, info = env.reset(seed=seed)
     steps, first, over = 0, None, False
     while not over:

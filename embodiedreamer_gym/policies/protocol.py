@@ -106,4 +106,4 @@ def picture_inputs(policy: Any) -> tuple[tuple[str, ...], tuple[int, int]]:
     """Cameras of a policy, and width and height of the pictures it learnt from; head and 128 x 96 else."""
     config = getattr(getattr(policy, "network", None), "config", None)
     size = (128, 96) if config is None else getattr(config, "source_size", None) or config.image_size
-    return tuple(getattr(policy, "cameras", ())) or ("head",), size
+    return tuple(getattr(policy, "cameras", ()) or ()) or ("head",), size

@@ -13,6 +13,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
+from embodiedreamer_gym.io.files import check_regular
 from embodiedreamer_gym.recordings.hdf5 import MAX_NUMBERS
 
 MAX_LINE = 1_000_000  # characters
@@ -26,6 +27,7 @@ def open_text(path: Path) -> Iterator[TextIO]:
 
     Raises: RecordingError where it cannot be read, is no text, or no csv inside the block.
     """
+    check_regular(path, RecordingError)
     try:
         with path.open(encoding="utf-8-sig") as file:
             yield file

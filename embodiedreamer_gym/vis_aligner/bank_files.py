@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.io.files import atomic_file
+from embodiedreamer_gym.io.files import atomic_file, check_regular
 from embodiedreamer_gym.vis_aligner.bank import Array, Bank, Entry
 from embodiedreamer_gym.vis_aligner.clip import Bench, Condition, Gallery
 
@@ -71,6 +71,7 @@ def _arrays(path: str | Path) -> dict[str, Array]:
 
     Raises: ValueError, OSError or zipfile.BadZipFile for another file.
     """
+    check_regular(path, VisionError, "bank")
     with zipfile.ZipFile(path) as archive:
         if sum(entry.file_size for entry in archive.infolist()) > MOST_BYTES:
             raise ValueError(f"it holds more than {MOST_BYTES / 1e9:.1f} GB")

@@ -10,7 +10,10 @@ from gymnasium import spaces
 
 from embodiedreamer_gym.engines.frame import Frame, stacked
 from embodiedreamer_gym.envs.aloha import AlohaEnv
+from embodiedreamer_gym.envs.arguments import check_size
 from embodiedreamer_gym.errors import SimulationError, brief
+
+MOST = 10_000  # actions of a chunk
 
 
 class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
@@ -40,7 +43,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         gym.utils.RecordConstructorArgs.__init__(self, k=k, camera=camera, size=size, every=every)
         gym.Wrapper.__init__(self, env)
         for text, count in (("a chunk has k = 1 or more actions", k), ("the camera films every n = 1 or more", every)):
-            if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
+            if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
                 raise SimulationError(f"{text}, not {brief(count)}.")
         one = env.action_space
         if not isinstance(one, spaces.Box):
@@ -48,7 +51,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         if camera is not None and not isinstance(env.unwrapped, AlohaEnv):
             raise SimulationError(f"only ALOHA environments have a camera '{camera}'; leave it out.")
         self.k, self.every, self.camera = int(k), int(every), camera
-        self.size = None if size is None else (int(size[0]), int(size[1]))
+        self.size = None if size is None else check_size("size", size)
         low, high = (np.repeat(bound[None], self.k, axis=0) for bound in (one.low, one.high))
         self.action_space = spaces.Box(low, high, dtype=one.dtype.type)  # pyright: ignore[reportArgumentType, reportOptionalMemberAccess]
 

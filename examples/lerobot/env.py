@@ -11,7 +11,7 @@ from typing import Any
 import gymnasium as gym
 
 from embodiedreamer_gym.envs import NAMES
-from embodiedreamer_gym.envs.aloha import RESET_OPTIONS
+from embodiedreamer_gym.envs.reset_options import RESET_OPTIONS
 
 SUITE = "embodiedreamer"
 ARGUMENTS: dict[str, Any] = {  # of the environments; robot="my_calibrated_arm.json" belongs here

@@ -19,6 +19,7 @@ from embodiedreamer_gym import __version__
 from embodiedreamer_gym.cli import calibrate, standin_record
 from embodiedreamer_gym.cli.command import RENAMED, build_parser, main, renamed
 from embodiedreamer_gym.cli.compare import labels
+from embodiedreamer_gym.demo import DATA
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.motions import MOTIONS
@@ -249,3 +250,13 @@ def in_group(group: int) -> list[str]:
     listed = listed if listed.returncode == 0 else subprocess.run(
         ["ps", "-eo", "pgid=,pid=,stat=,args="], capture_output=True, text=True)  # fmt: skip
     return [line for line in listed.stdout.splitlines() if str(group) in line.split()[:1] and " Z" not in line]
+
+
+def test_the_unit_of_time_stamps_is_asked_for_and_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = ["time," + ",".join(f"joint{j}.command,joint{j}.position" for j in range(1, 7))]
+    rows += [f"{0.2 * k:.3f}," + ",".join(["0.0,0.0"] * 6) for k in range(60)]
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(rows) + "\n")
+    words = ["compare", "--model", str(DATA / "model.json"), str(log), "--quiet"]
+    assert main(words) == 2 and "seconds or milliseconds" in capsys.readouterr().err
+    assert main([*words, "--time-unit", "s"]) == 0

@@ -154,3 +154,10 @@ def test_json_has_a_size(tmp_path: Path) -> None:
     assert read_json(tmp_path / "a.json") == float("inf")
     (tmp_path / "a.json").write_text(json.dumps(2**128 - 1))
     assert read_json(tmp_path / "a.json") == 2**128 - 1
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.json"
+    os.mkfifo(pipe)
+    with pytest.raises(EmbodieDreamerError, match="is no regular file"):
+        read_json(pipe)

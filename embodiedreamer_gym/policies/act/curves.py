@@ -26,8 +26,12 @@ class Curves:
         self._path = folder / CSV
         rows = []
         if self._path.is_file():
-            with self._path.open(newline="") as file:
-                rows = [row for row in csv.reader(file) if row and row[0].isdigit() and int(row[0]) <= step]
+            with self._path.open(newline="", encoding="utf-8", errors="replace") as file:
+                rows = [
+                    row
+                    for row in csv.reader(file)
+                    if row and row[0].isdecimal() and len(row[0]) < 12 and int(row[0]) <= step
+                ]
         with atomic_file(self._path, PolicyError) as part, part.open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([COLUMNS.values(), *rows])
         self._writer, self.note = _event_writer(folder / EVENTS, step)
