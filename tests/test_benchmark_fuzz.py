@@ -56,7 +56,7 @@ FAULTS = {
     "traceback": lambda case: case.library("load", lambda: {}["planted"]),
     "half-written": lambda case: command(case, 2, "error: no.", "model.json"),
     "hang": lambda case: time.sleep(60),
-    "memory": lambda case: case.library("load", lambda: (np.ones(40_000_000), time.sleep(0.3))),
+    "memory": lambda case: case.library("load", lambda: (np.ones(40_000_000), time.sleep(2.0))),
     "dead": lambda case: os.kill(os.getpid(), signal.SIGSEGV),
 }
 
@@ -148,4 +148,4 @@ def test_a_few_cases_of_each_target_are_taken_or_refused() -> None:
         cwd=Path(__file__).parents[1],
     )
     assert ended.returncode == 0, ended.stdout[-3000:] + ended.stderr[-2000:]
-    assert all(f" {name} " in ended.stdout for name in names)
+    assert all(f"{name} " in ended.stdout for name in names)

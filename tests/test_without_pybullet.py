@@ -71,4 +71,4 @@ def test_comparison_and_calibration_run(run, tmp_path: Path) -> None:
 def test_the_demo_runs(run) -> None:
     """Which diagnoses."""
     text = run("-m", "embodiedreamer_gym", "demo", "--quiet", "--out", "report")
-    assert "hidden: stribeck_friction    named: stribeck_friction" in text
+    assert "hidden: stribeck_friction    diagnosed: stribeck_friction" in text
