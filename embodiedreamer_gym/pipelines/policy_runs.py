@@ -137,7 +137,12 @@ def _environment(run: Run, policy: Any) -> Any:
         return policy_world(policy, run.task, run.robot, run.execute, run.dream, run.bank, every)
     cameras, learnt = picture_inputs(policy)
     size = learnt if run.size is None else read_size(run.size)
-    return gymnasium.make(task_id(run.task), cameras=cameras, image_size=size, robot=run.robot)
+    env = gymnasium.make(task_id(run.task), cameras=cameras, image_size=size, robot=run.robot)
+    if run.video is not None or run.ensemble is not None:  # every picture is looked at
+        return env
+    from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
+
+    return ActionChunk(env, executed(policy, run.execute))  # draws only what the policy sees
 
 
 def _pictures(observation: Any, info: Any) -> Any:
