@@ -56,7 +56,7 @@ FAULTS = {
     "traceback": lambda case: case.library("load", lambda: {}["planted"]),
     "half-written": lambda case: command(case, 2, "error: no.", "model.json"),
     "hang": lambda case: time.sleep(60),
-    "memory": lambda case: case.library("load", lambda: (np.ones(40_000_000), time.sleep(2.0))),
+    "memory": lambda case: case.library("load", lambda: (np.ones(150_000_000), time.sleep(2.5))),
     "dead": lambda case: os.kill(os.getpid(), signal.SIGSEGV),
 }
 
