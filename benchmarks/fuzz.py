@@ -90,7 +90,9 @@ def check_seeds(work: Path, seeds: Path, names: Iterable[str]) -> None:
     Raises: SystemExit where a seed is refused.
     """
     for result in run([(name, -1) for name in names], seeds, work, jobs=1, keep=True):
-        bad = [one for one in result.found if one.verdict != "ok" and "is not recognised in the pictures" not in one.error]
+        bad = [
+            one for one in result.found if one.verdict != "ok" and "is not recognised in the pictures" not in one.error
+        ]
         folder = work / f"{result.target}--1"
         if bad:
             raise SystemExit(f"the seed of {result.target} is refused: {bad[0].call}: {bad[0].error}")

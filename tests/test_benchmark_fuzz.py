@@ -56,7 +56,7 @@ FAULTS = {
     "traceback": lambda case: case.library("load", lambda: {}["planted"]),
     "half-written": lambda case: command(case, 2, "error: no.", "model.json"),
     "hang": lambda case: time.sleep(60),
-    "memory": lambda case: case.library("load", lambda: (np.ones(150_000_000), time.sleep(2.5))),
+    "memory": lambda case: case.library("load", lambda: np.ones(2 * LIMITS.memory // 8).sum()),
     "dead": lambda case: os.kill(os.getpid(), signal.SIGSEGV),
 }
 
@@ -69,6 +69,20 @@ def test_a_planted_fault_is_found(verdict: str, tmp_path: Path) -> None:
     assert ("python -m benchmarks.fuzz --seed 3 --only planted:7" in text) == (verdict not in ("ok", "refused"))
     assert [row["cases"] for row in fuzz.table([one])] == [1, 1]
     assert not (tmp_path / "planted-7").exists()
+
+
+def test_a_peak_of_memory_is_seen_after_it_has_gone(tmp_path: Path) -> None:
+    """Nobody polls while the cases run, as on a busy machine; what is freed again counts."""
+    grown = []
+    for number, size in enumerate((0, 2 * LIMITS.memory)):
+        case = Running(
+            "planted", number, 0, lambda case, size=size: np.ones(size // 8).sum(), tmp_path, tmp_path, LIMITS
+        )
+        os.waitid(os.P_PID, case.pid, os.WEXITED | os.WNOWAIT)
+        result = case.poll()
+        assert result is not None and result.verdict == ("memory" if size else "ok"), result
+        grown.append(result.megabytes)
+    assert grown[1] - grown[0] >= 0.95 * 2 * LIMITS.memory / 2**20
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,9 @@ from benchmarks.fuzzing.case import VERDICTS, Case, Found, Result
 
 ADDRESSES = 16 << 30  # bytes of address space beyond what the parent has, so that an absurd claim fails at once
 LARGEST_FILE = 1 << 30  # bytes
+BASELINE = (
+    "baseline.txt"  # bytes that the forked process held when it began: less than its parent, whose file pages it lacks
+)
 
 
 @dataclass
@@ -40,8 +43,8 @@ class Running:
         self.target, self.number, self._limits = target, number, limits
         self.folder = work / f"{target}-{number}"
         self.folder.mkdir()
-        self._before, self._begun, self._scanned = _resident(os.getpid()), time.monotonic(), 0.0
-        self._grown, self._killed, self._many = 0, "", 0
+        self._begun, self._scanned = time.monotonic(), 0.0
+        self._grown, self._killed = 0, ""
         sys.stdout.flush(), sys.stderr.flush()
         self.pid = os.fork()
         if self.pid == 0:
@@ -54,7 +57,7 @@ class Running:
         pid, status, usage = os.wait4(self.pid, os.WNOHANG)
         now = time.monotonic()
         if pid == 0:
-            self._grown = max(self._grown, _resident(self.pid) - self._before)
+            self._measure(_memory(self.pid, "VmHWM"))
             waited = _waited(self.pid)
             if self._grown > self._limits.memory:
                 self._kill("memory")
@@ -67,8 +70,13 @@ class Running:
             return None
         with contextlib.suppress(OSError):
             os.killpg(self.pid, signal.SIGKILL)  # what it has left running
-        self._grown = max(self._grown, usage.ru_maxrss * 1024 - self._before)
+        self._measure(usage.ru_maxrss * 1024)  # of its whole life, however seldom it was polled
         return self._result(status, now - self._begun)
+
+    def _measure(self, peak: int) -> None:
+        """Note by how much a peak of resident bytes exceeds what the process held when it began."""
+        with contextlib.suppress(OSError, ValueError):  # it has not come so far
+            self._grown = max(self._grown, peak - int((self.folder / BASELINE).read_text()))
 
     def _kill(self, verdict: str) -> None:
         self._killed = self._killed or verdict
@@ -98,6 +106,7 @@ def _child(run: Callable[[], None], folder: Path, limits: Limits) -> NoReturn:
     code = 1
     try:
         os.setpgid(0, 0)
+        (folder / BASELINE).write_text(str(_memory(os.getpid(), "VmRSS")))
         for stream, name in ((1, "stdout.txt"), (2, "stderr.txt")):
             os.dup2(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
@@ -122,11 +131,11 @@ def _child(run: Callable[[], None], folder: Path, limits: Limits) -> NoReturn:
         os._exit(code)
 
 
-def _resident(pid: int) -> int:
-    """Bytes of memory that a process holds; 0 once it has gone."""
+def _memory(pid: int, key: str) -> int:
+    """Bytes of a line of /proc/PID/status: VmRSS, what a process holds, or VmHWM, the most since its fork; 0 once it has gone."""
     try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * resource.getpagesize()
-    except (OSError, IndexError):
+        return int(Path(f"/proc/{pid}/status").read_text().partition(f"{key}:")[2].split(maxsplit=1)[0]) * 1024
+    except (OSError, IndexError, ValueError):
         return 0
 
 
