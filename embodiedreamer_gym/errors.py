@@ -1,8 +1,15 @@
 """Exceptions of the package: each message is one sentence that says what was given and what is allowed."""
 
+MOST = 1200  # characters of a message
+
 
 class EmbodieDreamerError(ValueError):
     """Base of every error that a user's input can cause."""
+
+    def __str__(self) -> str:
+        """The message; where it quotes so much of a file that it is longer than MOST characters, its middle is left out."""
+        text = super().__str__()
+        return text if len(text) <= MOST else f"{text[: MOST // 2]} ... {text[-MOST // 3 :]}"
 
 
 class RecordingError(EmbodieDreamerError):

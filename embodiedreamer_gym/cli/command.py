@@ -104,7 +104,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except EmbodieDreamerError as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
+            raise  # else: an interrupt inside compiled code
         print("interrupted", file=sys.stderr)
         return interrupted
     except BrokenPipeError:  # the reader of a pipe has enough

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from embodiedreamer_gym.errors import PolicyError
-from embodiedreamer_gym.policies.protocol import Policy, predict
+from embodiedreamer_gym.policies.protocol import Policy, cameras_of, predict
 
 Watch = Callable[[Any, dict[str, Any]], None]
 
@@ -96,7 +96,7 @@ def check_fit(policy: Policy, env: gym.Env) -> None:
             "take a policy that was trained for this robot."
         )
     there = tuple(getattr(env.unwrapped, "cameras", ()) or ())
-    for camera in getattr(policy, "cameras", ()):
+    for camera in cameras_of(policy):
         if there and camera not in there:
             raise PolicyError(f"the policy looks through '{camera}', and {_name(env)} has {', '.join(there)}.")
 
@@ -117,7 +117,7 @@ def as_batch(observation: Any, cameras: Iterable[str]) -> dict[str, Any]:
 
 def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | None = None) -> EpisodeResult:
     """One episode to its end; watch: called with each observation and info, of a chunk where the environment takes chunks."""
-    cameras = tuple(getattr(env.unwrapped, "cameras", ()) or getattr(policy, "cameras", ()))
+    cameras = tuple(getattr(env.unwrapped, "cameras", ()) or ()) or cameras_of(policy)
     forget = getattr(policy, "reset", None)
     if forget is not None:
         try:

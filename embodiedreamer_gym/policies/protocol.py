@@ -102,8 +102,13 @@ def predict(policy: Any, batch: Mapping[str, Any], shape: tuple[int, int, int]) 
     return actions[:, : shape[1]]
 
 
+def cameras_of(policy: Any) -> tuple[str, ...]:
+    """Names of the cameras that a policy needs; () where it names none."""
+    return tuple(getattr(policy, "cameras", None) or ())
+
+
 def picture_inputs(policy: Any) -> tuple[tuple[str, ...], tuple[int, int]]:
     """Cameras of a policy, and width and height of the pictures it learnt from; head and 128 x 96 else."""
     config = getattr(getattr(policy, "network", None), "config", None)
     size = (128, 96) if config is None else getattr(config, "source_size", None) or config.image_size
-    return tuple(getattr(policy, "cameras", ()) or ()) or ("head",), size
+    return cameras_of(policy) or ("head",), size

@@ -59,7 +59,9 @@ def urdf_path(text: str, model_path: Path) -> Path:
     if text.startswith(BUILT_IN_URDF):
         return ASSETS / "urdf" / text.removeprefix(BUILT_IN_URDF)
     try:
-        return Path(os.path.realpath(model_path.parent / text))  # Path.resolve fails at a loop of links
+        path = model_path.parent / text
+        real = Path(os.path.realpath(path))  # Path.resolve fails at a loop of links
+        return real if os.path.isfile(real) else path  # which the sentence about it names
     except ValueError as error:  # a null character
         raise ModelError(f"model {model_path}: the urdf {brief(text)} cannot be a path.") from error
 

@@ -40,7 +40,6 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def __init__(
         self, env: gym.Env, k: int = 8, camera: str | None = None, size: tuple[int, int] | None = None, every: int = 1
     ) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, k=k, camera=camera, size=size, every=every)
         gym.Wrapper.__init__(self, env)
         for text, count in (("a chunk has k = 1 or more actions", k), ("the camera films every n = 1 or more", every)):
             if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
@@ -52,6 +51,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
             raise SimulationError(f"only ALOHA environments have a camera '{camera}'; leave it out.")
         self.k, self.every, self.camera = int(k), int(every), camera
         self.size = None if size is None else check_size("size", size)
+        gym.utils.RecordConstructorArgs.__init__(self, k=self.k, camera=camera, size=self.size, every=self.every)
         low, high = (np.repeat(bound[None], self.k, axis=0) for bound in (one.low, one.high))
         self.action_space = spaces.Box(low, high, dtype=one.dtype.type)  # pyright: ignore[reportArgumentType, reportOptionalMemberAccess]
 

@@ -227,8 +227,11 @@ def test_a_log_whose_sign_is_flipped_is_no_food_for_a_fit(work, logs, capsys) ->
     assert code == 0 and "shoulder" in err
 
 
-def test_interrupted(work, logs, capsys, monkeypatch) -> None:
+@pytest.mark.parametrize("compiled", [False, True], ids=["python", "compiled"])
+def test_interrupted(compiled: bool, work, logs, capsys, monkeypatch) -> None:
     def stop(*_args, **_options):
+        if compiled:  # an interrupt while numba's compiled code runs
+            raise SystemError("solve_step returned a result with an exception set") from KeyboardInterrupt()
         raise KeyboardInterrupt
 
     monkeypatch.setattr("embodiedreamer_gym.diagnosis.compare", stop)

@@ -136,6 +136,13 @@ def test_how_many_are_executed() -> None:
             executed(policy, wrong)
 
 
+def test_a_policy_may_say_that_it_needs_no_camera() -> None:
+    policy = Goes()
+    expected = evaluate(policy, Walk(), [0])
+    policy.cameras = None
+    assert evaluate(policy, Walk(), [0]) == expected
+
+
 def test_what_does_not_fit_is_said() -> None:
     policy = Goes()
     policy.action_size = 14

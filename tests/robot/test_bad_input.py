@@ -176,11 +176,17 @@ def test_a_model_that_does_not_exist(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("urdf", "says"),
-    [("two.urdf\x00", "cannot be a path"), ("x" * 5000, "does not exist"), ("loop.urdf", "does not exist")],
-    ids=["null", "long", "loop"],
+    [
+        ("two.urdf\x00", "cannot be a path"),
+        ("x" * 5000, "does not exist"),
+        ("loop.urdf", "loop.urdf does not exist"),
+        ("null.urdf", "null.urdf does not exist"),
+    ],
+    ids=["null", "long", "loop", "device"],
 )
 def test_a_urdf_that_is_no_file_is_named(arm: Path, urdf: str, says: str) -> None:
     (arm / "loop.urdf").symlink_to("loop.urdf")
+    (arm / "null.urdf").symlink_to("/dev/null")
     data = json.loads((arm / "bad.json").read_text())
     data["robot"]["urdf"] = urdf
     (arm / "bad.json").write_text(json.dumps(data))

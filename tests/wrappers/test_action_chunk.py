@@ -108,6 +108,7 @@ def test_gymnasium_is_content() -> None:
         ({"k": True}, "not True"),
         ({"k": 2.5}, "not 2.5"),
         ({"every": 0}, "every n = 1 or more, not 0"),
+        ({"k": (value for value in "ab")}, "not <generator"),  # cannot be copied
     ],
 )
 def test_bad_chunks_are_refused(options, says) -> None:

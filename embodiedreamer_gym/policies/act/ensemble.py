@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.errors import PolicyError
-from embodiedreamer_gym.policies.protocol import Policy
+from embodiedreamer_gym.policies.protocol import Policy, cameras_of
 
 DECAY = 0.01  # the paper's k
 
@@ -28,7 +28,7 @@ class TemporalEnsemble:
             raise PolicyError(f"decay is {decay}, but must be a finite number such as {DECAY}.")
         self._policy, self._decay = policy, decay
         self.action_size, self.chunk = policy.action_size, 1
-        self.cameras = tuple(getattr(policy, "cameras", ()))
+        self.cameras = cameras_of(policy)
         self._chunks: deque[np.ndarray] = deque(maxlen=policy.chunk)
 
     def __repr__(self) -> str:
