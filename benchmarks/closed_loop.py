@@ -106,7 +106,7 @@ def preferred(a: argparse.Namespace, task: str, seed: int, folder: Path) -> Path
 
     start, study = trained(a, task, "dreamed", seed), a.out / f"study_{task}_{seed}"
     failed = embodiedreamer([
-        "policy", "prefer", "--policy", str(start), "--task", f"{task}-v0", "--out", str(study), "--dream",
+        "policy", "prefer", "--policy", str(start), "--task", f"{task}-v0", "--out", str(study), "--vis-aligner",
         "--robot", str(calibrated(a.out)), "--cycles", str(a.cycles), "--starts", str(a.starts),
         "--evaluations", "1", "--seed", str(seed), "--quiet",
         "--jobs", str(a.jobs),

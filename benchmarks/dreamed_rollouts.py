@@ -31,7 +31,7 @@ def policy_of(folder: Path | None) -> Any:
     return ActPolicy(Act(ActConfig(14, 14, ("head",), (96, 72), source_size=SIZE)))
 
 
-def play(folder: Path | None, seeds: range, execute: int, dream: bool, out: Path, every: int = 1) -> float:
+def play(folder: Path | None, seeds: range, execute: int, aligner: bool, out: Path, every: int = 1) -> float:
     """Record rollouts into a folder; seconds on the clock, without starting."""
     pin_threads()
     import torch
@@ -41,7 +41,7 @@ def play(folder: Path | None, seeds: range, execute: int, dream: bool, out: Path
 
     torch.set_num_threads(1)
     policy = policy_of(folder)
-    env = policy_world(policy, TASK, execute=execute, dream="lean" if dream else None, every=every)
+    env = policy_world(policy, TASK, execute=execute, vis_aligner="lean" if aligner else None, every=every)
     begun = time.perf_counter()
     PreferenceRolloutWrapper(env, tries=1).record(policy, seeds, out)
     env.close()

@@ -83,7 +83,9 @@ SIZE = option("--size", "WxH", "of the pictures", "128x96")
 TASK = option("--task", "TASK", "such as PutCupOnMat-v0", REQUIRED)
 JSON = option("--json", "FILE", "write the result as JSON", None, Path)
 BANK = option("--bank", "B", "photos that the video model starts from: lab, or a file", "lab")
-DREAM = option("--dream", "ALIGNER", "observe through the video model (default: lean)", None, nargs="?", const="lean")
+VIS_ALIGNER = option(
+    "--vis-aligner", "ALIGNER", "observe through the video model (default: lean)", None, nargs="?", const="lean"
+)
 EXECUTE = option("--execute", "K", "actions executed of each chunk (default: all)", None, COUNT)
 LOGS = (
     option("--effects", "FILE.py", "your own effects; the file is executed"),

@@ -6,7 +6,6 @@ from pathlib import Path
 from embodiedreamer_gym.cli.options import (
     BANK,
     COUNT,
-    DREAM,
     EXECUTE,
     JOBS,
     JSON,
@@ -14,6 +13,7 @@ from embodiedreamer_gym.cli.options import (
     REQUIRED,
     ROBOT,
     TASK,
+    VIS_ALIGNER,
     option,
     real,
     whole,
@@ -31,7 +31,7 @@ OPTIONS = (
     option("--ensemble", "K", "temporal ensembling; the paper's k is 0.01", None, real(-1e3, 1e3)),
     ROBOT,
     option("--size", "WxH", "of the pictures (default: as the policy learnt, or 128x96)"),
-    DREAM,
+    VIS_ALIGNER,
     BANK,
     option("--every", "N", "show the video model's picture after every N-th action and the last of a chunk"
            f" (default {FRAME_INTERVAL}; with --video 1)", None, COUNT),
@@ -51,5 +51,5 @@ def run(a, progress) -> None:
     progress.close()
     print(evaluation)
     if a.json is not None:
-        origin = {"policy": str(a.policy), "robot": str(a.robot), "dream": a.dream}
+        origin = {"policy": str(a.policy), "robot": str(a.robot), "vis_aligner": a.vis_aligner}
         write_json({**origin, **evaluation.as_dict()}, a.json)

@@ -5,7 +5,6 @@ from dataclasses import fields
 from embodiedreamer_gym.cli.options import (
     BANK,
     COUNT,
-    DREAM,
     EXECUTE,
     JOBS,
     JSON,
@@ -14,6 +13,7 @@ from embodiedreamer_gym.cli.options import (
     ROBOT,
     SEED,
     TASK,
+    VIS_ALIGNER,
     option,
     out_folder,
     real,
@@ -31,7 +31,7 @@ OPTIONS = (
     option("--cycles", "N", "of rolling out and learning", 5, COUNT),
     option("--evaluations", "N", "episodes after each cycle", 100, COUNT),
     ROBOT,
-    DREAM,
+    VIS_ALIGNER,
     BANK,
     option("--every", "N", "show the video model's picture after every N-th action and a chunk's last", FRAME_INTERVAL, COUNT),
     EXECUTE,
@@ -56,8 +56,7 @@ OPTIONS = (
     option("--sigma", "S", "of the likelihood; the paper's is 1", 4.0, real(0.0, above=True)),
     option("--epochs", "N", "of a cycle", 80, COUNT),
     option("--batch", "N", "pairs of a step (25), or chunks to clone (256)", None, COUNT),
-    option("--learning-rate", "R", "of Adam (default 3e-5 for preferences, 1e-4 to clone)", None, real(0.0, 1e3, True),
-           dest="rate"),
+    option("--learning-rate", "R", "of Adam (default 3e-5 for preferences, 1e-4 to clone)", None, real(0.0, 1e3, True)),
     option("--fall", "NATS", "stop where the winners' likelihood falls further; 0: never", 5.0, real(0.0)),
 )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""The environment that a policy plays whole chunks in, as the simulator shows it or as VisAligner dreams it."""
+"""The environment that a policy plays whole chunks in, as the simulator shows it or as VisAligner generates it."""
 
 from __future__ import annotations
 
@@ -16,21 +16,27 @@ from embodiedreamer_gym.wrappers.vis_aligner import VisAlignerObservationWrapper
 
 
 def policy_world(
-    policy: Any, task: str, robot: str = "aloha", execute: int | None = None, dream: str | None = None,
+    policy: Any, task: str, robot: str = "aloha", execute: int | None = None, vis_aligner: str | None = None,
     bank: str = "lab", every: int = 1, envs: int = 1, size: tuple[int, int] | None = None,
 ) -> Any:  # fmt: skip
     """A task with the cameras of a policy, that takes `execute` actions at once (None: all of a chunk).
 
-    task: id or name; robot: a built-in one or a model file; dream: an aligner, None to see the simulator's pictures, from
-    references of a bank, after every n-th action and the last of a chunk; envs: 1, or so many as a vector; size: width and
-    height of the simulator's pictures, None for those that the policy learnt from.
-    Raises: PolicyError for a policy that looks through other cameras than the one that is dreamed, or so many actions.
+    policy: its cameras, picture size and chunk are what the environment gets.
+    task: id or name.
+    robot: a built-in one or a model file.
+    execute: actions of a step, None for all of a chunk.
+    vis_aligner: an aligner that generates the pictures, None for the simulator's.
+    bank: photos that the aligner starts from.
+    every: actions from one generated picture to the next; the last action of a chunk always has one.
+    envs: 1, or the number of environments of a vector.
+    size: width and height of the simulator's pictures, None for those that the policy learnt from.
+    Raises: PolicyError for a policy with other cameras than `head` where an aligner is given, or too many actions.
     """
     (cameras, learnt), filmed = picture_inputs(policy), {}
     size = size or learnt
-    if dream is not None:
+    if vis_aligner is not None:
         if cameras != ("head",):
-            raise PolicyError(f"the policy looks through {', '.join(cameras)}, and only the head camera is dreamed.")
+            raise PolicyError(f"the policy needs {', '.join(cameras)}, and VisAligner generates the head camera only.")
         size = load_bank(bank).size
         filmed = {"camera": "head", "size": size, "every": every}
     count = executed(policy, execute)
@@ -41,6 +47,6 @@ def policy_world(
     options = {"cameras": cameras, "image_size": size, "robot": robot}
     if envs == 1:
         env = chunked(gymnasium.make(task_id(task), **options))
-        return env if dream is None else VisAlignerObservationWrapper(env, dream, bank)
+        return env if vis_aligner is None else VisAlignerObservationWrapper(env, vis_aligner, bank)
     vector = gymnasium.make_vec(task_id(task), envs, "sync", wrappers=[chunked], **options)
-    return vector if dream is None else VisAlignerVectorWrapper(vector, dream, bank)
+    return vector if vis_aligner is None else VisAlignerVectorWrapper(vector, vis_aligner, bank)

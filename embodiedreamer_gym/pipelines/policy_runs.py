@@ -34,7 +34,7 @@ class Run:
     ensemble: decay of temporal ensembling, None for none.
     robot: a built-in one or a model file.
     size: of the pictures, such as "128x96"; None: as the policy learnt.
-    dream: a video model to observe through, None for the simulator's pictures.
+    vis_aligner: a video model to observe through, None for the simulator's pictures.
     bank: photos that the video model starts from.
     every: actions between the video model's pictures, None: `FRAME_INTERVAL`, with a video 1.
     jobs: processes.
@@ -49,7 +49,7 @@ class Run:
     ensemble: float | None = None
     robot: str = "aloha"
     size: str | None = None
-    dream: str | None = None
+    vis_aligner: str | None = None
     bank: str = "lab"
     every: int | None = None
     jobs: int = 1
@@ -61,9 +61,9 @@ def play(run: Run, progress: ProgressCallback | None = None) -> Evaluation:
 
     Raises: EmbodieDreamerError for settings that exclude each other; PolicyError for a policy that does not fit.
     """
-    if run.dream is not None and (run.ensemble is not None or run.size is not None):
+    if run.vis_aligner is not None and (run.ensemble is not None or run.size is not None):
         raise EmbodieDreamerError(
-            "--dream shows whole chunks at the size of the bank's photos; leave out --ensemble and --size."
+            "--vis-aligner shows whole chunks at the size of the bank's photos; leave out --ensemble and --size."
         )
     progress = progress_or_silence(progress)
     task, policy = task_id(run.task), policy_of(run)
@@ -130,11 +130,11 @@ def policy_of(run: Run) -> Any:
 
 def _environment(run: Run, policy: Any) -> Any:
     """The task with the policy's cameras, its pictures as large as those it learnt from, or from the video model."""
-    if run.dream is not None:
+    if run.vis_aligner is not None:
         from embodiedreamer_gym.pipelines.policy_env import policy_world
 
         every = run.every or (1 if run.video else FRAME_INTERVAL)
-        return policy_world(policy, run.task, run.robot, run.execute, run.dream, run.bank, every)
+        return policy_world(policy, run.task, run.robot, run.execute, run.vis_aligner, run.bank, every)
     cameras, learnt = picture_inputs(policy)
     size = learnt if run.size is None else read_size(run.size)
     env = gymnasium.make(task_id(run.task), cameras=cameras, image_size=size, robot=run.robot)

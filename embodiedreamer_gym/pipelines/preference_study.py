@@ -34,53 +34,76 @@ LEARNING = (
     "sigma",
     "epochs",
     "batch",
-    "rate",
+    "learning_rate",
     "fall",
 )  # those that may change as long as nothing has been learnt: rollouts do not depend on them
 ROW_KEYS = ("success", "distance", "object_distance", "remaining", "pairs", "contrast", "gradient", "winners", "losers")
 PREFERENCES = "preferences"  # the method that compares; the others clone
-RATE, CLONING_RATE = 3e-5, 1e-4  # of Adam
+LEARNING_RATE, CLONING_LEARNING_RATE = 3e-5, 1e-4  # of Adam
+RENAMED = {"dream": "vis_aligner", "rate": "learning_rate"}  # settings of version 0.1
 
 
 @dataclass(frozen=True)
 class StudySettings:
     """What a study does.
 
-    policy: as `load_policy` takes it; task: id or name; robot: a built-in one or a model file; dream: an aligner, None to see
-    the simulator's pictures, from references of a bank, after every n-th action; execute: actions of each chunk, None for all; envs: episodes at once
-    in each of jobs processes; starts of a cycle, tries from each, noise (normalised) per chunk or step; metric, pairing, top,
-    margin (m): as of `PreferenceSet.choose`; method: preferences, best_of, top or rwr; variant, beta: of the loss; sigma,
-    epochs, batch, rate, fall: as of `TuningConfig` (rate None: RATE, or CLONING_RATE); evaluations: episodes after each cycle; seed: of all that is drawn.
     Raises: PolicyError for what could only fail after the rollouts.
     """
 
     policy: str
+    """The policy to improve, as `load_policy` takes it."""
     task: str
+    """Id or name of the task."""
     evaluations: int
+    """Episodes played after each cycle."""
     robot: str
-    dream: str | None
+    """A built-in robot or a model file."""
+    vis_aligner: str | None
+    """The aligner that generates the pictures; None for the simulator's pictures."""
     bank: str
+    """Photos that the aligner starts from: `lab`, or a file."""
     every: int
+    """Actions from one generated picture to the next."""
     execute: int | None
+    """Actions executed of each chunk; None for all."""
     envs: int
+    """Episodes at once in each process."""
     jobs: int
+    """Processes."""
     seed: int
+    """Seed of all that is drawn."""
     starts: int
+    """Starts of a cycle."""
     tries: int
+    """Rollouts from each start."""
     noise: float
+    """Standard deviation of the exploration noise, in normalised actions."""
     per: str
+    """What gets one draw of the noise: `chunk` or `step`."""
     metric: str
+    """What ranks trajectories, a name in `METRICS`."""
     pairing: str
+    """How pairs are formed: `same_start` or `global_rank`."""
     top: int | None
+    """Pairs or trajectories at most; None for the default of the method."""
     margin: float
+    """Difference of the metric up to which a pair is left out, m."""
     method: str
+    """`preferences`, or cloning of `best_of`, `top` or `rwr`."""
     variant: str
+    """Variant of the preference loss, a name in `VARIANTS`."""
     beta: float
+    """Weight of a pair in the preference loss."""
     sigma: float
+    """Standard deviation of the likelihood, in normalised actions."""
     epochs: int
+    """Epochs of a cycle."""
     batch: int | None
-    rate: float | None
+    """Pairs (25) or chunks to clone (256) of a step; None for these defaults."""
+    learning_rate: float | None
+    """Learning rate of Adam; None for LEARNING_RATE, or CLONING_LEARNING_RATE."""
     fall: float
+    """Nats by which the winners' likelihood may fall before the guard stops; 0 for no guard."""
 
     def __post_init__(self) -> None:
         from embodiedreamer_gym.policies.preferences import METRICS
@@ -112,9 +135,10 @@ class Study:
         self.env = environment(a, self.policy)
         check_fit(self.policy, self.env)
         if (out / SETTINGS).is_file():
-            begun, there = (self.folder(1) / WEIGHTS).is_file(), _read(out / SETTINGS)
+            begun = (self.folder(1) / WEIGHTS).is_file()
+            stored = {RENAMED.get(name, name): value for name, value in _read(out / SETTINGS).items()}
             wanted = {key: value for key, value in self.settings.items() if begun or key not in LEARNING}
-            check_settings(out, there, wanted)
+            check_settings(out, stored, wanted)
         out.mkdir(parents=True, exist_ok=True)
         write_json(self.settings, out / SETTINGS)
 
@@ -236,10 +260,10 @@ def _numbered(number: int, a: StudySettings, policy: Any, *given: Any) -> tuple[
 
 
 def environment(a: StudySettings, policy: Any) -> Any:
-    """The task's environment, or a vector of them, that takes chunks; dreamed where asked for."""
+    """The task's environment, or a vector of them, that takes chunks; with generated pictures where asked for."""
     from embodiedreamer_gym.pipelines.policy_env import policy_world
 
-    return policy_world(policy, a.task, a.robot, a.execute, a.dream, a.bank, a.every, a.envs)
+    return policy_world(policy, a.task, a.robot, a.execute, a.vis_aligner, a.bank, a.every, a.envs)
 
 
 def _fingerprint(network: Any) -> str:
@@ -261,11 +285,12 @@ def _config(a: StudySettings) -> Any:
     from embodiedreamer_gym.policies.preferences import CloningConfig, LossConfig, TuningConfig
 
     compares = a.method == PREFERENCES
-    rate = a.rate if a.rate is not None else RATE if compares else CLONING_RATE
+    usual = LEARNING_RATE if compares else CLONING_LEARNING_RATE
+    learning_rate = usual if a.learning_rate is None else a.learning_rate
     if not compares:
-        return CloningConfig(a.epochs, a.batch or 256, rate, a.seed)
+        return CloningConfig(a.epochs, a.batch or 256, learning_rate, a.seed)
     loss = LossConfig(a.variant, a.beta)
-    return TuningConfig(loss, a.sigma, a.epochs, a.batch or 25, rate, a.fall or None, seed=a.seed)
+    return TuningConfig(loss, a.sigma, a.epochs, a.batch or 25, learning_rate, a.fall or None, seed=a.seed)
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:

@@ -98,7 +98,7 @@ def check_fit(policy: Policy, env: gym.Env) -> None:
     there = tuple(getattr(env.unwrapped, "cameras", ()) or ())
     for camera in cameras_of(policy):
         if there and camera not in there:
-            raise PolicyError(f"the policy looks through '{camera}', and {_name(env)} has {', '.join(there)}.")
+            raise PolicyError(f"the policy needs the camera '{camera}', and {_name(env)} has {', '.join(there)}.")
 
 
 def as_batch(observation: Any, cameras: Iterable[str]) -> dict[str, Any]:

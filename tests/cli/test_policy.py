@@ -120,17 +120,19 @@ def test_an_evaluation(still: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     assert shape == [300, 128, 48]  # two cameras side by side, as large as what was learnt from
 
 
-def test_an_evaluation_in_the_dreamed_world(tmp_path: Path, files, capsys: pytest.CaptureFixture[str]) -> None:  # noqa: F811
-    """What is filmed is dreamed, as long as the episode; a policy of another camera is refused."""
+def test_an_evaluation_with_generated_pictures(tmp_path: Path, files, capsys: pytest.CaptureFixture[str]) -> None:  # noqa: F811
+    """The video holds the generated pictures and is as long as the episode; a policy of another camera is refused."""
     config = ActConfig(
         14, 14, ("head",), (32, 24), chunk=50, widths=(8, 8), width=16, heads=2, feedforward=16, encoders=1
     )
     policy = ActPolicy(Act(config)).save(tmp_path / "policy")
-    run("evaluate", "--policy", policy, "--task", "PutCupOnMat-v0", "--episodes", 1, "--dream", files["aligner"],
+    run("evaluate", "--policy", policy, "--task", "PutCupOnMat-v0", "--episodes", 1, "--vis-aligner", files["aligner"],
         "--bank", files["bank"], "--json", tmp_path / "e.json", "--video", tmp_path / "videos", "--quiet")  # fmt: skip
     assert "success in 0 of 1 episodes" in capsys.readouterr().out
     data = json.loads((tmp_path / "e.json").read_text())
-    assert data["dream"] == str(files["aligner"]) and data["execute"] == 50 and data["episodes"][0]["steps"] == 300
+    assert (
+        data["vis_aligner"] == str(files["aligner"]) and data["execute"] == 50 and data["episodes"][0]["steps"] == 300
+    )
     film = cv2.VideoCapture(str(tmp_path / "videos" / "seed_100000_failure.mp4"))
     width, height = load_bank(files["bank"]).size
     shape = [int(film.get(k)) for k in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
@@ -185,9 +187,12 @@ def test_temporal_ensembling_asks_at_each_step(still: Path) -> None:
         (("--task", "PutCupOnMat", "--video", __file__), "cannot be written: .* is a file"),
         (("--task", "PutCupOnMat", "--seed", "-1"), "--seed: -1 is not a whole number of 0 to"),
         (("--task", "PutCupOnMat", "--policy", "nowhere"), "is no folder and no function"),
-        (("--task", "PutCupOnMat", "--dream"), "looks through head, left_wrist, and only the head camera is dreamed"),
-        (("--task", "PutCupOnMat", "--dream", "--ensemble", "0.01"), "leave out --ensemble and --size"),
-        (("--task", "PutCupOnMat", "--dream", "--size", "64x48"), "leave out --ensemble and --size"),
+        (
+            ("--task", "PutCupOnMat", "--vis-aligner"),
+            "needs head, left_wrist, and VisAligner generates the head camera only",
+        ),
+        (("--task", "PutCupOnMat", "--vis-aligner", "--ensemble", "0.01"), "leave out --ensemble and --size"),
+        (("--task", "PutCupOnMat", "--vis-aligner", "--size", "64x48"), "leave out --ensemble and --size"),
     ],
 )
 def test_what_cannot_be_evaluated(still: Path, arguments: tuple[str, ...], said: str) -> None:

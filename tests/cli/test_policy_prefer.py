@@ -261,6 +261,14 @@ def test_rollouts_outlive_an_interrupted_evaluation(tmp_path: Path, monkeypatch:
     assert seen == [stamps] and not rollouts.exists()
 
 
+def test_a_study_with_the_settings_names_of_version_0_1_goes_on(tmp_path: Path) -> None:
+    rows = run(tmp_path / "study", "--cycles", "0")["rows"]
+    settings = json.loads((tmp_path / "study" / "settings.json").read_text())
+    settings["dream"], settings["rate"] = settings.pop("vis_aligner"), settings.pop("learning_rate")
+    (tmp_path / "study" / "settings.json").write_text(json.dumps(settings))
+    assert run(tmp_path / "study", "--cycles", "0")["rows"] == rows
+
+
 def test_a_study_of_other_weights_or_a_damaged_one_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run(tmp_path / "study", "--cycles", "1")
     with monkeypatch.context() as patch, pytest.raises(EmbodieDreamerError, match="was made with weights"):
@@ -283,14 +291,14 @@ def test_what_the_guard_took_back_is_not_what_is_told(tmp_path: Path) -> None:
     assert row["stopped"] is not None and row["winners"] >= -0.001
 
 
-@pytest.mark.parametrize(("envs", "dream", "kind"), [
+@pytest.mark.parametrize(("envs", "aligner", "kind"), [
     (1, None, ActionChunk), (1, "lean", VisAlignerObservationWrapper), (2, None, SyncVectorEnv),
     (2, "lean", VisAlignerVectorWrapper),
 ])  # fmt: skip
-def test_the_environment_of_the_options(files, envs: int, dream: str | None, kind: type) -> None:  # noqa: F811
-    dream = files["aligner"] if dream else None
+def test_the_environment_of_the_options(files, envs: int, aligner: str | None, kind: type) -> None:  # noqa: F811
+    aligner = files["aligner"] if aligner else None
     a = argparse.Namespace(
-        task="PutCupOnMat", robot="aloha", envs=envs, dream=dream, bank=files["bank"], every=2, execute=2
+        task="PutCupOnMat", robot="aloha", envs=envs, vis_aligner=aligner, bank=files["bank"], every=2, execute=2
     )
     policy = make()
     env = environment(a, policy)
@@ -298,8 +306,8 @@ def test_the_environment_of_the_options(files, envs: int, dream: str | None, kin
     assert (env.action_space.shape if envs == 1 else env.single_action_space.shape) == (2, 14)
     env.close()
     policy.cameras = ("head", "left_wrist")
-    a.dream = files["aligner"]
-    with pytest.raises(PolicyError, match="only the head camera is dreamed"):
+    a.vis_aligner = files["aligner"]
+    with pytest.raises(PolicyError, match="VisAligner generates the head camera only"):
         environment(a, policy)
     policy.cameras, a.execute = ("head",), CHUNK + 1
     with pytest.raises(PolicyError, match="5 actions cannot be executed of a chunk of 4"):

@@ -150,7 +150,7 @@ def test_what_does_not_fit_is_said() -> None:
         evaluate(policy, Walk(), [0])
     policy = Goes()
     policy.cameras = ("wrist",)
-    with pytest.raises(PolicyError, match="looks through 'wrist', and Walk has head"):
+    with pytest.raises(PolicyError, match="needs the camera 'wrist', and Walk has head"):
         evaluate(policy, Walk(), [0])
     with pytest.raises(PolicyError, match="at least one episode"):
         evaluate(Goes(), Walk(), [])

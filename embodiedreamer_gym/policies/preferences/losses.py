@@ -15,16 +15,19 @@ from embodiedreamer_gym.errors import PolicyError
 class LossConfig:
     """Which loss, and its constants.
 
-    variant: a name in VARIANTS; beta: how strongly a pair counts (tau of IPO); penalty: lambda of DPOP; imitation:
-    weight of the winner's own likelihood in `nll`; clip: nats below the reference from which the loser is left alone.
     Raises: PolicyError for an unknown variant, or constants that are not above zero.
     """
 
     variant: str = "clipped+dpop"
+    """A name in VARIANTS; the default keeps the winners' likelihood from falling with the losers'."""
     beta: float = 0.1
+    """Weight of a pair in the sigmoid (the paper's); tau in `ipo`."""
     penalty: float = 5.0
+    """Lambda of DPOP: weight of a winner's fall below the reference."""
     imitation: float = 1.0
+    """Weight of the winner's own likelihood in `nll`."""
     clip: float = 1.0
+    """Nats below the reference from which the loser is left alone."""
 
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:
