@@ -65,7 +65,8 @@ def run(a, progress) -> None:
     """Run the cycles that are missing, then print the table."""
     import torch
 
-    from embodiedreamer_gym.pipelines.preference_study import WEIGHTS, Study, StudySettings, table
+    from embodiedreamer_gym.pipelines.preference_study import WEIGHTS, Study, table
+    from embodiedreamer_gym.pipelines.study_settings import StudySettings
 
     torch.set_num_threads(1)
     check_outputs(a.json, folders=[a.out])
