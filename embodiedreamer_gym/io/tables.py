@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 
 WIDTH = 110  # columns of a terminal
@@ -16,15 +17,10 @@ def layout(headers: Sequence[str], rows: Sequence[Sequence[str]], width: int = W
     first = max(8, min(first, width - sum(sizes) - 2 * len(sizes)))
     lines = []
     for row in (headers, *rows):
-        parts = wrapped(row[0], first)
+        parts = textwrap.wrap(row[0], first, break_on_hyphens=False) or [""]
         cells = "".join(f"  {cell:>{size}}" for cell, size in zip(row[1:], sizes, strict=True))
         lines += [(f"{parts[0]:<{first}}" + cells).rstrip(), *parts[1:]]
     return "\n".join(lines)
-
-
-def wrapped(text: str, width: int) -> list[str]:
-    """Text cut into lines of at most `width` characters, also inside a long name."""
-    return [text[i : i + width] for i in range(0, len(text), width)] or [""]
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -12,6 +12,7 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.io.deprecation import deprecated_names
 from embodiedreamer_gym.vis_aligner.clip import Condition, References
 
+MOST_FRAMES = 1000  # of a chunk in a model file
 Made = Callable[[], list[np.ndarray]]  # frames (T, H, W, 3) uint8 of each clip, once they are wanted
 
 

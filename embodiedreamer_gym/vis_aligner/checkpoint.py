@@ -9,7 +9,7 @@ from typing import Any
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.learning.checkpoint import read_state, write_state
-from embodiedreamer_gym.vis_aligner.aligner import Aligner
+from embodiedreamer_gym.vis_aligner.aligner import MOST_FRAMES, Aligner
 from embodiedreamer_gym.vis_aligner.bank import Bank
 from embodiedreamer_gym.vis_aligner.bank_files import load_bank as read_bank
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
@@ -19,7 +19,6 @@ from embodiedreamer_gym.vis_aligner.network_inputs import Inputs
 ASSETS = resources.files("embodiedreamer_gym") / "assets" / "vis"
 SHIPPED = {"lean": "lean.pt"}
 BANKS = {"lab": "lab.npz"}
-MOST_FRAMES = 1000  # of a chunk
 OLD_INPUTS = {"carry": "reproject"}  # in models of version 0.1
 
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +19,15 @@ from torch import Generator, Tensor
 
 from embodiedreamer_gym.errors import MissingExtraError, VisionError
 from embodiedreamer_gym.io.files import read_json, write_json
-from embodiedreamer_gym.vis_aligner.aligner import Made, check_batch
+from embodiedreamer_gym.vis_aligner.aligner import MOST_FRAMES, Made, check_batch
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, Condition, References
 from embodiedreamer_gym.vis_aligner.diffusion import add_noise, draw_times, sample
 from embodiedreamer_gym.vis_aligner.network_inputs import to_frames, to_tensor
 
 SETTINGS = "embodiedreamer.json"
-PAINT = ((255, 60, 60), (60, 60, 255))  # what the masks of object and goal add to the picture
-MICRO = (
-    6.0,
-    127.0,
-    0.02,
-)  # frames per second less one, motion bucket, noise on the condition: what SVD was trained with
+MASK_COLOURS = ((255, 60, 60), (60, 60, 255))  # added to the picture where object and goal are
+MICRO = (6.0, 127.0, 0.02)  # SVD's own: frames per second less one, motion bucket, noise on the condition
+MOST_LAYERS, MOST_CHANNELS = 64, 16_384  # whole numbers in a network's config.json
 LEVELS = 1000.0  # a time of 1 as the U-Net's embedding takes it
 
 
@@ -108,7 +106,9 @@ class SvdAligner:
         check_batch(references, conditions)
         if any(n % 8 for n in conditions[0].size):
             raise VisionError(f"the svd aligner takes sizes that are multiples of 8, not {conditions[0].size}.")
-        clips = [np.concatenate([r.last[None], painted(c)]) for r, c in zip(references, conditions, strict=True)]
+        clips = [
+            np.concatenate([r.last[None], with_mask_colours(c)]) for r, c in zip(references, conditions, strict=True)
+        ]
         device = next(self.network.parameters()).device
         return torch.stack([to_tensor(clip) for clip in clips]).to(device)
 
@@ -132,10 +132,10 @@ class SvdAligner:
         return frames.unflatten(0, latents.shape[:2])
 
 
-def painted(condition: Condition) -> np.ndarray:
+def with_mask_colours(condition: Condition) -> np.ndarray:
     """The paper's c_sim (T, H, W, 3) uint8: the simulated picture, masks of object and goal added to it pixel-wise."""
     picture = np.where((condition.classes >= OBJECT)[..., None], 0, condition.rgb).astype(np.int32)
-    for number, colour in enumerate(PAINT):
+    for number, colour in enumerate(MASK_COLOURS):
         mask = condition.classes == OBJECT if number == 0 else condition.classes > OBJECT
         picture += mask[..., None] * np.array(colour)
     return np.clip(picture, 0, 255).astype(np.uint8)
@@ -149,14 +149,42 @@ def load_svd(folder: str | Path, steps: int = 4, seed: int = 0) -> SvdAligner:
     folder = Path(folder)
     _, unet, vae = import_diffusers()
     settings = read_json(folder / SETTINGS, VisionError) if (folder / SETTINGS).is_file() else {}
-    try:
-        parts = [kind.from_pretrained(str(folder / name), local_files_only=True, use_safetensors=True)
-                 for kind, name in ((unet, "unet"), (vae, "vae"))]  # fmt: skip
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
+    chunk = settings.get("chunk", 24) if isinstance(settings, dict) else None
+    if type(chunk) is not int or not 1 <= chunk <= MOST_FRAMES:
         raise VisionError(
-            f"{folder} holds no svd aligner (folders unet and vae): {str(error).splitlines()[0]}"
-        ) from error
-    return SvdAligner(*parts, chunk=int(settings.get("chunk", 24)), steps=steps, seed=seed, name=folder.name)
+            f"{folder / SETTINGS} must be a JSON object whose chunk is a whole number of 1 to {MOST_FRAMES}."
+        )
+    parts = [_load_part(kind, folder / name) for kind, name in ((unet, "unet"), (vae, "vae"))]
+    return SvdAligner(*parts, chunk=chunk, steps=steps, seed=seed, name=folder.name)
+
+
+def _load_part(kind: Any, folder: Path) -> Any:
+    """A network of diffusers in a folder.
+
+    Raises: VisionError where there is none, or its config.json asks for more weights than its files hold.
+    """
+    try:
+        config = json.loads((folder / "config.json").read_text("utf-8"))
+        for name, value in config.items():
+            if any(n > (MOST_LAYERS if name.endswith("per_block") else MOST_CHANNELS) for n in _whole_numbers(value)):
+                raise ValueError(f"{name} in {folder.name}/config.json is too large")
+        with torch.device("meta"):  # takes no memory
+            count = sum(weight.numel() for weight in kind.from_config(config).parameters())
+        if count > sum(path.stat().st_size for path in folder.glob("*.safetensors")):  # a weight has a byte or more
+            raise ValueError(f"{folder.name}/config.json asks for {count} weights, its files are smaller")
+        return kind.from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
+    except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError, ArithmeticError) as error:
+        what = " ".join(str(error).split())[:200]
+        raise VisionError(f"{folder.parent} holds no svd aligner (folders unet and vae): {what}") from error
+
+
+def _whole_numbers(value: Any) -> Iterator[int]:
+    """Whole numbers in nested lists."""
+    if isinstance(value, list):
+        for one in value:
+            yield from _whole_numbers(one)
+    elif isinstance(value, int):
+        yield value
 
 
 def save_svd(aligner: SvdAligner, folder: str | Path) -> None:
@@ -166,20 +194,3 @@ def save_svd(aligner: SvdAligner, folder: str | Path) -> None:
     aligner.network.save_pretrained(folder / "unet", safe_serialization=True)
     aligner.vae.save_pretrained(folder / "vae", safe_serialization=True)
     write_json({"chunk": aligner.chunk}, folder / SETTINGS, VisionError)
-
-
-def tiny_svd(chunk: int = 7, seed: int = 0) -> SvdAligner:
-    """An untrained svd aligner of a few million parameters: the same classes, small enough for a processor."""
-    _, unet, vae = import_diffusers()
-    torch.manual_seed(seed)
-    small = unet(
-        sample_size=16, in_channels=8, out_channels=4, block_out_channels=(32, 64), layers_per_block=1,
-        down_block_types=("CrossAttnDownBlockSpatioTemporal", "DownBlockSpatioTemporal"),
-        up_block_types=("UpBlockSpatioTemporal", "CrossAttnUpBlockSpatioTemporal"), num_attention_heads=(2, 4),
-        cross_attention_dim=32, projection_class_embeddings_input_dim=96, addition_time_embed_dim=32, num_frames=chunk + 1,
-    )  # fmt: skip
-    auto = vae(
-        in_channels=3, out_channels=3, block_out_channels=(32, 32, 32, 32), layers_per_block=1, latent_channels=4,
-        down_block_types=("DownEncoderBlock2D",) * 4, sample_size=64,
-    )  # fmt: skip
-    return SvdAligner(small, auto, chunk=chunk, steps=1)

@@ -1,32 +1,32 @@
-"""Demonstrations and what they are in a mirror: the other arm does the same on the other side."""
+"""Demonstrations with their mirror images, in which the other arm does the same on the other side."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from embodiedreamer_gym.errors import PolicyError
-from embodiedreamer_gym.policies.act.samples import Episodes
+from embodiedreamer_gym.recordings.episodes import EpisodeSet
 
 
-class MirroredEpisodes:
+class MirroredEpisodes(EpisodeSet):
     """A set of episodes, and after them the mirror image of each, for a rig whose arms and cameras are symmetric in a plane.
 
     numbers (n,): joint numbers, counted from 1, with a sign, as `embodiedreamer_gym.robot.mirror.mirrored_joints` gives
     them; states and actions are of the same joints. A camera that looks along the plane sees its own picture flipped, and
-    left_NAME sees that of right_NAME. cameras: those that are looked through.
+    left_NAME sees that of right_NAME. cameras: names of those that are used.
     Raises: PolicyError for numbers that are no mirror or of other joints, or cameras without their counterpart.
     """
 
-    def __init__(self, episodes: Episodes, numbers: Sequence[int], cameras: Sequence[str]) -> None:
-        found = np.array(numbers, int)
-        self._index, self._sign = np.abs(found) - 1, np.sign(found).astype(np.float32)
-        count = np.arange(len(found))
+    def __init__(self, episodes: EpisodeSet, numbers: Sequence[int], cameras: Sequence[str]) -> None:
+        signed = np.array(numbers, int)
+        self._index, self._sign = np.abs(signed) - 1, np.sign(signed).astype(np.float32)
+        count = np.arange(len(signed))
         if sorted(self._index) != list(count) or (self._index[self._index] != count).any():
             raise PolicyError(f"{list(numbers)} is no mirror: each joint is the image of its own image.")
-        if not len(found) == episodes.state_size == episodes.action_size:
-            raise PolicyError(f"the mirror is of {len(found)} joints, and the episodes have states of "
+        if not len(signed) == episodes.state_size == episodes.action_size:
+            raise PolicyError(f"the mirror is of {len(signed)} joints, and the episodes have states of "
                               f"{episodes.state_size} numbers, actions of {episodes.action_size}.")  # fmt: skip
         self._other = {name: _counterpart(name) for name in cameras}
         for name, other in self._other.items():
@@ -36,45 +36,47 @@ class MirroredEpisodes:
         self.state_size, self.action_size = episodes.state_size, episodes.action_size
         self.lengths = tuple(episodes.lengths) * 2
         self.names = (*episodes.names, *(f"{name} in the mirror" for name in episodes.names))
-
-    def __len__(self) -> int:
-        return 2 * len(self._episodes)
+        self.objects, self.source = getattr(episodes, "objects", {}), "the mirrored set"
 
     @property
     def hz(self) -> float:
         """Steps per second, Hz."""
         return self._episodes.hz
 
-    @property
-    def objects(self) -> Mapping[str, int]:
-        """Of each object, its number in the masks; none without masks."""
-        return getattr(self._episodes, "objects", {})
+    def task(self, episode: int) -> str:
+        """The task in words; "" where the files do not state it."""
+        return self._episodes.task(episode % len(self._episodes))
 
-    def states(self, i: int, /) -> np.ndarray:
+    def frame_size(self, camera: str) -> tuple[int, int]:
+        """Width and height of a camera's frames, pixels."""
+        return self._episodes.frame_size(camera)
+
+    def states(self, episode: int) -> np.ndarray:
         """States (T, n) of an episode."""
-        return self._joints(i, self._episodes.states(i % len(self._episodes)))
+        return self._joints(episode, self._episodes.states(episode % len(self._episodes)))
 
-    def actions(self, i: int, /) -> np.ndarray:
+    def actions(self, episode: int) -> np.ndarray:
         """Actions (T, m) of an episode."""
-        return self._joints(i, self._episodes.actions(i % len(self._episodes)))
+        return self._joints(episode, self._episodes.actions(episode % len(self._episodes)))
 
-    def frames(self, i: int, camera: str, start: int, stop: int, /) -> np.ndarray:
-        """Pictures (stop - start, H, W, 3) uint8 of an episode."""
-        turned, i = divmod(i, len(self._episodes))
-        if not turned:
-            return self._episodes.frames(i, camera, start, stop)
-        return self._episodes.frames(i, self._other[camera], start, stop)[:, :, ::-1]
+    def _read_frames(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
+        return self._pictures(self._episodes.frames, episode, camera, start, stop)
 
-    def masks(self, i: int, camera: str, start: int, stop: int, /) -> np.ndarray:
-        """Masks (stop - start, H, W) uint8 of the pictures."""
-        turned, i = divmod(i, len(self._episodes))
-        if not turned:
-            return self._episodes.masks(i, camera, start, stop)
-        return self._episodes.masks(i, self._other[camera], start, stop)[:, :, ::-1]
+    def _read_masks(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
+        return self._pictures(self._episodes.masks, episode, camera, start, stop)
 
-    def _joints(self, i: int, values: np.ndarray) -> np.ndarray:
+    def _pictures(
+        self, read: Callable[..., np.ndarray], episode: int, camera: str, start: int, stop: int
+    ) -> np.ndarray:
+        """Frames or masks of an episode, those of a mirror image flipped and of the other camera."""
+        mirrored, episode = divmod(episode, len(self._episodes))
+        if not mirrored:
+            return read(episode, camera, start, stop)
+        return read(episode, self._other[camera], start, stop)[:, :, ::-1]
+
+    def _joints(self, episode: int, values: np.ndarray) -> np.ndarray:
         """Values (T, n) of the robot, or of the mirrored one."""
-        return values if i < len(self._episodes) else values[:, self._index] * self._sign
+        return values if episode < len(self._episodes) else values[:, self._index] * self._sign
 
 
 def _counterpart(name: str) -> str:

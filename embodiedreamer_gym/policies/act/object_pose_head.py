@@ -13,7 +13,7 @@ from torch.nn.functional import cross_entropy
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.learning.optimisation import Optimisation
 from embodiedreamer_gym.policies.act.config import ActConfig
-from embodiedreamer_gym.policies.act.samples import Episodes
+from embodiedreamer_gym.recordings.episodes import EpisodeSet
 
 CHANNELS = 16
 DILATIONS = (1, 2, 4)  # of the layers: a pixel is classified by 15 x 15 around it
@@ -130,7 +130,7 @@ def _moments(shares: torch.Tensor, x: torch.Tensor, y: torch.Tensor) -> tuple[to
     return area, mx, my, xx, yy, ((shares @ x) * y).sum(2) / area - mx * my
 
 
-def with_object_poses(config: ActConfig, episodes: Episodes) -> ActConfig:
+def with_object_poses(config: ActConfig, episodes: EpisodeSet) -> ActConfig:
     """A configuration with object pose heads, and layers of their size, for the objects in a set's masks, if it has any."""
     names = tuple(getattr(episodes, "objects", {}))
     return config.with_(objects=names, keypoints=0, width=256, feedforward=512, encoders=2) if names else config

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -12,69 +12,13 @@ from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.policies.act.config import ActConfig
 from embodiedreamer_gym.policies.act.image_size import scaled, scaled_masks
+from embodiedreamer_gym.recordings.episodes import EpisodeSet
 
 MEMORY = 4 << 30  # bytes of pictures kept; more are read again whenever they are drawn
 BLOCK = 64  # frames read at once
 MASK_EVERY = 4  # steps from one mask that is learnt to the next, at least
 POSES_AT_ONCE = 16  # pictures; more do not fit a processor's cache
 NEAR = 8  # steps after the start of a chunk that are near it
-
-
-class Episodes(Protocol):
-    """What training needs of a set of episodes; `embodiedreamer_gym.recordings.episodes` opens those on disk."""
-
-    @property
-    def cameras(self) -> tuple[str, ...]:
-        """Names."""
-        ...
-
-    @property
-    def state_size(self) -> int:
-        """Numbers in a state."""
-        ...
-
-    @property
-    def action_size(self) -> int:
-        """Numbers in an action."""
-        ...
-
-    @property
-    def hz(self) -> float:
-        """Steps per second, Hz."""
-        ...
-
-    @property
-    def lengths(self) -> tuple[int, ...]:
-        """Steps of each episode."""
-        ...
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of each episode."""
-        ...
-
-    def __len__(self) -> int: ...
-
-    def states(self, i: int, /) -> np.ndarray:
-        """States (T, n) of an episode."""
-        ...
-
-    def actions(self, i: int, /) -> np.ndarray:
-        """Actions (T, m) of an episode."""
-        ...
-
-    def frames(self, i: int, camera: str, start: int, stop: int, /) -> np.ndarray:
-        """Pictures (stop - start, H, W, 3) uint8 of an episode."""
-        ...
-
-    @property
-    def objects(self) -> Mapping[str, int]:
-        """Of each object, its number in the masks; none without masks."""
-        ...
-
-    def masks(self, i: int, camera: str, start: int, stop: int, /) -> np.ndarray:
-        """Masks (stop - start, H, W) uint8 of the pictures."""
-        ...
 
 
 class Sample(NamedTuple):
@@ -85,7 +29,7 @@ class Sample(NamedTuple):
     padding: np.ndarray
 
 
-def picture_size(episodes: Episodes, camera: str) -> tuple[int, int]:
+def picture_size(episodes: EpisodeSet, camera: str) -> tuple[int, int]:
     """Width and height of a camera's pictures.
 
     Raises: PolicyError for an empty set, or a camera it does not have.
@@ -95,7 +39,7 @@ def picture_size(episodes: Episodes, camera: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def check_cameras(episodes: Episodes, cameras: tuple[str, ...]) -> None:
+def check_cameras(episodes: EpisodeSet, cameras: tuple[str, ...]) -> None:
     """Check that there are episodes with these cameras.
 
     Raises: PolicyError where there are not.
@@ -115,7 +59,7 @@ class Samples:
     Raises: PolicyError for an empty set, another size of state or action, a number that is not finite, missing pictures.
     """
 
-    def __init__(self, episodes: Episodes, config: ActConfig, memory: int = MEMORY) -> None:
+    def __init__(self, episodes: EpisodeSet, config: ActConfig, memory: int = MEMORY) -> None:
         check_cameras(episodes, config.cameras)
         self.config, self._episodes, self._memory = config, episodes, memory
         self.states = [self._checked(i, "state", episodes.states(i), config.state_size) for i in range(len(episodes))]

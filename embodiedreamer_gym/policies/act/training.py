@@ -19,8 +19,9 @@ from embodiedreamer_gym.policies.act.curves import Curves
 from embodiedreamer_gym.policies.act.mirror import MirroredEpisodes
 from embodiedreamer_gym.policies.act.network import Act, current_names
 from embodiedreamer_gym.policies.act.policy import ActPolicy
-from embodiedreamer_gym.policies.act.samples import Episodes, Samples
+from embodiedreamer_gym.policies.act.samples import Samples
 from embodiedreamer_gym.policies.act.statistics import Statistics
+from embodiedreamer_gym.recordings.episodes import EpisodeSet
 
 SHOWN_EVERY = 10  # steps
 RENAMED = {"rate": "learning_rate", "asked": "chunk_start_share"}  # settings of version 0.1
@@ -125,7 +126,7 @@ class ActTraining(Training):
         return {**state, "training": settings, "sizes": state["config"], **weights}
 
 
-def train(episodes: Episodes, config: ActConfig, training: TrainingConfig, folder: str | Path,
+def train(episodes: EpisodeSet, config: ActConfig, training: TrainingConfig, folder: str | Path,
           progress: ProgressCallback | None = None, tell: Callable[[str], None] | None = None, device: str = "cpu") -> ActPolicy:  # fmt: skip
     """Train a policy into a folder, where an interrupted training goes on; `ActPolicy.load` reads it.
 

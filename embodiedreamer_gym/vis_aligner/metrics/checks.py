@@ -17,30 +17,26 @@ def check_frames(frames: Any, name: str = "frames") -> np.ndarray:
     return _checked(frames, name, "uint8 RGB (T, H, W, 3)", np.uint8, 4, 3)
 
 
-def check_pair(
-    generated: Any, truth: Any, names: tuple[str, str] = ("generated", "true")
-) -> tuple[np.ndarray, np.ndarray]:
+def check_pair(generated: Any, truth: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return two clips (T, H, W, 3), uint8 RGB, of one length and size.
 
     Raises: VisionError when they differ in either, or one of them is no clip.
     """
-    first, second = (check_frames(x, f"{name} frames") for x, name in zip((generated, truth), names, strict=True))
-    if first.shape != second.shape:
-        raise VisionError(
-            f"the {names[0]} frames are {said(first)}, the {names[1]} ones {said(second)}; make them alike."
-        )
-    return first, second
+    generated, truth = check_frames(generated, "generated frames"), check_frames(truth, "true frames")
+    if generated.shape != truth.shape:
+        raise VisionError(f"the generated frames are {said(generated)}, the true ones {said(truth)}; make them alike.")
+    return generated, truth
 
 
-def check_picture(picture: Any, like: np.ndarray, name: str = "reference") -> np.ndarray:
+def check_picture(picture: Any, like: np.ndarray) -> np.ndarray:
     """Return a picture (H, W, 3), uint8 RGB, of the size of the frames `like` (T, H, W, 3).
 
     Raises: VisionError for another type, shape or size.
     """
-    found = _checked(picture, name, "uint8 RGB (H, W, 3)", np.uint8, 3, 3)
+    found = _checked(picture, "reference", "uint8 RGB (H, W, 3)", np.uint8, 3, 3)
     if found.shape != like.shape[1:]:
         raise VisionError(
-            f"the {name} is {found.shape[1]}x{found.shape[0]}, the frames are {said(like)}; give one of their size."
+            f"the reference is {found.shape[1]}x{found.shape[0]}, the frames are {said(like)}; give one of their size."
         )
     return found
 

@@ -1,4 +1,4 @@
-"""How like two clips are, pixel by pixel: PSNR, SSIM, gradients, change in time and colour.
+"""PSNR, SSIM, errors of gradients, of change over time and of colour.
 
 A frame that differs nowhere counts as CEILING dB. PSNR of whole frames is the mean over frames of each frame's, as
 publications give it; of a mask it comes from the mean square over all its pixels of the clip, whose number varies from
@@ -7,7 +7,9 @@ frame to frame.
 
 from __future__ import annotations
 
-import cv2
+import itertools
+from collections.abc import Callable
+
 import numpy as np
 from skimage.metrics import structural_similarity
 
@@ -26,8 +28,8 @@ def psnr(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None = Non
     """
     if mask is None:
         return float(psnr_frames(generated, truth).mean())
-    squares, counts = _squares(*check_pair(generated, truth), mask)
-    return float(_decibel(squares.sum() / counts.sum()))
+    squares, counts = _sums(_squares, generated, truth, mask)
+    return float(_decibel(float(squares.sum() / (3.0 * counts.sum()))))
 
 
 def psnr_frames(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
@@ -35,8 +37,8 @@ def psnr_frames(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | Non
 
     Raises: VisionError when the clips differ in size, or the mask is empty.
     """
-    squares, counts = _squares(*check_pair(generated, truth), mask)
-    return _decibel(np.divide(squares, counts, out=np.full(len(squares), np.nan), where=counts > 0))
+    squares, counts = _sums(_squares, generated, truth, mask)
+    return _decibel(_means(squares, 3.0 * counts))
 
 
 def ssim(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None = None) -> float:
@@ -46,7 +48,7 @@ def ssim(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None = Non
     the picture's rim of 5 pixels, where there is no window.
     Source: Wang et al. 2004, equation 13, with the window of their section III-B; the mean over colour channels.
     """
-    sums, counts = _ssim_sums(generated, truth, mask)
+    sums, counts = _sums(_similarity, generated, truth, mask, WINDOW // 2)
     if not counts.any():
         raise VisionError(f"the mask has no pixel further than {WINDOW // 2} from the rim, where SSIM is defined.")
     return float(sums.sum() / counts.sum())
@@ -57,8 +59,7 @@ def ssim_frames(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | Non
 
     Raises: VisionError as `ssim`.
     """
-    sums, counts = _ssim_sums(generated, truth, mask)
-    return np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0)
+    return _means(*_sums(_similarity, generated, truth, mask, WINDOW // 2))
 
 
 def gradient_psnr(generated: np.ndarray, truth: np.ndarray) -> float:
@@ -68,10 +69,9 @@ def gradient_psnr(generated: np.ndarray, truth: np.ndarray) -> float:
     """
     values = []
     for a, b in zip(*check_pair(generated, truth), strict=True):
-        error = np.subtract(a, b, dtype=np.int16)  # the difference of differences is the difference's difference
-        steps = [np.diff(error, axis=axis).astype(np.float64) for axis in (0, 1)]
-        count = sum(step.size for step in steps)
-        values.append(_decibel(sum(float(np.vdot(s, s)) for s in steps) / count) if count else np.nan)
+        error = _difference(a, b)  # the difference of differences is the difference's difference
+        steps = np.concatenate([np.diff(error, axis=axis).ravel() for axis in (0, 1)]).astype(np.float64)
+        values.append(_decibel(float(np.vdot(steps, steps)) / steps.size) if steps.size else np.nan)
     return float(np.mean(values))
 
 
@@ -81,14 +81,9 @@ def temporal_error(generated: np.ndarray, truth: np.ndarray) -> float | None:
     Sensor noise of standard deviation s in the true frames alone makes 1.13 s.
     Raises: VisionError when the clips differ in size.
     """
-    clips = check_pair(generated, truth)
-    previous, total = None, 0.0
-    for a, b in zip(*clips, strict=True):
-        error = np.subtract(a, b, dtype=np.int16)
-        if previous is not None:
-            total += float(np.abs(error - previous).mean())
-        previous = error
-    return total / (len(clips[0]) - 1) if len(clips[0]) > 1 else None
+    errors = (_difference(a, b) for a, b in zip(*check_pair(generated, truth), strict=True))
+    changes = [float(np.abs(after - before).mean()) for before, after in itertools.pairwise(errors)]
+    return sum(changes) / len(changes) if changes else None
 
 
 def colour_shift(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
@@ -96,7 +91,7 @@ def colour_shift(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | No
 
     Raises: VisionError when the clips differ in size, or the mask is empty.
     """
-    sums, counts = _shifts(generated, truth, mask)
+    sums, counts = _sums(_difference, generated, truth, mask)
     return sums.sum(axis=0) / counts.sum()
 
 
@@ -105,60 +100,50 @@ def colour_shift_frames(generated: np.ndarray, truth: np.ndarray, mask: np.ndarr
 
     Raises: VisionError when the clips differ in size, or the mask is empty.
     """
-    sums, counts = _shifts(generated, truth, mask)
-    shape = np.full(sums.shape, np.nan)
-    return np.divide(sums, counts[:, None], out=shape, where=counts[:, None] > 0)
+    return _means(*_sums(_difference, generated, truth, mask))
 
 
-def _squares(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of squared errors (T,) and how many numbers it is of (T,)."""
-    masks = None if mask is None else check_mask(mask, truth)
-    squares, counts = np.zeros(len(truth)), np.full(len(truth), truth[0].size, float)
-    for i, (a, b) in enumerate(zip(generated, truth, strict=True)):
-        if masks is None:
-            squares[i] = cv2.norm(a, b, cv2.NORM_L2SQR)
-        else:
-            counts[i] = 3.0 * np.count_nonzero(masks[i])
-            squares[i] = cv2.norm(a, b, cv2.NORM_L2SQR, masks[i].astype(np.uint8))
-    return squares, counts
+def _sums(
+    measure: Callable[[np.ndarray, np.ndarray], np.ndarray], generated: np.ndarray, truth: np.ndarray,
+    mask: np.ndarray | None, rim: int = 0,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Sum over pixels (T, ...) of a measure (H, W, ...) of two frames, and the number of pixels (T,).
 
-
-def _decibel(mean_square: np.ndarray | float) -> np.ndarray:
-    floor = 255.0**2 / 10.0 ** (CEILING / 10.0)
-    return 10.0 * np.log10(255.0**2 / np.maximum(mean_square, floor))
-
-
-def _ssim_sums(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of SSIM over pixels (T,) and how many there are (T,)."""
+    rim: pixels at each edge that do not count.
+    """
     generated, truth = check_pair(generated, truth)
-    if min(truth.shape[1:3]) < WINDOW:
-        raise VisionError(f"SSIM needs pictures of at least {WINDOW}x{WINDOW}, not {truth.shape[2]}x{truth.shape[1]}.")
-    masks = None if mask is None else check_mask(mask, truth)
-    rim = WINDOW // 2
-    inner = (slice(rim, truth.shape[1] - rim), slice(rim, truth.shape[2] - rim))
-    sums, counts = np.zeros(len(truth)), np.zeros(len(truth))
-    for i, (a, b) in enumerate(zip(generated, truth, strict=True)):
-        similarity = _ssim_map(a, b)[inner]
-        kept = similarity if masks is None else similarity[masks[i][inner]]
-        sums[i], counts[i] = kept.sum(dtype=np.float64), kept.size
-    return sums, counts
+    height, width = truth.shape[1:3]
+    if min(height, width) <= 2 * rim:
+        raise VisionError(f"SSIM needs pictures of at least {2 * rim + 1}x{2 * rim + 1}, not {width}x{height}.")
+    masks = np.broadcast_to(True, truth.shape[:3]) if mask is None else check_mask(mask, truth)
+    inner = (slice(rim, height - rim), slice(rim, width - rim))
+    kept = [measure(a, b)[inner][m[inner]] for a, b, m in zip(generated, truth, masks, strict=True)]
+    return np.stack([k.sum(axis=0, dtype=np.float64) for k in kept]), np.array([float(len(k)) for k in kept])
 
 
-def _ssim_map(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Similarity (H, W) of two frames at each pixel, mean over channels."""
+def _means(sums: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Sums (T, ...) by counts (T,); nan where the count is 0."""
+    counts = np.broadcast_to(counts.reshape(-1, *[1] * (sums.ndim - 1)), sums.shape)
+    return np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0)
+
+
+def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.subtract(a, b, dtype=np.int16)
+
+
+def _squares(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Squared error (H, W), summed over the channels."""
+    return np.square(_difference(a, b), dtype=np.int32).sum(axis=2)
+
+
+def _similarity(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Structural similarity (H, W) of two frames at each pixel, mean over channels."""
     options = {"gaussian_weights": True, "sigma": SIGMA, "use_sample_covariance": False}
     # float64 changes a frame's mean by 5e-6 and takes 2.5 times as long.
     x, y = a.astype(np.float32), b.astype(np.float32)
     return structural_similarity(x, y, data_range=255.0, channel_axis=2, full=True, **options)[1].mean(axis=2)
 
 
-def _shifts(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of generated less true (T, 3) and how many pixels it is of (T,)."""
-    generated, truth = check_pair(generated, truth)
-    masks = None if mask is None else check_mask(mask, truth)
-    sums, counts = np.zeros((len(truth), 3)), np.full(len(truth), float(truth[0, ..., 0].size))
-    for i, (a, b) in enumerate(zip(generated, truth, strict=True)):
-        error = np.subtract(a, b, dtype=np.int16)
-        kept = error.reshape(-1, 3) if masks is None else error[masks[i]]
-        sums[i], counts[i] = kept.sum(axis=0, dtype=np.int64), len(kept)
-    return sums, counts
+def _decibel(mean_square: np.ndarray | float) -> np.ndarray:
+    floor = 255.0**2 / 10.0 ** (CEILING / 10.0)
+    return 10.0 * np.log10(255.0**2 / np.maximum(mean_square, floor))

@@ -1,4 +1,4 @@
-"""LPIPS: how far two pictures lie apart in the eyes of a network trained on photographs.
+"""LPIPS: the distance of two pictures in the features of a network trained on photographs.
 
 The weights are not shipped. Bring the trunk (AlexNet or VGG16 of ImageNet, a state dict as torchvision publishes it)
 and the heads (`alex.pth` or `vgg.pth` of the lpips project, version 0.1) as local files.
@@ -7,13 +7,14 @@ Source: Zhang et al. 2018, The Unreasonable Effectiveness of Deep Features as a 
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-import torch.nn.functional as F
+from torch import nn
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.metrics.checks import check_pair
@@ -24,41 +25,43 @@ SD = (0.458, 0.448, 0.450)
 BATCH = 8  # frames that go through the network at once
 
 
-@dataclass(frozen=True)
-class Convolution:
-    """One convolution of a trunk, with a ReLU: its key, output channels, kernel, stride; pool before, tap after it."""
-
-    key: int
-    channels: int
-    kernel: int = 3
-    stride: int = 1
-    pool: bool = False
-    tap: bool = True
+def _convolutions(*channels: int) -> list[nn.Module]:
+    """3 x 3 convolutions from each number of channels to the next, each with a ReLU."""
+    pairs = itertools.pairwise(channels)
+    return [layer for inside, out in pairs for layer in (nn.Conv2d(inside, out, 3, padding=1), nn.ReLU())]
 
 
-ALEX = (
-    Convolution(0, 64, 11, 4),
-    Convolution(3, 192, 5, pool=True),
-    Convolution(6, 384, pool=True),
-    Convolution(8, 256),
-    Convolution(10, 256),
-)
-VGG = (
-    Convolution(0, 64, tap=False), Convolution(2, 64),
-    Convolution(5, 128, pool=True, tap=False), Convolution(7, 128),
-    Convolution(10, 256, pool=True, tap=False), Convolution(12, 256, tap=False), Convolution(14, 256),
-    Convolution(17, 512, pool=True, tap=False), Convolution(19, 512, tap=False), Convolution(21, 512),
-    Convolution(24, 512, pool=True, tap=False), Convolution(26, 512, tap=False), Convolution(28, 512),
-)  # fmt: skip
-TRUNKS = {"alex": (ALEX, 3, 31), "vgg": (VGG, 2, 16)}  # convolutions, side of a pool, least side of a picture
+def _alex() -> nn.Sequential:
+    """AlexNet's `features`, numbered as torchvision's."""
+    first, second = nn.Conv2d(3, 64, 11, 4, 2), nn.Conv2d(64, 192, 5, padding=2)
+    pool = nn.MaxPool2d(3, 2)
+    return nn.Sequential(first, nn.ReLU(), pool, second, nn.ReLU(), pool, *_convolutions(192, 384, 256, 256))
+
+
+def _vgg() -> nn.Sequential:
+    """VGG16's `features` without its last pool, numbered as torchvision's."""
+    pool = nn.MaxPool2d(2, 2)
+    stages = (3, 64, 64), (64, 128, 128), (128, 256, 256, 256), (256, 512, 512, 512), (512, 512, 512, 512)
+    return nn.Sequential(*[layer for stage in stages for layer in (*_convolutions(*stage), pool)][:-1])
+
+
+TRUNKS = {  # network, its tapped layers, least side of a picture
+    "alex": (_alex, (1, 4, 7, 9, 11), 31),
+    "vgg": (_vgg, (3, 8, 15, 22, 29), 16),
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Lpips:
-    """A trunk and its heads. net: alex or vgg; trunk: (weight, bias) by layer; heads: (C,) by tap."""
+    """A trunk and its heads.
+
+    net: alex or vgg.
+    trunk: the network up to its last tapped layer.
+    heads: weights (C,) of the channels of each tapped layer.
+    """
 
     net: str
-    trunk: tuple[tuple[torch.Tensor, torch.Tensor], ...]
+    trunk: nn.Sequential
     heads: tuple[torch.Tensor, ...]
 
     def __repr__(self) -> str:
@@ -72,16 +75,13 @@ class Lpips:
         """
         if net not in TRUNKS:
             raise VisionError(f"net {net!r} is none of {', '.join(TRUNKS)}.")
-        layers, inputs, found = TRUNKS[net][0], 3, []
-        weights, linear = _state(trunk), _state(heads)
-        for layer in layers:
-            shape = (layer.channels, inputs, layer.kernel, layer.kernel)
-            weight = _taken(weights, f"features.{layer.key}.weight", shape, trunk, device)
-            found.append((weight, _taken(weights, f"features.{layer.key}.bias", shape[:1], trunk, device)))
-            inputs = layer.channels
-        taps = [layer.channels for layer in layers if layer.tap]
-        lines = [_taken(linear, f"lin{k}.model.1.weight", (1, n, 1, 1), heads, device) for k, n in enumerate(taps)]
-        return Lpips(net, tuple(found), tuple(line.flatten() for line in lines))
+        make, taps, _ = TRUNKS[net]
+        network, weights, linear = make(), _state(trunk), _state(heads)
+        own = network.state_dict()
+        network.load_state_dict({key: _taken(weights, f"features.{key}", tuple(own[key].shape), trunk) for key in own})
+        channels = [len(own[f"{tap - 1}.weight"]) for tap in taps]
+        lines = [_taken(linear, f"lin{k}.model.1.weight", (1, n, 1, 1), heads) for k, n in enumerate(channels)]
+        return Lpips(net, network.to(device).eval(), tuple(line.flatten().to(device) for line in lines))
 
     @torch.inference_mode()
     def distances(self, generated: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -105,16 +105,13 @@ class Lpips:
 
     def _taps(self, frames: np.ndarray) -> list[torch.Tensor]:
         """Activations (N, C, h, w) of the tapped layers."""
-        layers, side, _ = TRUNKS[self.net]
         device = self.heads[0].device
         x = torch.from_numpy(np.ascontiguousarray(frames)).to(device).permute(0, 3, 1, 2) / 127.5 - 1.0
         x = (x - torch.tensor(MEAN, device=device)[:, None, None]) / torch.tensor(SD, device=device)[:, None, None]
         taps = []
-        for layer, (weight, bias) in zip(layers, self.trunk, strict=True):
-            x = F.max_pool2d(x, side, 2) if layer.pool else x
-            padding = 2 if layer.kernel == 11 else layer.kernel // 2  # of AlexNet's first: 2, not half its kernel
-            x = F.relu(F.conv2d(x, weight, bias, layer.stride, padding))
-            if layer.tap:
+        for number, layer in enumerate(self.trunk):
+            x = layer(x)
+            if number in TRUNKS[self.net][1]:
                 taps.append(x)
         return taps
 
@@ -140,9 +137,9 @@ def _state(path: str | Path) -> dict[str, Any]:
     return state
 
 
-def _taken(state: dict[str, Any], key: str, shape: tuple[int, ...], path: str | Path, device: str) -> torch.Tensor:
+def _taken(state: dict[str, Any], key: str, shape: tuple[int, ...], path: str | Path) -> torch.Tensor:
     tensor = state.get(key)
     if not isinstance(tensor, torch.Tensor) or tuple(tensor.shape) != shape:
         given = "nothing" if tensor is None else f"shape {tuple(getattr(tensor, 'shape', ()))}"
         raise VisionError(f"{path}: {given} is under {key!r}, shape {shape} is expected; give the weights of this net.")
-    return tensor.to(device, torch.float32)
+    return tensor.float()

@@ -7,10 +7,10 @@ import textwrap
 from collections.abc import Mapping, Sequence
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.io.tables import WIDTH, layout
 from embodiedreamer_gym.vis_aligner.metrics.evaluate import Measures
 from embodiedreamer_gym.vis_aligner.metrics.summary import Summary
 
-WIDTH = 110  # columns of a terminal
 COLUMNS = {  # measure -> heading, decimals, decimals of the sd
     "psnr": ("PSNR dB", 2, 1), "ssim": ("SSIM", 3, 3), "psnr.moving": ("moving dB", 2, 1),
     "psnr.arm and objects": ("arm+obj dB", 2, 1), "psnr.objects": ("objects dB", 2, 1), "iou.objects": ("obj IoU", 2, 2),
@@ -39,9 +39,9 @@ def table(rows: Rows, columns: Sequence[str] = SHOWN, markdown: bool = False) ->
     cells = {sd: [[label, *(_cell(row, n, sd) for n in shown)] for label, row in rows.items()] for sd in (True, False)}
     if markdown:
         return _markdown(heads, cells[True]) + "\n\n" + "\n".join(f"- {n}" for n in _notes(rows, columns, shown, True))
-    spread = max(map(len, _plain(heads, cells[True]).splitlines())) <= WIDTH
+    spread = max(map(len, layout(heads, cells[True]).splitlines())) <= WIDTH
     notes = _notes(rows, columns, shown, spread)
-    return "\n".join([_plain(heads, cells[spread]), *(textwrap.fill(note, WIDTH) for note in notes)])
+    return "\n".join([layout(heads, cells[spread]), *(textwrap.fill(note, WIDTH) for note in notes)])
 
 
 def drift_table(rows: Rows, measure: str = "psnr", markdown: bool = False) -> str:
@@ -61,7 +61,7 @@ def drift_table(rows: Rows, measure: str = "psnr", markdown: bool = False) -> st
         for label, curve in curves.items()
     ]
     heads = [f"{heading}, chunk", *(str(k + 1) for k in points)]
-    return _markdown(heads, cells) if markdown else _plain(heads, cells)
+    return _markdown(heads, cells) if markdown else layout(heads, cells)
 
 
 def _all(row: Measures | Summary) -> dict[str, float | None]:
@@ -97,19 +97,6 @@ def _notes(rows: Rows, columns: Sequence[str], shown: Sequence[str], spread: boo
 
 def _number(value: float | None, decimals: int) -> str:
     return "-" if value is None or not math.isfinite(value) else f"{value:.{decimals}f}"
-
-
-def _plain(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Columns of text; the first stands left and wraps where the line would be wider than WIDTH."""
-    sizes = [max(len(row[i]) for row in (heads, *rows)) for i in range(1, len(heads))]
-    first = max(len(row[0]) for row in (heads, *rows))
-    first = max(8, min(first, WIDTH - sum(sizes) - 2 * len(sizes)))
-    lines = []
-    for row in (heads, *rows):
-        label = textwrap.wrap(row[0], first, break_on_hyphens=False) or [""]
-        cells = "".join(f"  {cell:>{size}}" for cell, size in zip(row[1:], sizes, strict=True))
-        lines += [f"{label[0]:<{first}}{cells}".rstrip(), *label[1:]]
-    return "\n".join(lines)
 
 
 def _markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -11,7 +11,6 @@ from torch import nn
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.metrics import Lpips
-from embodiedreamer_gym.vis_aligner.metrics.lpips import TRUNKS
 
 TAPS = {"alex": (1, 4, 7, 9, 11), "vgg": (3, 8, 15, 22, 29)}  # places of the ReLUs in the published networks
 PLAN = {
@@ -42,7 +41,7 @@ def saved(net: str, folder: Path) -> tuple[nn.Sequential, list[torch.Tensor], Pa
     trunk, rng = published(net), torch.Generator().manual_seed(1)
     state = {f"features.{k}": v for k, v in trunk.state_dict().items()}
     state["classifier.1.weight"] = torch.zeros(2, 2)  # is there in the published file and not looked at
-    widths = [layer.channels for layer in TRUNKS[net][0] if layer.tap]
+    widths = [trunk[place - 1].out_channels for place in TAPS[net]]
     heads = [torch.rand(1, n, 1, 1, generator=rng) for n in widths]
     torch.save(state, folder / "trunk.pth")
     torch.save({f"lin{k}.model.1.weight": head for k, head in enumerate(heads)}, folder / "heads.pth")

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.io.tables import WIDTH
 from embodiedreamer_gym.vis_aligner.metrics import drift_table, evaluate_all, summarise, table
 from embodiedreamer_gym.vis_aligner.metrics.summary import Figure, Summary
-from embodiedreamer_gym.vis_aligner.metrics.tables import COLUMNS, WIDTH
+from embodiedreamer_gym.vis_aligner.metrics.tables import COLUMNS
 
 
 @pytest.fixture(scope="module")
