@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from typing import Any, TypeVar
 
@@ -79,20 +80,25 @@ def check_control_rate(hz: Any) -> int:
 
 
 def vector(what: str, values: Any, n: int) -> np.ndarray:
-    """Return values as an array (n,).
+    """Return values as an array (n,) of float64; see `real_numbers`."""
+    return real_numbers(what, values, (n,)).astype(float)
+
+
+def real_numbers(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Return values as an array of this shape, of the type that they have.
 
     Raises: SimulationError for another shape, anything but real numbers, or numbers that are not finite.
     """
     try:
         array = np.asarray(values)
         real = array.dtype.kind in "biuf"
-        array = array.astype(float) if real else array
     except Exception:  # ragged lists, lists deeper than an array can be, or whatever an object's own conversion raises
         real, array = False, np.empty(0)
+    count = math.prod(shape)
     if not real:
-        raise SimulationError(f"{what} needs {n} real numbers, not {brief(values)}.")
-    if array.shape != (n,):
-        raise SimulationError(f"{what} needs {n} numbers, shape ({n},), not shape {array.shape}.")
+        raise SimulationError(f"{what} needs {count} real numbers, not {brief(values)}.")
+    if array.shape != shape:
+        raise SimulationError(f"{what} needs {count} numbers, shape {shape}, not shape {array.shape}.")
     if not np.isfinite(array).all():
         raise SimulationError(f"{what} holds a number that is not finite.")
     return array

@@ -71,14 +71,16 @@ def build_tree(
     robot = read_urdf(path)
     normalised = normalised or {}
     if len(set(end_effectors)) != len(end_effectors):
-        raise ModelError(f"the end effectors of the model are not unique: {', '.join(end_effectors)}.")
+        raise ModelError(
+            f"the end effectors that the model names of {path.name} are not unique: {', '.join(end_effectors)}."
+        )
     by_name = {j.name: j for j in robot.joints}
     movable = [j.name for j in robot.joints if j.type in MOVABLE]
     for name in joints:
         if name not in movable:
             raise ModelError(f"joint '{name}' is no movable joint of {path.name}; movable: {', '.join(movable)}.")
     if len(set(joints)) != len(joints):
-        raise ModelError(f"the joints of the model are not unique: {', '.join(joints)}.")
+        raise ModelError(f"the joints that the model names of {path.name} are not unique: {', '.join(joints)}.")
     children: dict[str, list[yourdfpy.Joint]] = {}
     for joint in robot.joints:
         children.setdefault(joint.parent, []).append(joint)

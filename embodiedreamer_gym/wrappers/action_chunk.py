@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 from embodiedreamer_gym.engines.frame import Frame, stacked
 from embodiedreamer_gym.envs.aloha import AlohaEnv
-from embodiedreamer_gym.envs.arguments import check_size
+from embodiedreamer_gym.envs.arguments import check_size, real_numbers
 from embodiedreamer_gym.errors import SimulationError, brief
 
 MOST = 10_000  # actions of a chunk
@@ -68,11 +68,9 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Play the actions (k, n), up to where the episode ends.
 
-        Raises: ValueError for another shape.
+        Raises: SimulationError for another shape, or numbers that are not real or not finite.
         """
-        action = np.asarray(action)
-        if action.shape != self.action_space.shape:
-            raise ValueError(f"a chunk has shape {self.action_space.shape}, not {action.shape}.")
+        action = real_numbers("a chunk", action, self.action_space.shape or ())
         rewards, successes, frames = [], [], []
         observation, info, terminated, truncated = None, {}, False, False
         for number, one in enumerate(action, 1):

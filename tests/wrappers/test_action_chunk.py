@@ -121,8 +121,11 @@ def test_bad_chunks_are_refused(options, says) -> None:
         ActionChunk(gym.make("CartPole-v1"))
     chunked = ActionChunk(env, k=3)
     chunked.reset(seed=0)
-    with pytest.raises(ValueError, match=r"\(3, 14\), not \(2, 14\)"):
+    with pytest.raises(ValueError, match=r"\(3, 14\), not shape \(2, 14\)"):
         chunked.step(actions(2))
+    for wrong in (None, [[0.0], [0.0] * 14], object()):
+        with pytest.raises(SimulationError, match="a chunk needs 42 real numbers"):
+            chunked.step(wrong)
     env.close()
 
 

@@ -9,7 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.recordings.episodes.episode_set import SAME_HZ, EpisodeSet, check_numbers
+from embodiedreamer_gym.recordings.episodes.episode_set import (
+    SAME_HZ,
+    STATE,
+    Episode,
+    EpisodeSet,
+    check_agreement,
+    check_numbers,
+)
 from embodiedreamer_gym.recordings.hdf5 import COMMAND, IMAGES, MASKS, POSITION, Hdf5File, open_hdf5, text
 from embodiedreamer_gym.recordings.time_axis import check_hz
 
@@ -18,7 +25,7 @@ NO_OBJECTS = ("background", "table", "robot")
 
 
 @dataclass(frozen=True)
-class _File:
+class AlohaEpisode(Episode):
     """One file: number of steps, sizes of state and action, cameras with width and height, task, Hz, object numbers."""
 
     path: Path
@@ -30,69 +37,20 @@ class _File:
     hz: float | None
     objects: dict[str, int]
 
+    def numbers(self, key: str) -> np.ndarray:
+        """Joint positions (T, n) or actions (T, m), float32."""
+        with open_hdf5(self.path) as file:
+            return _numbers(file, POSITION if key == STATE else COMMAND)
 
-class AlohaEpisodes(EpisodeSet):
-    """Episodes of HDF5 files: raw frames, or JPEG buffers that are zero-padded or of varying length.
-
-    hz: control rate, Hz, where the files do not state it (`rate`, `fps`, `control_hz` or `/timestamps`).
-    Raises: RecordingError where a file is damaged or of another layout, or the files disagree with each other.
-    """
-
-    def __init__(self, paths: Sequence[Path], hz: float | None = None) -> None:
-        self.source = str(paths[0] if len(paths) == 1 else Path(paths[0]).parent)
-        self._hz = None if hz is None else check_hz(hz, self.source)
-        self._files = [_inspect(Path(path)) for path in paths]
-        first = self._files[0]
-        for other in self._files[1:]:
-            _agree(first, other)
-        self.cameras = tuple(first.cameras)
-        self.state_size, self.action_size = first.state_size, first.action_size
-        self.lengths = tuple(file.length for file in self._files)
-        self.names = tuple(file.path.stem for file in self._files)
-        self.objects = first.objects
-        if self._hz is None:
-            self._hz = next((file.hz for file in self._files if file.hz is not None), None)
-
-    @property
-    def hz(self) -> float:
-        """Steps per second, Hz.
-
-        Raises: RecordingError where neither the files nor the caller stated it.
-        """
-        if self._hz is None:
-            raise RecordingError(
-                f"{self.source} does not state its control rate; give it, as open_episodes(path, hz=30)"
-            )
-        return self._hz
-
-    def task(self, episode: int) -> str:
-        """The task in words, of the attribute `instruction`, else `task`; "" without them."""
-        return self._files[episode].task
-
-    def states(self, episode: int) -> np.ndarray:
-        """Joint positions (T, n), float32."""
-        return self._numbers(episode, POSITION)
-
-    def actions(self, episode: int) -> np.ndarray:
-        """Actions (T, m), float32."""
-        return self._numbers(episode, COMMAND)
-
-    def frame_size(self, camera: str) -> tuple[int, int]:
-        """Width and height of a camera's frames, pixels."""
-        return self._files[0].cameras[camera]
-
-    def _numbers(self, episode: int, key: str) -> np.ndarray:
-        with open_hdf5(self._files[episode].path) as file:
-            return _numbers(file, key)
-
-    def _read_masks(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
-        with open_hdf5(self._files[episode].path) as file:
+    def masks(self, camera: str, start: int, stop: int) -> np.ndarray:
+        """Masks of existing frames."""
+        with open_hdf5(self.path) as file:
             return file.read(f"{MASKS}/{camera}", start, stop)
 
-    def _read_frames(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
-        path, key = self._files[episode].path, f"{IMAGES}/{camera}"
-        width, height = self.frame_size(camera)
-        with open_hdf5(path) as file:
+    def frames(self, camera: str, start: int, stop: int) -> np.ndarray:
+        """Frames start .. stop - 1 of an existing camera, at least one."""
+        key, (width, height) = f"{IMAGES}/{camera}", self.cameras[camera]
+        with open_hdf5(self.path) as file:
             if file.dataset(key).ndim == 4:
                 return file.read(key, start, stop)
             file.reserve(key, (stop - start) * height * width * 3)
@@ -107,11 +65,32 @@ class AlohaEpisodes(EpisodeSet):
         return frames
 
 
+class AlohaEpisodes(EpisodeSet):
+    """Episodes of HDF5 files: raw frames, or JPEG buffers that are zero-padded or of varying length.
+
+    hz: control rate, Hz, where the files do not state it (`rate`, `fps`, `control_hz` or `/timestamps`).
+    The task is that of the attribute `instruction`, else `task`.
+    Raises: RecordingError where a file is damaged or of another layout, or the files disagree with each other.
+    """
+
+    def __init__(self, paths: Sequence[Path], hz: float | None = None) -> None:
+        source = str(paths[0] if len(paths) == 1 else Path(paths[0]).parent)
+        hz = None if hz is None else check_hz(hz, source)
+        files = [_inspect(Path(path)) for path in paths]
+        first = files[0]
+        for other in files[1:]:
+            _agree(first, other)
+        if hz is None:
+            hz = next((file.hz for file in files if file.hz is not None), None)
+        names = [file.path.stem for file in files]
+        super().__init__(source, names, files, first.state_size, first.action_size, first.cameras, hz, first.objects)
+
+
 def _numbers(file: Hdf5File, key: str) -> np.ndarray:
     return check_numbers(file.signal(key), f"{file.path}: /{key}")
 
 
-def _inspect(path: Path) -> _File:
+def _inspect(path: Path) -> AlohaEpisode:
     """Check all of a file but the content of its frames."""
     with open_hdf5(path) as file:
         state, action = _numbers(file, POSITION), _numbers(file, COMMAND)
@@ -132,7 +111,7 @@ def _inspect(path: Path) -> _File:
         if hz is None and length > 1 and (times := file.times(state)) is not None:
             hz = check_hz(1.0 / float(np.median(np.diff(times[0]))), str(path))
         task = file.file.attrs.get("instruction", file.file.attrs.get("task", ""))
-        return _File(
+        return AlohaEpisode(
             path, length, state.shape[1], action.shape[1], cameras, text(task), hz, _objects(file, cameras, length)
         )
 
@@ -159,16 +138,14 @@ def _list(objects: Mapping[str, int]) -> str:
     return ", ".join(f"{name} ({number})" for name, number in objects.items()) or "nothing"
 
 
-def _agree(one: _File, other: _File) -> None:
+def _agree(one: AlohaEpisode, other: AlohaEpisode) -> None:
     """Raise where two files cannot be of one set."""
-    for what, a, b in (
+    check_agreement(one.path.name, str(other.path), (
         ("an action size of", one.action_size, other.action_size),
         ("a state size of", one.state_size, other.state_size),
         ("the cameras", ", ".join(one.cameras) or "none", ", ".join(other.cameras) or "none"),
         ("frames of", list(one.cameras.values()), list(other.cameras.values())),
         ("masks of", _list(one.objects), _list(other.objects)),
-    ):
-        if a != b:
-            raise RecordingError(f"{other.path} has {what} {b}, {one.path.name} {a}; all episodes must have the same")
+    ))  # fmt: skip
     if one.hz is not None and other.hz is not None and abs(one.hz - other.hz) > SAME_HZ * one.hz:
         raise RecordingError(f"{other.path} runs at {other.hz:.4g} Hz, {one.path.name} at {one.hz:.4g} Hz")

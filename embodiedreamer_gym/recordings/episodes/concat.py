@@ -5,11 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 
-import numpy as np
-
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
-from embodiedreamer_gym.recordings.episodes.episode_set import SAME_HZ, EpisodeSet
+from embodiedreamer_gym.recordings.episodes.episode_set import SAME_HZ, EpisodeSet, check_agreement
 from embodiedreamer_gym.recordings.episodes.load import open_episodes
 
 
@@ -28,18 +26,17 @@ class JoinedEpisodes(EpisodeSet):
         labels = [str(number) for number in range(len(sets))] if names is None else list(names)
         if len(labels) != len(sets) or len(set(labels)) != len(sets):
             raise RecordingError(f"{len(sets)} sets of episodes need as many different names, not {labels}")
-        first = sets[0]
-        self.cameras = first.cameras if cameras is None else tuple(cameras)
+        first, self._sets = sets[0], tuple(sets)
+        wanted = first.cameras if cameras is None else tuple(cameras)
         for one in sets:
-            _agree(first, one, self.cameras, strict=cameras is None)
-        same = all(dict(one.objects) == dict(first.objects) for one in sets)
-        self.objects = first.objects if same else {}
-        self._sets = tuple(sets)
-        self._places = [(one, number) for one in sets for number in range(len(one))]
-        self.state_size, self.action_size = first.state_size, first.action_size
-        self.lengths = tuple(length for one in sets for length in one.lengths)
-        self.names = tuple(f"{label}/{name}" for label, one in zip(labels, sets, strict=True) for name in one.names)
-        self.source = " and ".join(one.source for one in sets)
+            _agree(first, one, wanted, strict=cameras is None)
+        same = all(one.objects == first.objects for one in sets)
+        super().__init__(
+            " and ".join(one.source for one in sets),
+            [f"{label}/{name}" for label, one in zip(labels, sets, strict=True) for name in one.names],
+            [episode for one in sets for episode in one.episodes], first.state_size, first.action_size,
+            {camera: first.frame_size(camera) for camera in wanted}, objects=first.objects if same else None,
+        )  # fmt: skip
 
     @property
     def hz(self) -> float:
@@ -52,33 +49,6 @@ class JoinedEpisodes(EpisodeSet):
             text = ", ".join(f"{one.source} {hz:.4g} Hz" for one, hz in zip(self._sets, rates, strict=True))
             raise RecordingError(f"the sets run at different rates, {text}; join sets of one rate")
         return rates[0]
-
-    def task(self, episode: int) -> str:
-        """The task in words; "" where the files do not state it."""
-        one, number = self._places[episode]
-        return one.task(number)
-
-    def states(self, episode: int) -> np.ndarray:
-        """States (T, n), float32."""
-        one, number = self._places[episode]
-        return one.states(number)
-
-    def actions(self, episode: int) -> np.ndarray:
-        """Actions (T, m), float32."""
-        one, number = self._places[episode]
-        return one.actions(number)
-
-    def frame_size(self, camera: str) -> tuple[int, int]:
-        """Width and height of a camera's frames, pixels."""
-        return self._sets[0].frame_size(camera)
-
-    def _read_masks(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
-        one, number = self._places[episode]
-        return one.masks(number, camera, start, stop)
-
-    def _read_frames(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
-        one, number = self._places[episode]
-        return one.frames(number, camera, start, stop)
 
 
 @renamed_arguments(rate="hz")
@@ -96,12 +66,11 @@ def mixed(
 
 def _agree(first: EpisodeSet, other: EpisodeSet, cameras: tuple[str, ...], strict: bool) -> None:
     """Raise where two sets cannot be one."""
-    for what, a, b in (
+    rule = "sets that are joined must agree"
+    check_agreement(first.source, other.source, (
         ("an action size of", first.action_size, other.action_size),
         ("a state size of", first.state_size, other.state_size),
-    ):
-        if a != b:
-            raise RecordingError(f"{other.source} has {what} {b}, {first.source} {a}; sets that are joined must agree")
+    ), rule)  # fmt: skip
     missing = [camera for camera in cameras if camera not in other.cameras]
     if missing or (strict and set(cameras) != set(other.cameras)):
         raise RecordingError(
@@ -109,9 +78,5 @@ def _agree(first: EpisodeSet, other: EpisodeSet, cameras: tuple[str, ...], stric
             "name those that all sets have"
         )
     for camera in cameras:
-        a, b = first.frame_size(camera), other.frame_size(camera)
-        if a != b:
-            raise RecordingError(
-                f"{other.source} has frames of {b[0]} x {b[1]} of {camera}, {first.source} of {a[0]} x {a[1]}; "
-                "sets that are joined must agree"
-            )
+        a, b = ("{} x {}".format(*one.frame_size(camera)) for one in (first, other))
+        check_agreement(first.source, other.source, [("frames of", f"{a} of {camera}", f"{b} of {camera}")], rule)

@@ -4,39 +4,69 @@ from __future__ import annotations
 
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
 
+STATE, ACTION = "observation.state", "action"
 SAME_HZ = 0.02  # relative difference of control rates that count as one: clocks jitter
 Frames = Mapping[str, Iterable[np.ndarray]]  # camera -> frames (H, W, 3) uint8
 
 
-class EpisodeSet(ABC):
-    """Episodes of one robot with the frames of its cameras; only what is asked for is read, and nothing is kept.
+class Episode(ABC):
+    """One episode of a set; only what is asked for is read, and nothing is kept.
 
-    cameras: names, none for a set without frames; state_size n, action_size m; lengths: steps of each episode; names: of
-    the episodes; objects: name of each object -> its number in the masks of all cameras (none without masks).
+    length: steps; task: in words, "" where the files do not state it.
+    """
+
+    length: int
+    task: str
+
+    @abstractmethod
+    def numbers(self, key: str) -> np.ndarray:
+        """STATE (T, n) or ACTION (T, m), float32."""
+
+    @abstractmethod
+    def frames(self, camera: str, start: int, stop: int) -> np.ndarray:
+        """Frames start .. stop - 1 of an existing camera, at least one."""
+
+    def masks(self, camera: str, start: int, stop: int) -> np.ndarray:
+        """Masks of existing frames."""
+        raise NotImplementedError
+
+
+class EpisodeSet:
+    """Episodes of one robot with the frames of its cameras.
+
+    source: file or folder; names: of the episodes; state_size n, action_size m; frame_sizes: camera -> width and height, pixels, {} for a
+    set without frames; hz: control rate, Hz, None where it is not known; objects: name of each object -> its number in the
+    masks of all cameras (none without masks).
     The action of a step is the one that follows its state and frame.
     """
 
-    cameras: tuple[str, ...]
-    state_size: int
-    action_size: int
-    lengths: tuple[int, ...]
-    names: tuple[str, ...]
-    source: str
-    objects: Mapping[str, int] = {}
+    def __init__(
+        self, source: str, names: Iterable[str], episodes: Sequence[Episode], state_size: int, action_size: int,
+        frame_sizes: Mapping[str, tuple[int, int]], hz: float | None = None, objects: Mapping[str, int] | None = None,
+    ) -> None:  # fmt: skip
+        self.source, self.names, self.episodes, self.cameras = source, tuple(names), tuple(episodes), tuple(frame_sizes)
+        self.state_size, self.action_size = state_size, action_size
+        self.objects = dict(objects or {})
+        self.lengths = tuple(one.length for one in episodes)
+        self._hz, self._frame_sizes = hz, dict(frame_sizes)
 
     @property
-    @abstractmethod
     def hz(self) -> float:
         """Steps per second, Hz.
 
         Raises: RecordingError where neither the files nor the caller stated it.
         """
+        if self._hz is None:
+            raise RecordingError(
+                f"{self.source} does not state its control rate; give it, as open_episodes(path, hz=30)"
+            )
+        return self._hz
 
     @property
     def rate(self) -> float:
@@ -44,25 +74,21 @@ class EpisodeSet(ABC):
         warnings.warn("EpisodeSet.rate is deprecated; use EpisodeSet.hz", DeprecationWarning, stacklevel=2)
         return self.hz
 
-    @abstractmethod
     def task(self, episode: int) -> str:
         """The task in words; "" where the files do not state it."""
+        return self.episodes[episode].task
 
-    @abstractmethod
     def states(self, episode: int) -> np.ndarray:
         """States (T, n), float32."""
+        return self.episodes[episode].numbers(STATE)
 
-    @abstractmethod
     def actions(self, episode: int) -> np.ndarray:
         """Actions (T, m), float32."""
+        return self.episodes[episode].numbers(ACTION)
 
-    @abstractmethod
-    def _read_frames(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
-        """Frames start .. stop - 1 of an existing camera, at least one."""
-
-    @abstractmethod
     def frame_size(self, camera: str) -> tuple[int, int]:
         """Width and height of a camera's frames, pixels."""
+        return self._frame_sizes[camera]
 
     def frames(self, episode: int, camera: str, start: int = 0, stop: int | None = None) -> np.ndarray:
         """Frames start .. stop - 1 of a camera, (k, H, W, 3) uint8 RGB; only these are read.
@@ -73,7 +99,7 @@ class EpisodeSet(ABC):
         if start == stop:
             width, height = self.frame_size(camera)
             return np.empty((0, height, width, 3), np.uint8)
-        return self._read_frames(episode, camera, start, stop)
+        return self.episodes[episode].frames(camera, start, stop)
 
     def masks(self, episode: int, camera: str, start: int = 0, stop: int | None = None) -> np.ndarray:
         """Masks (k, H, W) uint8 of the same frames: at each pixel the number of its object or class.
@@ -82,11 +108,7 @@ class EpisodeSet(ABC):
         """
         if not self.objects:
             raise RecordingError(f"{self.source} has no masks of objects")
-        return self._read_masks(episode, camera, *self._window(episode, camera, start, stop))
-
-    def _read_masks(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
-        """Masks of existing frames."""
-        raise NotImplementedError
+        return self.episodes[episode].masks(camera, *self._window(episode, camera, start, stop))
 
     def _window(self, episode: int, camera: str, start: int, stop: int | None) -> tuple[int, int]:
         """Checked start and stop of the steps that are asked for."""
@@ -108,6 +130,15 @@ class EpisodeSet(ABC):
             f"{type(self).__name__}({len(self)} episodes, {sum(self.lengths)} steps, state {self.state_size}, "
             f"action {self.action_size}, cameras {', '.join(self.cameras) or 'none'})"
         )
+
+
+def check_agreement(
+    one: str, other: str, pairs: Iterable[tuple[str, object, object]], rule: str = "all episodes must have the same"
+) -> None:
+    """Raises: RecordingError for the first (description, value of one, value of the other) whose values differ."""
+    for what, a, b in pairs:
+        if a != b:
+            raise RecordingError(f"{other} has {what} {b}, {one} {a}; {rule}")
 
 
 def check_numbers(values: np.ndarray, where: str) -> np.ndarray:

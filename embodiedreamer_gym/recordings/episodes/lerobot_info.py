@@ -8,14 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
-from embodiedreamer_gym.errors import RecordingError
+from embodiedreamer_gym.errors import RecordingError, brief
 from embodiedreamer_gym.io.files import read_json
+from embodiedreamer_gym.recordings.episodes.episode_set import ACTION, STATE
 from embodiedreamer_gym.recordings.frames import MAX_EDGE
 from embodiedreamer_gym.recordings.hdf5 import MAX_NUMBERS
 from embodiedreamer_gym.recordings.time_axis import ALLOWED_HZ
 
 VERSION = "v3.0"
-STATE, ACTION, IMAGES = "observation.state", "action", "observation.images."
+IMAGES = "observation.images."  # before the names of the cameras
 FIELDS = ("chunk_index", "file_index", "video_key")
 SPEC = re.compile(r"0?\d?d?")  # format of a number in a path; wider ones could fill the memory
 MOST_COLUMNS = 4096
@@ -56,7 +57,7 @@ def read_info(folder: Path) -> Info:
         raise RecordingError(f"{path}: features must be an object of objects")
     fps = data.get("fps")
     if isinstance(fps, bool) or not isinstance(fps, int | float) or not ALLOWED_HZ[0] <= fps <= ALLOWED_HZ[1]:
-        raise RecordingError(f"{path}: fps must be a number above 0, not {_short(fps)}")
+        raise RecordingError(f"{path}: fps must be a number above 0, not {brief(fps)}")
     return Info(
         float(fps), _count(path, data, "total_episodes"), _count(path, data, "total_frames"),
         _width(path, features, STATE), _width(path, features, ACTION), _cameras(path, features),
@@ -79,7 +80,7 @@ def inside(folder: Path, template: str, chunk: int, file: int, key: str = "") ->
 def _count(path: Path, data: dict[str, Any], key: str) -> int:
     value = data.get(key)
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MAX_NUMBERS:
-        raise RecordingError(f"{path}: {key} must be a whole number of 1 to {MAX_NUMBERS}, not {_short(value)}")
+        raise RecordingError(f"{path}: {key} must be a whole number of 1 to {MAX_NUMBERS}, not {brief(value)}")
     return value
 
 
@@ -87,7 +88,7 @@ def _shape(path: Path, key: str, feature: dict[str, Any], length: int) -> list[i
     shape = feature.get("shape")
     whole = isinstance(shape, list) and all(isinstance(n, int) and not isinstance(n, bool) and n > 0 for n in shape)
     if not isinstance(shape, list) or not whole or len(shape) != length:
-        raise RecordingError(f"{path}: the shape of {key} must be {length} whole numbers, not {_short(shape)}")
+        raise RecordingError(f"{path}: the shape of {key} must be {length} whole numbers, not {brief(shape)}")
     return shape
 
 
@@ -130,12 +131,6 @@ def _template(path: Path, data: dict[str, Any], key: str) -> str:
     for _, name, spec, conversion in parts:
         if name is not None and (name not in FIELDS or conversion or not SPEC.fullmatch(spec or "")):
             raise RecordingError(
-                f"{path}: {key} must be a path with {{chunk_index}} and {{file_index}}, not {_short(text)}"
+                f"{path}: {key} must be a path with {{chunk_index}} and {{file_index}}, not {brief(text)}"
             )
     return str(text)
-
-
-def _short(value: object) -> str:
-    """A value as text of at most about 80 characters."""
-    text = repr(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."

@@ -16,8 +16,8 @@ import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
-from embodiedreamer_gym.recordings.episodes.episode_set import Frames, check_numbers, frame_rows
-from embodiedreamer_gym.recordings.episodes.lerobot_info import ACTION, IMAGES, STATE, VERSION
+from embodiedreamer_gym.recordings.episodes.episode_set import ACTION, STATE, Frames, check_numbers, frame_rows
+from embodiedreamer_gym.recordings.episodes.lerobot_info import IMAGES, VERSION
 from embodiedreamer_gym.recordings.episodes.lerobot_tables import Tables, write_tasks
 from embodiedreamer_gym.recordings.episodes.lerobot_videos import CHUNK, FILES, VIDEO_MB, VIDEO_PATH, CameraVideos
 from embodiedreamer_gym.recordings.episodes.statistics import Statistics, combine_statistics, number_statistics
