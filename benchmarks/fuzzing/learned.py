@@ -149,7 +149,7 @@ def bank(case: Case) -> None:
     path = mutated(case, "bank.npz")
     film = case.copy("film.hdf5")
     case.about(film)
-    case.library("load_bank", lambda: load_bank(path).paint(load_episode(film).condition))
+    case.library("load_bank", lambda: load_bank(path).compose(load_episode(film).condition))
     if case.number % 4 == 0:
         case.command(
             "vis", "render", film, "--aligner", case.copy("lean.pt"), "--bank", path, "--out", case.out / "film.mp4"

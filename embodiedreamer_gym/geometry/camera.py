@@ -1,4 +1,4 @@
-"""A pinhole camera: where it is, its lens, and both in OpenGL's terms."""
+"""A pinhole camera: its pose and intrinsics, and both as OpenGL's matrices."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def look_at(
 ) -> tuple[float, ...]:
     """Quaternion xyzw of a camera's frame (x right, y down, z forward) that looks from a position at a target, m.
 
-    Raises: ModelError when `up` does not tell which way the picture stands.
+    Raises: ModelError when `up` is parallel to the optical axis.
     """
     forward = np.subtract(target, position).astype(float)
     right = np.cross(forward, up)
@@ -184,10 +184,10 @@ def read_size(text: str) -> tuple[int, int]:
 
     Raises: EmbodieDreamerError for another text.
     """
-    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
-    if found is None:
+    match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
+    if match is None:
         raise EmbodieDreamerError(f"--size {text} is no width and height; give two numbers such as 128x96.")
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])
 
 
 def whole_size(size: Any) -> tuple[int, int]:

@@ -43,10 +43,10 @@ def _quaternion(rotation: np.ndarray) -> np.ndarray:
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     squares = (1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i, 1.0 + a + e + i)  # four times those of x, y, z, w
     largest = squares.index(max(squares))
-    found = np.array([
+    row = np.array([
         (squares[0], b + d, c + g, h - f),
         (b + d, squares[1], f + h, c - g),
         (c + g, f + h, squares[2], d - b),
         (h - f, c - g, d - b, squares[3]),
     ][largest])  # fmt: skip
-    return found / np.sqrt(found @ found)
+    return row / np.sqrt(row @ row)

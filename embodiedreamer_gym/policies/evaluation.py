@@ -47,15 +47,15 @@ class Evaluation:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % interval of the success rate. Source: Clopper and Pearson, Biometrika 26, 1934."""
-        found = binomtest(self.successes, len(self.episodes)).proportion_ci()
-        return float(found.low), float(found.high)
+        interval = binomtest(self.successes, len(self.episodes)).proportion_ci()
+        return float(interval.low), float(interval.high)
 
     def __str__(self) -> str:
         lines = [f"{'seed':>8}{'side':>7}{'picked up':>11}{'success':>9}{'at step':>9}{'object off (m)':>16}"]
         for e in self.episodes:
             first = "" if e.first is None else e.first
             lines.append(
-                f"{e.seed:>8}{e.side:>7}{_said(e.grasped):>11}{_said(e.success):>9}{first:>9}{e.distance:>16.3f}"
+                f"{e.seed:>8}{e.side:>7}{_yes_no(e.grasped):>11}{_yes_no(e.success):>9}{first:>9}{e.distance:>16.3f}"
             )
         low, high = self.interval
         share = self.successes / len(self.episodes)
@@ -74,7 +74,7 @@ class Evaluation:
 
 
 def executed(policy: Policy, execute: int | None = None) -> int:
-    """How many actions of a chunk are played before the next query: all, where none are said.
+    """How many actions of a chunk are played before the next query: all by default.
 
     Raises: PolicyError for less than one, or more than the chunk has.
     """
@@ -95,10 +95,10 @@ def check_fit(policy: Policy, env: gym.Env) -> None:
             f"the policy gives actions of {policy.action_size} numbers, and {_name(env)} takes the shape {shape}; "
             "take a policy that was trained for this robot."
         )
-    there = tuple(getattr(env.unwrapped, "cameras", ()) or ())
+    cameras = tuple(getattr(env.unwrapped, "cameras", ()) or ())
     for camera in cameras_of(policy):
-        if there and camera not in there:
-            raise PolicyError(f"the policy needs the camera '{camera}', and {_name(env)} has {', '.join(there)}.")
+        if cameras and camera not in cameras:
+            raise PolicyError(f"the policy needs the camera '{camera}', and {_name(env)} has {', '.join(cameras)}.")
 
 
 def as_batch(observation: Any, cameras: Iterable[str]) -> dict[str, Any]:
@@ -176,5 +176,5 @@ def _name(env: gym.Env) -> str:
     return env.spec.id if env.spec is not None else type(env.unwrapped).__name__
 
 
-def _said(value: bool) -> str:
+def _yes_no(value: bool) -> str:
     return "yes" if value else "no"

@@ -56,9 +56,9 @@ def load_policy(spec: str | Path) -> Policy:
 
 def _made(spec: str, module: str, name: str) -> Policy:
     """What a user's function returns."""
-    here = os.getcwd()
-    if here not in sys.path and "" not in sys.path:
-        sys.path.append(here)
+    folder = os.getcwd()
+    if folder not in sys.path and "" not in sys.path:
+        sys.path.append(folder)
     try:
         make = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError) as error:

@@ -1,4 +1,4 @@
-"""Simulated frames become real-looking video: conditions, models, training and measures."""
+"""Realistic video from simulated frames: conditions, models, training and measures."""
 
 from __future__ import annotations
 

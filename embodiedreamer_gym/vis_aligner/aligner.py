@@ -9,7 +9,6 @@ import numpy as np
 from torch import Generator, Tensor, nn
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.io.deprecation import deprecated_names
 from embodiedreamer_gym.vis_aligner.clip import Condition, References
 
 MOST_FRAMES = 1000  # of a chunk in a model file
@@ -17,7 +16,7 @@ Made = Callable[[], list[np.ndarray]]  # frames (T, H, W, 3) uint8 of each clip,
 
 
 class Aligner(Protocol):
-    """A model that makes simulated frames look real; chunk: how many frames it generates at once."""
+    """A model that generates realistic frames from simulated ones; chunk: frames that it generates at once."""
 
     name: str
     chunk: int
@@ -65,6 +64,3 @@ def generate(
         references = [r.after(f, c) for r, f, c in zip(references, frames, parts, strict=True)]
         done.append(frames)
     return [np.concatenate(clip) for clip in zip(*done, strict=True)], references
-
-
-__getattr__ = deprecated_names(__name__, {"dream": "generate"})

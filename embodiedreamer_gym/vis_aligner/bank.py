@@ -1,7 +1,8 @@
-"""Real photos of a bench from which a reference of any scene is made: an empty plate, and appearances of the objects."""
+"""Real photos of a bench from which the reference of any scene is composed: an empty plate, and appearances of the objects."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -94,8 +95,8 @@ class Bank:
             raise VisionError(f"the bank has photos 0 .. {len(self.entries) - 1}, not {number!r}.")
         return self.entries[number]
 
-    def paint(self, condition: Condition) -> Array:
-        """A reference (H, W, 3) uint8 of the scene that a condition's first frame shows: plate, and objects painted in.
+    def compose(self, condition: Condition) -> Array:
+        """A reference (H, W, 3) uint8 of the scene that a condition's first frame shows: the plate with the objects inserted.
 
         Each object gets the appearance of the photo in which it stood nearest, moved and turned into its mask, and its
         shadow around it.
@@ -110,18 +111,25 @@ class Bank:
             mask = classes == number
             entry = self._nearest(mask, number)
             if entry is not None:
-                picture = self._stamp(picture, entry, number, mask, classes)
+                picture = self._insert(picture, entry, number, mask, classes)
         return np.clip(np.round(picture), 0, 255).astype(np.uint8)
+
+    def paint(self, condition: Condition) -> Array:
+        """Deprecated: use `compose`."""
+        warnings.warn("Bank.paint is deprecated; use Bank.compose", DeprecationWarning, stacklevel=2)
+        return self.compose(condition)
 
     def _nearest(self, mask: Array, number: int) -> Entry | None:
         """The photo in which an object is nearest to where it is wanted, in place and size."""
         wanted = _outline(mask)
-        found = [(e, _outline(e.classes == number)) for e in self.entries if (e.classes == number).sum() >= SMALLEST]
-        if not found or mask.sum() < 1:
+        candidates = [
+            (e, _outline(e.classes == number)) for e in self.entries if (e.classes == number).sum() >= SMALLEST
+        ]
+        if not candidates or mask.sum() < 1:
             return None
-        return min(found, key=lambda pair: _apart(pair[1], wanted))[0]
+        return min(candidates, key=lambda pair: _apart(pair[1], wanted))[0]
 
-    def _stamp(self, picture: Array, entry: Entry, number: int, mask: Array, classes: Array) -> Array:
+    def _insert(self, picture: Array, entry: Entry, number: int, mask: Array, classes: Array) -> Array:
         """The picture with an object of a photo in its mask, and its shadow on table and background around."""
         source = entry.classes == number
         matrix = _fit(_outline(source), _outline(mask))
@@ -166,9 +174,9 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
     filled = np.round(plate.filled(0)).astype(np.uint8)
     bench = make_bench([*episodes, *more])
     if holes.any():  # an object stood there in every first frame: what is behind it, else a guess
-        known = holes & bench.seen
-        filled[known] = bench.picture[known]
-        filled = cv2.inpaint(filled, (holes & ~known).astype(np.uint8), 3, cv2.INPAINT_TELEA)
+        seen_behind = holes & bench.seen
+        filled[seen_behind] = bench.picture[seen_behind]
+        filled = cv2.inpaint(filled, (holes & ~seen_behind).astype(np.uint8), 3, cv2.INPAINT_TELEA)
     entries = [
         Entry(frame, seen, joints[i] if joints else None, poses[i] if poses else None, episodes[i].class_names[OBJECT:])
         for i, (frame, seen) in enumerate(zip(firsts, classes, strict=True))

@@ -1,4 +1,4 @@
-"""What many pictures of a bench tell of it: what is behind robot and objects, and how the robot looks in other poses."""
+"""The background of a bench behind robot and objects, and photos of the robot in other poses, from many pictures."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Bench, Condition, Episode, Gallery, facings
 from embodiedreamer_gym.vis_aligner.farthest_points import spread
 
-PICTURES = 240  # of which a pixel's median is taken; more tell no more
+PICTURES = 240  # of which a pixel's median is taken; more do not change it
 EDGE = 1.0 / 128  # of the width: how near to a thing a pixel may be partly that thing
 PHOTOS = 40  # of the robot in different poses
 
 
 def make_bench(episodes: Sequence[Episode]) -> Bench:
-    """What episodes before one bench tell of it.
+    """The background and gallery of episodes before one bench.
 
     Each pixel of the picture is the median over those in which neither robot nor object is there: the median, because
     shadows pass over every place now and then. The gallery, where the robot's parts are known, has poses that differ.
@@ -37,10 +37,10 @@ def _behind(episodes: Sequence[Episode]) -> tuple[np.ndarray, np.ndarray]:
     some = np.unique(np.linspace(0, len(frames) - 1, PICTURES).round().astype(int))
     picture = np.zeros(frames.shape[1:], np.uint8)
     for row in range(len(picture)):
-        pixels, known = frames[some, row].astype(np.float32), free[some, row]
-        pixels[~known] = np.nan
-        there = known.any(axis=0)
-        picture[row, there] = np.nanmedian(pixels[:, there], axis=0).round().astype(np.uint8)
+        pixels, background = frames[some, row].astype(np.float32), free[some, row]
+        pixels[~background] = np.nan
+        covered = background.any(axis=0)
+        picture[row, covered] = np.nanmedian(pixels[:, covered], axis=0).round().astype(np.uint8)
     rare = free.any(axis=0) & ~free[some].any(axis=0)  # only in pictures that were left out
     rows, columns = np.nonzero(rare)
     picture[rare] = frames[free.argmax(axis=0)[rare], rows, columns]
@@ -52,12 +52,12 @@ def make_gallery(episodes: Sequence[Episode], photos: int = PHOTOS) -> Gallery |
 
     Objects are left out: their numbers mean other things in other tasks.
     """
-    known = [e for e in episodes if e.condition.parts is not None and (e.condition.classes == ROBOT).any()]
-    if not known:
+    with_parts = [e for e in episodes if e.condition.parts is not None and (e.condition.classes == ROBOT).any()]
+    if not with_parts:
         return None
-    links = max(int(np.max(e.condition.parts[e.condition.classes == ROBOT])) for e in known)  # pyright: ignore[reportOptionalSubscript]
-    where = [(e, at) for e in known for at in range(len(e))]
-    facing = np.concatenate([facings(e.condition)[:, :links] for e in known])
+    links = max(int(np.max(e.condition.parts[e.condition.classes == ROBOT])) for e in with_parts)  # pyright: ignore[reportOptionalSubscript]
+    where = [(e, at) for e in with_parts for at in range(len(e))]
+    facing = np.concatenate([facings(e.condition)[:, :links] for e in with_parts])
     taken = [where[k] for k in spread(facing, photos, np.ones(len(where)))]
     views = [e.condition.part(at, at + 1).without_parts(OBJECT) for e, at in taken]
     views = [replace(view, projections=view.projections[:, :links]) for view in views]  # pyright: ignore[reportOptionalSubscript]
@@ -66,7 +66,7 @@ def make_gallery(episodes: Sequence[Episode], photos: int = PHOTOS) -> Gallery |
 
 
 def with_benches(episodes: Sequence[Episode]) -> list[Episode]:
-    """The episodes, each with what those before its bench tell of it; its gallery is of others, not of itself."""
+    """The episodes, each with the bench of all episodes before it; its gallery is of other episodes."""
     looks = {look: [e for e in episodes if e.look == look] for look in dict.fromkeys(e.look for e in episodes)}
     made: dict[str, Iterator[Bench]] = {}
     for look, those in looks.items():

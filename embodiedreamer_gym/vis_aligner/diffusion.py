@@ -45,7 +45,7 @@ def sample(denoise: Denoiser, noise: Tensor, steps: int) -> Tensor:
         clip = denoise(x, now.expand(len(x)))
         if after > 0:
             signal, amount = signal_and_noise(now)
-            found = (x - signal * clip) / amount
+            noise_left = (x - signal * clip) / amount
             signal, amount = signal_and_noise(after)
-            x = signal * clip + amount * found
+            x = signal * clip + amount * noise_left
     return clip

@@ -71,10 +71,10 @@ def expand(patterns: Sequence[str | Path]) -> list[Path]:
     paths: list[Path] = []
     for pattern in patterns:
         path = Path(pattern)
-        found = sorted(path.glob("*.hdf5")) if path.is_dir() else sorted(Path(p) for p in glob(str(pattern)))
-        if not found:
+        files = sorted(path.glob("*.hdf5")) if path.is_dir() else sorted(Path(p) for p in glob(str(pattern)))
+        if not files:
             raise VisionError(f"{pattern}: there is no episode; give HDF5 files or a folder of them.")
-        paths += found
+        paths += files
     return paths
 
 

@@ -60,10 +60,10 @@ def _box(model: Any, processor: Any, frame: np.ndarray, prompt: str, least: floa
     inputs = processor(images=frame, text=[[prompt]], return_tensors="pt")
     with torch.inference_mode():
         out = model(**inputs)
-    found = processor.post_process_grounded_object_detection(
+    detections = processor.post_process_grounded_object_detection(
         out, inputs["input_ids"], threshold=least, text_threshold=0.0, target_sizes=[frame.shape[:2]]
     )[0]
-    return found["boxes"][int(found["scores"].argmax())].tolist() if len(found["scores"]) else None
+    return detections["boxes"][int(detections["scores"].argmax())].tolist() if len(detections["scores"]) else None
 
 
 def _outline(model: Any, processor: Any, frame: np.ndarray, box: list[float]) -> np.ndarray:

@@ -52,8 +52,8 @@ def evaluate_aligner(
         episode.frames[1 : count + 1], classes[1 : count + 1], episode.frames[0], classes[0], episode.class_names
     )
     simulated = episode.condition.rgb[1 : count + 1]
-    found = metrics.evaluate_all(clips, truth, simulated, chunk=k)
-    return HeldOutResult(episode, {"simulated": simulated, **clips, "real": truth.frames}, found)
+    measures = metrics.evaluate_all(clips, truth, simulated, chunk=k)
+    return HeldOutResult(episode, {"simulated": simulated, **clips, "real": truth.frames}, measures)
 
 
 def tables(results: Sequence[HeldOutResult], markdown: bool = False) -> str:

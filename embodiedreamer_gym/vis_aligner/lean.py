@@ -72,7 +72,7 @@ class Lean(nn.Module):
         fine, a, b, c = config.widths
         cell = PAIR * PAIR
         self.embed = nn.Sequential(nn.Linear(16, LEVEL), nn.SiLU(), nn.Linear(LEVEL, LEVEL))
-        inside = 3 + 3 + 1 + 3 * config.inputs.known + config.inputs.per_frame
+        inside = 3 + 3 + 1 + 3 * config.inputs.sources + config.inputs.per_frame
         self.frame_in = nn.Conv2d(inside, fine, PAIR, stride=PAIR)
         self.clip_in = nn.Conv2d(config.inputs.per_clip, fine, PAIR, stride=PAIR)
         self.down0 = nn.Conv2d(fine, a, 2, stride=2)
@@ -84,21 +84,21 @@ class Lean(nn.Module):
         self.up1 = Block(b + a, a)
         self.up0 = nn.ConvTranspose2d(a, fine, 2, stride=2)
         self.detail = nn.Conv2d(2 * fine, fine, 3, padding=1)
-        self.out = nn.Conv2d(fine, (4 + config.inputs.known) * cell, 3, padding=1)
+        self.out = nn.Conv2d(fine, (4 + config.inputs.sources) * cell, 3, padding=1)
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)  # pyright: ignore[reportArgumentType]
 
-    def forward(self, noisy: Tensor, time: Tensor, frame: Tensor, clip: Tensor, still: Tensor, known: Tensor,
+    def forward(self, noisy: Tensor, time: Tensor, frame: Tensor, clip: Tensor, still: Tensor, sources: Tensor,
                 stale: Tensor) -> Tensor:  # fmt: skip
         """The clean clip (B, T, 3, H, W).
 
         noisy (B, T, 3, H, W); time (B,); frame (B, T, C, H, W): each frame's condition; clip (B, R, H, W): the
-        references; still (B, T, 3, H, W): what the frames would be if nothing new had to be drawn; known (B, T, S, 3, H, W):
-        the same from true pictures of other times; stale (B, T, 1, H, W): 1 where neither can be, because something else is
-        there by now, and the gate is open.
+        references; still (B, T, 3, H, W): the frames as far as other pictures show them; sources (B, T, S, 3, H, W):
+        the same from each true picture; stale (B, T, 1, H, W): 1 where no picture shows the pixel, and
+        the gate is open.
         """
         frames, size = noisy.shape[1], noisy.shape[-2:]
-        seen = torch.cat([noisy, frame, still, known.flatten(2, 3), stale], 2).flatten(0, 1)
+        seen = torch.cat([noisy, frame, still, sources.flatten(2, 3), stale], 2).flatten(0, 1)
         pad = (0, -size[1] % DEEPEST, 0, -size[0] % DEEPEST)
         if any(pad):
             seen, clip = F.pad(seen, pad), F.pad(clip, pad)
@@ -117,8 +117,8 @@ class Lean(nn.Module):
         if not self.config.gate:
             return new
         gates = ((torch.sigmoid(out[:, :, 3:]) - SHUT) / (OPEN - SHUT)).clamp(0.0, 1.0)
-        for number in range(known.shape[2]):
-            still = torch.lerp(still, known[:, :, number], gates[:, :, 1 + number : 2 + number])
+        for number in range(sources.shape[2]):
+            still = torch.lerp(still, sources[:, :, number], gates[:, :, 1 + number : 2 + number])
         return torch.lerp(still, new, torch.maximum(gates[:, :, :1], stale))
 
 

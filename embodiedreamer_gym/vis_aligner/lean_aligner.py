@@ -18,8 +18,8 @@ from embodiedreamer_gym.vis_aligner.motion_window import windows
 from embodiedreamer_gym.vis_aligner.network_inputs import (
     allowed,
     frame_channels,
-    known_pixels,
     reference_channels,
+    reprojected_pixels,
     to_frames,
     to_tensor,
 )
@@ -87,14 +87,14 @@ class LeanAligner:
     def _stack(
         self, references: Sequence[References], conditions: Sequence[Condition], places: Sequence[Window]
     ) -> tuple[Tensor, ...]:
-        """What the network takes beside noise and time, in windows: conditions, references, still, known, stale."""
+        """What the network takes beside noise and time, in windows: conditions, references, still, sources, stale."""
         width = conditions[0].size[0]
         views = [c.crop(w) for c, w in zip(conditions, places, strict=True)]
         start = [r.crop(w) for r, w in zip(references, places, strict=True)]
         frame = [frame_channels(view, self.inputs, width) for view in views]
         clip = [reference_channels(one, self.inputs, width) for one in start]
-        made = [known_pixels(r, v, self.inputs) for r, v in zip(start, views, strict=True)]
-        parts = (frame, clip, *([getattr(one, key) for one in made] for key in ("still", "known", "stale")))
+        made = [reprojected_pixels(r, v, self.inputs) for r, v in zip(start, views, strict=True)]
+        parts = (frame, clip, *([getattr(one, key) for one in made] for key in ("still", "sources", "stale")))
         return tuple(torch.stack(part) for part in parts)
 
 

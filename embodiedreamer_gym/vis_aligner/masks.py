@@ -34,10 +34,10 @@ def masks_in(folder: str | Path) -> MaskSource:
 
     def read(frame: np.ndarray, number: int) -> np.ndarray:
         path = folder / f"{number:06d}.png"
-        found = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-        if found is None:
+        mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        if mask is None:
             raise VisionError(f"{path}: there is no such mask; every frame needs one.")
-        return checked(found, frame, str(path))
+        return checked(mask, frame, str(path))
 
     return read
 

@@ -24,8 +24,8 @@ def windows(references: Sequence[References], conditions: Sequence[Condition]) -
     margin = round(MARGIN * width)
     boxes = []
     for reference, condition in zip(references, conditions, strict=True):
-        found = moving(reference, condition)
-        spans = [np.flatnonzero(found.any(axis=axis)) for axis in (1, 0)]
+        moved = moving(reference, condition)
+        spans = [np.flatnonzero(moved.any(axis=axis)) for axis in (1, 0)]
         boxes.append([(s[0] - margin, s[-1] + 1 + margin) if len(s) else None for s in spans])
     if all(box[0] is None for box in boxes):
         return None

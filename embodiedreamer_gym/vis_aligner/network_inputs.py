@@ -46,8 +46,8 @@ class Inputs:
         return 3 + 3 * self.masks + 3 * self.depth
 
     @property
-    def known(self) -> int:
-        """Pictures of true frames that each frame can be made of."""
+    def sources(self) -> int:
+        """True pictures whose pixels each frame can take over: plate, anchor, gallery."""
         return self.plate + self.anchor + self.gallery
 
     @property
@@ -98,8 +98,8 @@ def _depth_channels(condition: Condition, thing: np.ndarray, width: int) -> np.n
     across[:, :, 1:-1] = metres[:, :, 2:] - metres[:, :, :-2]
     down[:, 1:-1] = metres[:, 2:] - metres[:, :-2]
     scale = SLOPE * width  # the same tilt is the same number whatever the picture's size
-    found = np.stack([(metres - NEAR) / REACH, scale * across, scale * down], axis=1)
-    return np.where(thing[:, None], 0.0, np.clip(found, -1.0, 1.0))
+    channels = np.stack([(metres - NEAR) / REACH, scale * across, scale * down], axis=1)
+    return np.where(thing[:, None], 0.0, np.clip(channels, -1.0, 1.0))
 
 
 def reference_channels(references: References, inputs: Inputs, width: int | None = None) -> Tensor:
@@ -118,24 +118,24 @@ def reference_channels(references: References, inputs: Inputs, width: int | None
 
 
 @dataclass(frozen=True, eq=False)
-class KnownPixels:
-    """What pictures of other moments show of frames.
+class ReprojectedPixels:
+    """Frames put together from pictures of other moments.
 
-    still (T, 3, H, W): the frames if nothing new had to be drawn.
-    known (T, S, 3, H, W): the same from true pictures of other moments; S is Inputs.known.
+    still (T, 3, H, W): from the last frame and, where it does not show a pixel, from the other pictures.
+    sources (T, S, 3, H, W): the same with one true picture of another moment first; S is Inputs.sources.
     stale (T, 1, H, W): 1 where a part of robot or object shows that is in no picture.
     """
 
     still: Tensor
-    known: Tensor
+    sources: Tensor
     stale: Tensor
 
 
-def known_pixels(references: References, condition: Condition, inputs: Inputs) -> KnownPixels:
-    """What other pictures show of each frame.
+def reprojected_pixels(references: References, condition: Condition, inputs: Inputs) -> ReprojectedPixels:
+    """Each frame put together from pictures of other moments.
 
     still is the last frame; but where a thing has left and the plate shows what is behind it, the plate; and what is rigid
-    where it has moved to, from the last frame, else from the anchor, else from the gallery. known are plate, anchor and
+    where it has moved to, from the last frame, else from the anchor, else from the gallery. sources are plate, anchor and
     gallery, as far as each goes, so that a copy of a copy never has to be made; elsewhere still.
     """
     before, count = references.last_condition, len(condition)
@@ -145,35 +145,35 @@ def known_pixels(references: References, condition: Condition, inputs: Inputs) -
         left = references.seen & _left(before.classes[0] >= ROBOT, thing)
         _put(still, references.plate, left)
     since = Change(before, condition)
-    colours, there = since.reproject(references.last)
-    _put(still, colours, there)
-    stale = since.differs & thing & ~there
+    colours, valid = since.reproject(references.last)
+    _put(still, colours, valid)
+    stale = since.differs & thing & ~valid
     others = []
     if inputs.anchor:
         since = Change(references.anchor_condition, condition)
-        colours, there = since.reproject(references.anchor)
+        colours, valid = since.reproject(references.anchor)
         same = ~since.differs
         _put(colours, references.anchor, same)
-        others.append((colours, there | same))
+        others.append((colours, valid | same))
     if inputs.gallery:
         others.append(reproject_gallery(references.gallery, condition))
-    for colours, there in others:
-        _put(still, colours, stale & there)
-        stale &= ~there
+    for colours, valid in others:
+        _put(still, colours, stale & valid)
+        stale &= ~valid
     if inputs.plate:
         others.insert(0, (references.plate, references.seen & ~thing))
-    known = [still.copy() for _ in others]
-    for one, (colours, there) in zip(known, others, strict=True):
-        _put(one, colours, there)
-    stacked = np.stack(known, 1) if known else still[:, None][:, :0]
-    return KnownPixels(to_tensor(still), to_tensor(stacked), torch.from_numpy(stale)[:, None].float())
+    sources = [still.copy() for _ in others]
+    for one, (colours, valid) in zip(sources, others, strict=True):
+        _put(one, colours, valid)
+    stacked = np.stack(sources, 1) if sources else still[:, None][:, :0]
+    return ReprojectedPixels(to_tensor(still), to_tensor(stacked), torch.from_numpy(stale)[:, None].float())
 
 
-def _put(frames: np.ndarray, colours: np.ndarray, there: np.ndarray) -> None:
+def _put(frames: np.ndarray, colours: np.ndarray, valid: np.ndarray) -> None:
     """Colours (T, H, W, 3) or (H, W, 3) into frames (T, H, W, 3) in some places (T, H, W)."""
     tall = (-1, *frames.shape[2:])  # OpenCV takes pictures, and is ten times as fast as indexing
     source = np.ascontiguousarray(np.broadcast_to(colours, frames.shape)).reshape(tall)
-    cv2.copyTo(source, there.astype(np.uint8).reshape(tall[:2]), frames.reshape(tall))
+    cv2.copyTo(source, valid.astype(np.uint8).reshape(tall[:2]), frames.reshape(tall))
 
 
 def _left(before: np.ndarray, now: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from embodiedreamer_gym.vis_aligner.clip import Condition, Gallery, facings
 
 LEVELS = 2  # of 255, up to which a simulated colour counts as the same
 STILL = 0.05  # pixels by which a part may move and still count as standing
-PROBE = 0.1  # m from a part's origin to the points by which its motion is told
+PROBE = 0.1  # m from a part's origin to the points by which its motion is measured
 NEAR = 0.015  # m between two depths of one point of a part
 CHOICES = 2  # photos of a gallery that are tried for each part, the second where the first does not show it
 FEWEST = 4  # pixels of a part that make a photo of it
@@ -39,8 +39,8 @@ class Change:
         """Pixels (T, H, W) that show something else, or the same elsewhere."""
         before, now = self.before, self.condition
         apart = np.maximum(now.rgb, before.rgb) - np.minimum(now.rgb, before.rgb) > LEVELS
-        found = apart[..., 0] | apart[..., 1] | apart[..., 2] | (now.classes != before.classes) | self.moved
-        return found if now.parts is None or before.parts is None else found | (now.parts != before.parts)
+        differing = apart[..., 0] | apart[..., 1] | apart[..., 2] | (now.classes != before.classes) | self.moved
+        return differing if now.parts is None or before.parts is None else differing | (now.parts != before.parts)
 
     def reproject(self, picture: np.ndarray) -> Reprojected:
         """Colours of parts that have moved, from a picture (H, W, 3) of the instant before.

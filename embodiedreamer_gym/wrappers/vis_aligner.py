@@ -188,7 +188,7 @@ def conditions(info: Mapping[str, Any]) -> Condition:
 
 def first(bank: Bank, condition: Condition, entry: Entry | None) -> References:
     """The references of an episode's beginning: a photo, or one painted."""
-    frame = entry.frame if entry is not None else bank.paint(condition)
+    frame = entry.frame if entry is not None else bank.compose(condition)
     return References.start(frame, condition.part(0, 1), bank.bench)
 
 

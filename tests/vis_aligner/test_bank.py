@@ -35,12 +35,13 @@ def test_a_new_scene_gets_its_objects_painted_in(bank: Bank) -> None:
     """Nearer to the true photo than the empty plate and than another photo, on each object."""
     for seed in (20, 21, 22):
         one = episode(seed)
-        painted = bank.paint(one.condition)
+        painted = bank.compose(one.condition)
         for number in (3, 4):
             mask = one.condition.classes[0] == number
             error = [np.abs(p[mask].astype(float) - one.frames[0][mask]).mean() for p in (painted, bank.plate)]
             assert error[0] < 0.25 * error[1]
-    assert np.array_equal(painted, bank.paint(one.condition))
+    with pytest.warns(DeprecationWarning, match="Bank.paint is deprecated; use Bank.compose"):
+        assert np.array_equal(painted, bank.paint(one.condition))
 
 
 def test_a_scene_is_painted_from_photos_of_its_objects(bank: Bank) -> None:

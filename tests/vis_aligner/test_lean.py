@@ -14,7 +14,7 @@ from embodiedreamer_gym.vis_aligner.clip import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
 from embodiedreamer_gym.vis_aligner.motion_window import moving, windows
-from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, known_pixels, to_frames
+from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, reprojected_pixels, to_frames
 from tests.vis_aligner.scenes import episode
 
 SMALL = LeanConfig((8, 8, 8, 16))
@@ -42,7 +42,7 @@ def test_any_size_and_length(size: tuple[int, int], frames: int) -> None:
     network, inputs = Lean(SMALL), SMALL.inputs
     picture = torch.zeros(1, frames, 3, *size)
     made = network(picture, torch.ones(1), torch.zeros(1, frames, inputs.per_frame, *size),
-                   torch.zeros(1, inputs.per_clip, *size), picture, torch.zeros(1, frames, inputs.known, 3, *size),
+                   torch.zeros(1, inputs.per_clip, *size), picture, torch.zeros(1, frames, inputs.sources, 3, *size),
                    picture[:, :, :1])  # fmt: skip
     assert made.shape == picture.shape
 
@@ -50,7 +50,7 @@ def test_any_size_and_length(size: tuple[int, int], frames: int) -> None:
 def test_a_shut_gate_leaves_pixels_exactly_as_they_were() -> None:
     one = episode()
     references, condition = one.references(0), one.condition.part(8, 9)
-    found = known_pixels(references, condition, Inputs())
+    found = reprojected_pixels(references, condition, Inputs())
     still = to_frames(found.still)[0]
     shut, opened, whole = (
         aligner(replace(SMALL, gate=gate), bias=bias).render([references], [condition])[0][0]
@@ -67,15 +67,15 @@ def test_what_true_pictures_tell_can_be_chosen() -> None:
     references, condition = replace(one.references(8), last=np.zeros_like(one.frames[0])), one.condition.part(0, 1)
     made = aligner(bias=-50.0, choice=50.0).render([references], [condition])[0][0]
     rows, columns = windows([references], [condition])[0]
-    found = known_pixels(references, condition, Inputs())
+    found = reprojected_pixels(references, condition, Inputs())
     old = found.stale[0, 0].numpy() > 0
     assert np.array_equal(made[rows, columns][~old[rows, columns]], one.frames[0][rows, columns][~old[rows, columns]])
-    plate, anchor, gallery = to_frames(found.known)[0]
+    plate, anchor, gallery = to_frames(found.sources)[0]
     free = (condition.classes[0] < 2) & references.seen
     assert np.array_equal(plate[free], references.plate[free]) and not plate[(condition.classes[0] == 2) & ~free].any()
     assert np.array_equal(anchor, one.frames[0]) and np.array_equal(gallery, to_frames(found.still)[0])  # there is none
     least = replace(Inputs(), anchor=False, plate=False, gallery=False)
-    assert known_pixels(references, condition, least).known.shape[1] == 0
+    assert reprojected_pixels(references, condition, least).sources.shape[1] == 0
 
 
 def test_only_what_moves_is_drawn() -> None:

@@ -14,8 +14,8 @@ from embodiedreamer_gym.vis_aligner.network_inputs import (
     Inputs,
     allowed,
     frame_channels,
-    known_pixels,
     reference_channels,
+    reprojected_pixels,
     to_frames,
     to_tensor,
 )
@@ -53,14 +53,14 @@ def test_an_object_shows_only_as_its_mask() -> None:
 def test_what_is_uncovered_comes_from_the_plate() -> None:
     one = episode(3)
     references, condition = one.references(8), one.condition.part(9, 17)
-    shown = to_frames(known_pixels(references, condition, replace(Inputs(), anchor=False)).still)
+    shown = to_frames(reprojected_pixels(references, condition, replace(Inputs(), anchor=False)).still)
     before = references.last_condition.classes[0] >= ROBOT
     for frame, classes in zip(shown, condition.classes, strict=True):
         near, nearer = (binary_dilation(mask, np.ones((3, 3))) for mask in (before, classes >= ROBOT))
         left = (before & (classes < ROBOT)) | (near & ~nearer)  # an edge of a real thing may be a pixel wider
         new = left & references.seen
         assert np.array_equal(frame[new], references.plate[new]) and np.array_equal(frame[~new], references.last[~new])
-    without = known_pixels(references, condition, replace(Inputs(), plate=False, anchor=False)).still
+    without = reprojected_pixels(references, condition, replace(Inputs(), plate=False, anchor=False)).still
     assert np.array_equal(to_frames(without)[-1], references.last)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, Gallery, References
-from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, allowed, known_pixels, to_frames
+from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, allowed, reprojected_pixels, to_frames
 from embodiedreamer_gym.vis_aligner.reprojection import Change, reproject_gallery
 
 HEIGHT, WIDTH, FOCAL = 48, 64, 60.0
@@ -86,15 +86,15 @@ def test_carried_parts_are_what_a_frame_is_made_of() -> None:
     """From the last frame, and from the anchor though the last frame is spoilt; a window of the picture says the same."""
     clip = board([(0.0, 0.0, 1.0, 0.0), (0.06, 0.0, 1.0, 0.3)])
     references = References.start(photo(clip, 0), clip.part(0, 1))
-    found = known_pixels(references, clip.part(1, 2), Inputs())
+    found = reprojected_pixels(references, clip.part(1, 2), Inputs())
     there = Change(clip.part(0, 1), clip.part(1, 2)).reproject(photo(clip, 0))[1][0]
     error = np.abs(to_frames(found.still)[0].astype(float) - photo(clip, 1))
     assert error[there].mean() < 5 and not found.stale[0, 0].numpy()[there].any()
     spoilt = replace(references, last=np.zeros_like(references.last))
-    _, anchor, _ = to_frames(known_pixels(spoilt, clip.part(1, 2), Inputs()).known)[0]
+    _, anchor, _ = to_frames(reprojected_pixels(spoilt, clip.part(1, 2), Inputs()).sources)[0]
     assert np.abs(anchor.astype(float) - photo(clip, 1))[there].mean() < 5
     window = (slice(8, 40), slice(16, 56))
-    small = known_pixels(references.crop(window), clip.part(1, 2).crop(window), Inputs()).still
+    small = reprojected_pixels(references.crop(window), clip.part(1, 2).crop(window), Inputs()).still
     same = there[window] & ((small[0] - found.still[0][:, *window]).abs().amax(0).numpy() < 1e-3)
     assert same.sum() > 0.9 * there[window].sum()
 

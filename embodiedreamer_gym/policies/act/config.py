@@ -17,57 +17,56 @@ MOST_NUMBERS, MOST_LAYERS = 400_000_000, 100  # of a network: 1.6 GB; layers of 
 class ActConfig:
     """Sizes of an action chunking transformer; the defaults learn on a laptop's processor in minutes.
 
-    state_size, action_size: numbers in a state and in an action; cameras: names of one to three; image_size: width and
-    height of a picture, to which others are scaled; chunk: actions predicted at once (k); widths: channels of the
-    ResNet's stages, two blocks each, the last of 1 / 2^(stages + 1) of the picture's size; norm: group, or frozen (batch
-    normalisation with fixed statistics, as pretrained weights have it); keypoints: places in each picture that are a
-    token beside the ResNet's, 0 for none; objects: names of those whose masks the object pose heads learn: the poses go
-    straight to the chunk, and there is no ResNet and no transformer; width, heads, feedforward, encoders, decoders: of
-    the transformer, its encoder's and decoder's layers, or (but heads and decoders) of what goes straight to the chunk;
-    latent: numbers in the CVAE's z, 0 without a CVAE; latent_encoders: layers of the CVAE's encoder; dropout: share;
-    pre_norm: normalise before attention, not after; placed: tokens of pictures carry where they are, which otherwise
-    only queries and keys do; source_size: width and height of the pictures it learnt from, where they were scaled.
     Raises: PolicyError for what cannot be built.
     Source: Zhao et al., Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware, 2023, hyperparameters of its appendix.
     """
 
     state_size: int
+    """Numbers in a state."""
     action_size: int
+    """Numbers in an action."""
     cameras: tuple[str, ...]
+    """Names of one to three cameras."""
     image_size: tuple[int, int]
+    """Width and height of a picture, pixels; others are scaled to it."""
     chunk: int = 100
+    """Actions predicted at once (k)."""
     widths: tuple[int, ...] = (16, 32, 64)
+    """Channels of the ResNet's stages, two blocks each; the last stage has 1 / 2^(stages + 1) of the picture's size."""
     norm: str = "group"
+    """`group`, or `frozen`: batch normalisation with fixed statistics, as pretrained weights have it."""
     keypoints: int = 16
+    """Key points in each picture, together one token beside the ResNet's; 0 for none."""
     objects: tuple[str, ...] = ()
+    """Objects whose masks the object pose heads learn: their poses go to an MLP, without ResNet and transformer."""
     width: int = 128
+    """Width of the transformer, or of the MLP."""
     heads: int = 8
+    """Heads of the transformer's attention."""
     feedforward: int = 256
+    """Hidden width of the transformer's feed-forward layers, or of the MLP's residual layers."""
     encoders: int = 2
+    """Layers of the transformer's encoder, or residual layers of the MLP."""
     decoders: int = 1
+    """Layers of the transformer's decoder."""
     latent: int = 0
+    """Numbers in the CVAE's z; 0 without a CVAE."""
     latent_encoders: int = 2
+    """Layers of the CVAE's encoder."""
     dropout: float = 0.0
+    """Share of activations dropped in training."""
     pre_norm: bool = False
+    """Whether to normalise before attention, not after."""
     placed: bool = True
+    """Whether tokens of pictures have their position added; otherwise only queries and keys do."""
     source_size: tuple[int, int] | None = None
+    """Width and height of the pictures that it learnt from, pixels, where they were scaled."""
 
     def __post_init__(self) -> None:
         """Check."""
-        for name in (
-            "state_size",
-            "action_size",
-            "chunk",
-            "width",
-            "heads",
-            "feedforward",
-            "encoders",
-            "decoders",
-        ):
-            _at_least(name, getattr(self, name), 1)
-        _at_least("latent", self.latent, 0)
-        _at_least("keypoints", self.keypoints, 0)
-        _at_least("latent_encoders", self.latent_encoders, 1)
+        for field in fields(self):
+            if field.type == "int":
+                _at_least(field.name, getattr(self, field.name), 0 if field.name in ("latent", "keypoints") else 1)
         for names in (self.cameras, self.objects):
             if not isinstance(names, tuple) or not all(isinstance(name, str) for name in names):
                 raise PolicyError(f"cameras and objects are names, not {names!r}.")
@@ -132,10 +131,10 @@ class ActConfig:
         """
         if not isinstance(data, Mapping):
             raise PolicyError("an ACT configuration must be a JSON object.")
-        known = [field.name for field in fields(ActConfig)]
+        names = [field.name for field in fields(ActConfig)]
         for key in data:
-            if key not in known:
-                raise PolicyError(f"an ACT configuration has no '{key}'; it has {', '.join(known)}.")
+            if key not in names:
+                raise PolicyError(f"an ACT configuration has no '{key}'; it has {', '.join(names)}.")
         try:
             values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data.items()}
             return ActConfig(**values)

@@ -1,4 +1,4 @@
-"""Temporal ensembling: ask at every step, and average what earlier chunks said about it."""
+"""Temporal ensembling: query the policy at every step, and average the actions of all chunks for it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DECAY = 0.01  # the paper's k
 
 
 class TemporalEnsemble:
-    """A policy of single actions (B, 1, m): the mean of all chunks' words on this step, weighted exp(-decay * i).
+    """A policy of single actions (B, 1, m): the mean of all chunks' actions for this step, weighted exp(-decay * i).
 
     i = 0 is the oldest chunk. It remembers, so `reset` it before each episode. LeRobot measured less success with it than
     without (transfer cube, 500 episodes: 70.8 % against 87.6 %; pull request 319), so nothing here uses it by itself.
@@ -42,6 +42,6 @@ class TemporalEnsemble:
         """Actions (B, 1, m) for this step."""
         self._chunks.append(np.asarray(self._policy(batch)))
         ages = range(len(self._chunks) - 1, -1, -1)
-        words = np.stack([chunk[:, age] for age, chunk in zip(ages, self._chunks, strict=True)])
-        weights = np.exp(-self._decay * np.arange(len(words)))
-        return np.einsum("i,ibm->bm", weights / weights.sum(), words)[:, None].astype(np.float32)
+        predictions = np.stack([chunk[:, age] for age, chunk in zip(ages, self._chunks, strict=True)])
+        weights = np.exp(-self._decay * np.arange(len(predictions)))
+        return np.einsum("i,ibm->bm", weights / weights.sum(), predictions)[:, None].astype(np.float32)

@@ -15,8 +15,8 @@ LEAST = 1e-3  # of that deviation, where a picture has one colour
 class Keypoints(nn.Module):
     """Pictures (B, 3, H, W) to the places (B, 2 K) of K points, x then y, -1 .. 1 from edge to edge.
 
-    A few demonstrations cannot teach a transformer over coarse tokens where a cup stands to a centimetre: it learns by heart
-    what each of them looks like. A soft arg-max over answers to single pixels' colours has nothing else to learn than which
+    A few demonstrations cannot teach a transformer over coarse tokens where a cup stands to a centimetre: it memorises
+    the pictures. A soft arg-max over answers to single pixels' colours has nothing else to learn than which
     colour matters; it is exact, and moves with the cup.
     Source: Finn et al., Deep Spatial Autoencoders for Visuomotor Learning, 2016, section IV, with filters of one pixel.
     """

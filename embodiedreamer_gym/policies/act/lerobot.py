@@ -73,20 +73,20 @@ def load_lerobot(folder: str | Path) -> ActPolicy:
             raise
         raise PolicyError(f"{folder / 'config.json'} is incomplete or of other types: {error}.") from error
     weights = read_safetensors(folder / MODEL)
-    found = {_renamed(name): value.float() for name, value in weights.items() if name.startswith("model.")}
-    found.pop("", None)
-    stages = [found[name] for number in range(1, 5) if (name := f"backbone.layer{number}.0.conv1.weight") in found]
+    renamed = {_renamed(name): value.float() for name, value in weights.items() if name.startswith("model.")}
+    renamed.pop("", None)
+    stages = [renamed[name] for number in range(1, 5) if (name := f"backbone.layer{number}.0.conv1.weight") in renamed]
     config = config.with_(widths=tuple(len(weight) for weight in stages) or config.widths)
     network = Act(config, _statistics(folder, data, weights, features))
-    own = {name: tuple(v.shape) for name, v in network.state_dict().items() if not name.startswith(MEASURED)}
-    needed = {name for name in own if not name.startswith("latent_")}  # the CVAE's encoder only teaches
-    unfit = sorted((needed - set(found)) | (set(found) - set(own)))
-    unfit += [name for name in found if tuple(found[name].shape) != own.get(name)]
+    expected = {name: tuple(v.shape) for name, v in network.state_dict().items() if not name.startswith(MEASURED)}
+    needed = {name for name in expected if not name.startswith("latent_")}  # the CVAE's encoder only teaches
+    unfit = sorted((needed - set(renamed)) | (set(renamed) - set(expected)))
+    unfit += [name for name in renamed if tuple(renamed[name].shape) != expected.get(name)]
     if unfit:
         raise PolicyError(
             f"{folder / MODEL} does not fit its config.json: '{unfit[0]}' is missing, too much or of another size."
         )
-    network.load_state_dict(found, strict=False)
+    network.load_state_dict(renamed, strict=False)
     return ActPolicy(network)
 
 

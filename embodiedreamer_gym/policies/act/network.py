@@ -174,13 +174,13 @@ class Act(nn.Module):
 
     def _pictures(self, pictures: Mapping[str, Any]) -> list[torch.Tensor]:
         """Normalised pictures (B, 3, H, W), one for each camera."""
-        found, (width, height) = [], self.config.image_size
+        normalised, (width, height) = [], self.config.image_size
         for number, name in enumerate(self.config.cameras):
             pixels = pictures.get(name)
             if pixels is None:
-                known = ", ".join(pictures) or "none"
+                names = ", ".join(pictures) or "none"
                 raise PolicyError(
-                    f"this policy sees with the camera '{name}', and there are only pictures of: {known}."
+                    f"this policy needs pictures of the camera '{name}', and was given only those of: {names}."
                 )
             if len(pixels.shape) != 4 or pixels.shape[3] != 3 or str(pixels.dtype).removeprefix("torch.") != "uint8":
                 raise PolicyError(
@@ -188,8 +188,8 @@ class Act(nn.Module):
                 )
             if pixels.shape[1:3] != (height, width):
                 pixels = scaled(np.asarray(pixels), (width, height))
-            found.append(self._normalised(pixels, number))
-        return found
+            normalised.append(self._normalised(pixels, number))
+        return normalised
 
     def _normalised(self, pixels: Any, camera: int) -> torch.Tensor:
         """Pictures (B, H, W, 3) of a camera as the layers take them, (B, 3, H, W)."""

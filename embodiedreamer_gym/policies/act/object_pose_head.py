@@ -1,4 +1,4 @@
-"""Where objects are in a picture, how they lie and how large they look, learnt from masks."""
+"""Place, orientation and size of objects in a picture, learnt from masks."""
 
 from __future__ import annotations
 

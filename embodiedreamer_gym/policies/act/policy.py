@@ -23,7 +23,7 @@ KIND = "embodiedreamer_act"
 class ActPolicy:
     """Actions (B, k, m) for a batch {"agent_pos": (B, n), "pixels": {camera: (B, H, W, 3) uint8}}.
 
-    action_size (m) and chunk (k) are what every policy has; cameras, which it looks through.
+    action_size (m) and chunk (k) are what every policy has; cameras: names of those whose pictures it takes.
     """
 
     def __init__(self, network: Act) -> None:

@@ -33,7 +33,7 @@ def _norm(kind: str, channels: int) -> nn.Module:
 
 
 class Block(nn.Module):
-    """Two 3 x 3 convolutions and a way around them."""
+    """Two 3 x 3 convolutions with a residual connection."""
 
     def __init__(self, before: int, after: int, stride: int, norm: str) -> None:
         super().__init__()

@@ -48,8 +48,8 @@ def check_cameras(episodes: EpisodeSet, cameras: tuple[str, ...]) -> None:
         raise PolicyError("there is no episode to learn from; record some, for example with `embodiedreamer demos`.")
     for camera in cameras:
         if camera not in episodes.cameras:
-            known = ", ".join(episodes.cameras) or "none"
-            raise PolicyError(f"the episodes have no pictures of the camera '{camera}'; cameras: {known}.")
+            names = ", ".join(episodes.cameras) or "none"
+            raise PolicyError(f"the episodes have no pictures of the camera '{camera}'; cameras: {names}.")
 
 
 class Samples:
@@ -158,7 +158,7 @@ class Samples:
 
     def _read(self, i: int, camera: str, start: int, stop: int) -> np.ndarray:
         """Pictures (stop - start, H, W, 3), scaled to the policy's size."""
-        found = np.empty((stop - start, *self.config.image_size[::-1], 3), np.uint8)
+        pictures = np.empty((stop - start, *self.config.image_size[::-1], 3), np.uint8)
         for at in range(start, stop, BLOCK):
             until = min(at + BLOCK, stop)
             frames = self._episodes.frames(i, camera, at, until)
@@ -167,8 +167,8 @@ class Samples:
                     f"episode {self._episodes.names[i]} lacks pictures of the camera '{camera}' from step {at} on; "
                     "leave it out, or record it again."
                 )
-            found[at - start : until - start] = scaled(frames, self.config.image_size)
-        return found
+            pictures[at - start : until - start] = scaled(frames, self.config.image_size)
+        return pictures
 
     def _checked(self, i: int, what: str, values: np.ndarray, size: int) -> np.ndarray:
         name = self._episodes.names[i]

@@ -34,7 +34,7 @@ def sine_2d(height: int, width: int, size: int) -> torch.Tensor:
 
 
 class EncoderLayer(nn.Module):
-    """Self-attention and two linear layers, each with a way around it."""
+    """Self-attention and two linear layers, each with a residual connection."""
 
     def __init__(self, c: ActConfig) -> None:
         super().__init__()
@@ -70,7 +70,7 @@ class Encoder(nn.Module):
 
 
 class DecoderLayer(nn.Module):
-    """Attention among the queries, from them to the memory, and two linear layers, each with a way around it."""
+    """Attention among the queries, from them to the memory, and two linear layers, each with a residual connection."""
 
     def __init__(self, c: ActConfig) -> None:
         super().__init__()
@@ -98,7 +98,7 @@ class DecoderLayer(nn.Module):
         return x if self.pre_norm else self.norm3(x)
 
     def _of_alike(self, value: torch.Tensor) -> torch.Tensor:
-        """What self-attention finds where all values are this one (1, 1, d), whatever it looks at."""
+        """Self-attention where all values are this one (1, 1, d): the weights do not matter."""
         own, width = self.self_attn, value.shape[-1]
         seen = nn.functional.linear(value, own.in_proj_weight[2 * width :], own.in_proj_bias[2 * width :])
         return own.out_proj(seen)

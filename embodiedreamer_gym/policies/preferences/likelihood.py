@@ -110,8 +110,8 @@ def squared_errors(network: ChunkNetwork, chunks: Chunks) -> torch.Tensor:
 
     Where fewer actions of a chunk were executed than the network says, its beginning counts.
     """
-    said = network.mean(nested(chunks.observations)).to(chunks.actions.device)
-    errors = (said[:, : chunks.actions.shape[1]] - chunks.actions).square().sum(-1)
+    predicted = network.mean(nested(chunks.observations)).to(chunks.actions.device)
+    errors = (predicted[:, : chunks.actions.shape[1]] - chunks.actions).square().sum(-1)
     return (errors * chunks.played).sum(-1)
 
 

@@ -36,10 +36,10 @@ def pair(
     if len(starts) != len(scores) or not len(starts):
         raise PolicyError(f"there are {len(starts)} starts and {len(scores)} scores; give one each, at least 2.")
     values = np.asarray(scores, float)
-    found = _same_start(np.asarray(starts), values, top) if pairing == PAIRINGS[0] else _global(values, top or TOP)
-    kept = [(w, l) for w, l in found if values[l] - values[w] > 0 and values[l] - values[w] >= margin]
+    pairs = _same_start(np.asarray(starts), values, top) if pairing == PAIRINGS[0] else _global(values, top or TOP)
+    kept = [(w, l) for w, l in pairs if values[l] - values[w] > 0 and values[l] - values[w] >= margin]
     if not kept:
-        widest = max((values[l] - values[w] for w, l in found), default=0.0)
+        widest = max((values[l] - values[w] for w, l in pairs), default=0.0)
         raise PolicyError(
             f"no pair is left: scores differ by at most {widest:.3g}, and the margin is {margin:g}; "
             "give more tries or more exploration noise, or a smaller margin."
@@ -50,11 +50,11 @@ def pair(
 def best_of(starts: Sequence[int], scores: Sequence[float]) -> list[int]:
     """The best try from each start, as indices in the order of the starts."""
     values, seeds = np.asarray(scores, float), np.asarray(starts)
-    found = []
+    best = []
     for seed in dict.fromkeys(seeds.tolist()):
-        here = np.flatnonzero(seeds == seed)
-        found.append(int(here[np.argmin(values[here])]))
-    return found
+        tries = np.flatnonzero(seeds == seed)
+        best.append(int(tries[np.argmin(values[tries])]))
+    return best
 
 
 def top_of(scores: Sequence[float], top: int = TOP) -> list[int]:
@@ -64,17 +64,17 @@ def top_of(scores: Sequence[float], top: int = TOP) -> list[int]:
 
 def _same_start(starts: np.ndarray, scores: np.ndarray, top: int | None) -> Pairs:
     """Best and worst try of each start, in the order of the starts."""
-    found: Pairs = []
+    pairs: Pairs = []
     for seed in dict.fromkeys(starts.tolist()):
-        here = np.flatnonzero(starts == seed)
-        if len(here) > 1:
-            found.append((int(here[np.argmin(scores[here])]), int(here[np.argmax(scores[here])])))
-    if not found:
+        tries = np.flatnonzero(starts == seed)
+        if len(tries) > 1:
+            pairs.append((int(tries[np.argmin(scores[tries])]), int(tries[np.argmax(scores[tries])])))
+    if not pairs:
         raise PolicyError("every start was tried once; pairs of one start need 2 or more tries, or global_rank.")
-    if top is not None and len(found) > top:
-        widest = sorted(found, key=lambda p: scores[p[0]] - scores[p[1]])[:top]
-        found = [p for p in found if p in widest]
-    return found
+    if top is not None and len(pairs) > top:
+        widest = sorted(pairs, key=lambda p: scores[p[0]] - scores[p[1]])[:top]
+        pairs = [p for p in pairs if p in widest]
+    return pairs
 
 
 def _global(scores: np.ndarray, top: int) -> Pairs:

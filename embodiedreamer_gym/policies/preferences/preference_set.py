@@ -48,11 +48,11 @@ class PreferenceSet:
         Raises: PolicyError where no pair is left.
         """
         scores = [one.score(metric) for one in rollouts]
-        found = pair([one.seed for one in rollouts], scores, pairing, top, margin)
+        pairs = pair([one.seed for one in rollouts], scores, pairing, top, margin)
         name = metric if isinstance(metric, str) else getattr(metric, "__name__", "a function")
         return PreferenceSet(
-            tuple(rollouts[w] for w, _ in found), tuple(rollouts[l] for _, l in found),
-            tuple(float(scores[l] - scores[w]) for w, l in found), name, pairing,
+            tuple(rollouts[w] for w, _ in pairs), tuple(rollouts[l] for _, l in pairs),
+            tuple(float(scores[l] - scores[w]) for w, l in pairs), name, pairing,
         )  # fmt: skip
 
     def __len__(self) -> int:
@@ -81,10 +81,14 @@ class PreferenceSet:
 
         Raises: PolicyError for a missing, damaged or other file.
         """
-        found, about = load_trajectories(path)
+        trajectories, about = load_trajectories(path)
         if set(about) != {"metric", "pairing", "gaps"}:
             raise PolicyError(f"{path} holds rollouts, but no preference set; choose pairs of them first.")
         half = len(about["gaps"])
         return PreferenceSet(
-            tuple(found[:half]), tuple(found[half:]), tuple(about["gaps"]), about["metric"], about["pairing"]
+            tuple(trajectories[:half]),
+            tuple(trajectories[half:]),
+            tuple(about["gaps"]),
+            about["metric"],
+            about["pairing"],
         )

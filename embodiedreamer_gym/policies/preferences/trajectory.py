@@ -23,7 +23,7 @@ class Trajectory:
 
     observations: name -> array (C, ...), what the policy saw before each chunk; nested names are joined with a slash,
     such as pixels/head (C, H, W, 3) uint8; actions (C, k, m): executed, the environment's units, as they
-    were before being clipped to its space; means (C, k, m): what the policy said before exploration noise; counts (C,):
+    were before being clipped to its space; means (C, k, m): what the policy predicted before exploration noise; counts (C,):
     how many actions of each chunk were played; seed: of the start; attempt: number of the try from this start; outcome:
     numbers at the end, such as distance (m) and is_success.
     Raises: PolicyError where shapes do not fit each other.
@@ -85,23 +85,23 @@ class Trajectory:
 
 def flat(observation: Mapping[str, Any], prefix: str = "") -> dict[str, np.ndarray]:
     """Nested observations as one dictionary: {"pixels": {"head": x}} -> {"pixels/head": x}."""
-    found: dict[str, np.ndarray] = {}
+    arrays: dict[str, np.ndarray] = {}
     for name, value in observation.items():
-        here = f"{prefix}{name}"
-        found |= flat(value, here + DEEPER) if isinstance(value, Mapping) else {here: np.asarray(value)}
-    return found
+        path = f"{prefix}{name}"
+        arrays |= flat(value, path + DEEPER) if isinstance(value, Mapping) else {path: np.asarray(value)}
+    return arrays
 
 
 def nested(observation: Mapping[str, Any]) -> dict[str, Any]:
     """The inverse of `flat`."""
-    found: dict[str, Any] = {}
+    tree: dict[str, Any] = {}
     for name, value in observation.items():
         *way, last = name.split(DEEPER)
-        here = found
+        branch = tree
         for part in way:
-            here = here.setdefault(part, {})
-        here[last] = value
-    return found
+            branch = branch.setdefault(part, {})
+        branch[last] = value
+    return tree
 
 
 def alike(trajectories: Sequence[Trajectory]) -> None:

@@ -1,4 +1,4 @@
-"""Edits of a reference picture, from which the video model then makes an episode with another look."""
+"""Edits of a reference picture, from which the video model generates an episode of another appearance."""
 
 from embodiedreamer_gym.vis_aligner.editing.background import Background
 from embodiedreamer_gym.vis_aligner.editing.editor import Chain, ReferenceEditor, apply, describe, draws_of

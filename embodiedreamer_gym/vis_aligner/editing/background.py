@@ -54,46 +54,46 @@ class Background:
         for name, drawn in self.draws(masks, rng).items():
             mask = masks[name]
             if mask.any():
-                new = self._cloth(drawn, image) if self.pictures is not None else _paint(drawn, image)
+                new = self._photo(drawn, image) if self.pictures is not None else _pattern(drawn, image)
                 out[mask] = (new * light(image, mask)[..., None])[mask]
         return np.clip(np.round(out), 0, 255).astype(np.uint8)
 
     def draws(self, masks: Masks, rng: np.random.Generator) -> dict[str, Any]:
         """For each place: a picture and whether it is mirrored; or a colour, pattern, its contrast, period and angle."""
-        found: dict[str, Any] = {}
+        drawn: dict[str, Any] = {}
         for name in self.where:
             if self.pictures is not None:
                 files = self._files()
-                found[name] = {"picture": files[int(rng.integers(len(files)))].name, "mirrored": bool(rng.integers(2))}
+                drawn[name] = {"picture": files[int(rng.integers(len(files)))].name, "mirrored": bool(rng.integers(2))}
                 continue
             hue, saturation, value, contrast, period, angle = (
                 round(float(rng.uniform(*span)), 4)
                 for span in (HUES, SATURATIONS, VALUES, CONTRASTS, PERIODS, (0, np.pi))
             )
-            found[name] = {
+            drawn[name] = {
                 "hue": hue, "saturation": saturation, "value": value, "pattern": PATTERNS[int(rng.integers(4))],
                 "contrast": contrast, "period": period, "angle": angle, "seed": int(rng.integers(2**31)),
             }  # fmt: skip
-        return found
+        return drawn
 
     def _files(self) -> list[Path]:
         folder = Path(str(self.pictures))
-        found = sorted(p for p in folder.glob("*") if p.suffix.lower() in SUFFIXES)
-        if not found:
+        files = sorted(p for p in folder.glob("*") if p.suffix.lower() in SUFFIXES)
+        if not files:
             raise VisionError(f"{folder} holds no pictures for a background; put {', '.join(SUFFIXES)} files there.")
-        return found
+        return files
 
-    def _cloth(self, drawn: dict[str, Any], image: np.ndarray) -> np.ndarray:
+    def _photo(self, drawn: dict[str, Any], image: np.ndarray) -> np.ndarray:
         """A picture, as large as to cover the image (H, W, 3), float."""
         path = Path(str(self.pictures)) / drawn["picture"]
-        found = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        if found is None:
+        picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if picture is None:
             raise VisionError(f"{path} is no picture that can be read; take it out of the folder.")
         height, width = image.shape[:2]
-        factor = max(height / found.shape[0], width / found.shape[1])
-        size = max(width, round(found.shape[1] * factor)), max(height, round(found.shape[0] * factor))
-        found = cv2.resize(found, size, interpolation=cv2.INTER_AREA)[:height, :width, ::-1]
-        return (found[:, ::-1] if drawn["mirrored"] else found).astype(np.float32)
+        factor = max(height / picture.shape[0], width / picture.shape[1])
+        size = max(width, round(picture.shape[1] * factor)), max(height, round(picture.shape[0] * factor))
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)[:height, :width, ::-1]
+        return (picture[:, ::-1] if drawn["mirrored"] else picture).astype(np.float32)
 
 
 def light(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -102,7 +102,7 @@ def light(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return np.clip(grey / max(float(np.median(grey[mask])), 1.0), *LIGHT)
 
 
-def _paint(drawn: dict[str, Any], image: np.ndarray) -> np.ndarray:
+def _pattern(drawn: dict[str, Any], image: np.ndarray) -> np.ndarray:
     """A coloured pattern (H, W, 3), float."""
     height, width = image.shape[:2]
     colour = from_hsv(np.array([[drawn["hue"], drawn["saturation"], drawn["value"]]]))[0]

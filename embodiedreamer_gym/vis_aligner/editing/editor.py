@@ -52,7 +52,7 @@ def apply(editor: ReferenceEditor, image: np.ndarray, masks: Masks, seed: int, p
 
 
 def draws_of(editor: ReferenceEditor, masks: Masks, seed: int) -> dict[str, Any]:
-    """What `apply` with this seed draws, fit for JSON; nothing of an editor that does not tell."""
+    """What `apply` with this seed draws, fit for JSON; empty for an editor without a method `draws`."""
     return _draws(editor, masks, np.random.default_rng(seed))
 
 
@@ -67,11 +67,11 @@ def objects_in(masks: Masks, names: Sequence[str] | None) -> list[str]:
 
     Raises: VisionError for one that there is not.
     """
-    there = [name for name in masks if name not in SCENE]
+    objects = [name for name in masks if name not in SCENE]
     for name in names or ():
         if name not in masks:
             raise VisionError(f"the scene has no '{name}' to edit; it has {', '.join(masks)}.")
-    return there if names is None else list(names)
+    return objects if names is None else list(names)
 
 
 def things(masks: Masks) -> np.ndarray:
@@ -83,15 +83,15 @@ def things(masks: Masks) -> np.ndarray:
 def _checked(
     editor: ReferenceEditor, image: np.ndarray, masks: Masks, rng: np.random.Generator, prompt: str | None
 ) -> np.ndarray:
-    found = editor(image.copy(), masks, rng, prompt)
-    if not isinstance(found, np.ndarray) or found.shape != image.shape or found.dtype != image.dtype:
-        given = f"{found.shape} {found.dtype}" if isinstance(found, np.ndarray) else type(found).__name__
+    edited = editor(image.copy(), masks, rng, prompt)
+    if not isinstance(edited, np.ndarray) or edited.shape != image.shape or edited.dtype != image.dtype:
+        given = f"{edited.shape} {edited.dtype}" if isinstance(edited, np.ndarray) else type(edited).__name__
         raise VisionError(
             f"editor {describe(editor)} returned {given}; a picture {image.shape} {image.dtype} is expected."
         )
-    return found
+    return edited
 
 
 def _draws(editor: ReferenceEditor, masks: Masks, rng: np.random.Generator) -> dict[str, Any]:
-    tell = getattr(editor, "draws", None)
-    return {} if tell is None else dict(tell(masks, rng))
+    draws = getattr(editor, "draws", None)
+    return {} if draws is None else dict(draws(masks, rng))

@@ -1,4 +1,4 @@
-"""What a picture's masks hide is painted anew by a diffusion model that lies in a local folder."""
+"""Masked areas of a picture inpainted by a diffusion model in a local folder."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ STEPS = 30
 
 @dataclass(frozen=True)
 class Inpaint:
-    """Repaints table and background, or what is named, as a prompt says, by diffusers' StableDiffusionInpaintPipeline.
+    """Inpaints table and background, or other masks, from a prompt, by diffusers' StableDiffusionInpaintPipeline.
 
     path: a folder that save_pretrained wrote; nothing is downloaded; names: of masks; edge: pixels of the picture's shorter
-    side while it is painted; steps: of diffusion.
+    side during inpainting; steps: of diffusion.
     """
 
     path: str | Path
@@ -35,26 +35,26 @@ class Inpaint:
     def __call__(
         self, image: np.ndarray, masks: Masks, rng: np.random.Generator, prompt: str | None = None
     ) -> np.ndarray:
-        """The picture (H, W, 3) uint8, repainted inside the masks.
+        """The picture (H, W, 3) uint8, inpainted inside the masks.
 
         Raises: VisionError without a prompt, for a name that the scene does not have, or a folder without such a model;
         MissingExtraError without diffusers or transformers.
         """
         if not prompt:
-            raise VisionError("inpainting needs a prompt that says what is to be painted, such as 'a marble table'.")
+            raise VisionError("inpainting needs a prompt for the new content, such as 'a marble table'.")
         lacking = [name for name in self.names if name not in masks]
         if lacking:
-            raise VisionError(f"the scene has no '{lacking[0]}' to repaint; it has {', '.join(masks)}.")
+            raise VisionError(f"the scene has no '{lacking[0]}' to inpaint; it has {', '.join(masks)}.")
         mask = np.any([masks[name] for name in self.names], axis=0)
         pipeline, seed = load_pipeline(str(self.path)), int(rng.integers(2**31))
-        return np.where(mask[..., None], self._painted(pipeline, image, mask, seed, prompt), image)
+        return np.where(mask[..., None], self._inpainted(pipeline, image, mask, seed, prompt), image)
 
     def draws(self, masks: Masks, rng: np.random.Generator) -> dict[str, Any]:
         """Seed of the noise."""
         return {"seed": int(rng.integers(2**31))}
 
-    def _painted(self, pipeline: Any, image: np.ndarray, mask: np.ndarray, seed: int, prompt: str) -> np.ndarray:
-        """The whole picture (H, W, 3) uint8 as the model paints it."""
+    def _inpainted(self, pipeline: Any, image: np.ndarray, mask: np.ndarray, seed: int, prompt: str) -> np.ndarray:
+        """The whole picture (H, W, 3) uint8 as the model generates it."""
         height, width = image.shape[:2]
         factor = self.edge / min(height, width)
         across, down = (max(CELL, round(side * factor / CELL) * CELL) for side in (width, height))

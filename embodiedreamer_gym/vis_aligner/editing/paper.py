@@ -66,8 +66,8 @@ class PaperSheet:
         half = 0.5 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * self.size
         c, s = np.cos(turn), np.sin(turn)
         flat = half @ np.array([[c, s], [-s, c]]) + (x, y)
-        here, axes = self.camera.pose()
-        points = (np.column_stack([flat, np.full(4, self.height)]) - here) @ axes
+        position, axes = self.camera.pose()
+        points = (np.column_stack([flat, np.full(4, self.height)]) - position) @ axes
         if (points[:, 2] < self.camera.near).any():
             raise VisionError(f"camera {self.camera.name} does not see a sheet at ({x:.2f}, {y:.2f}) m before it.")
         pixels = points @ self.camera.matrix((image.shape[1], image.shape[0])).T
@@ -91,5 +91,5 @@ def _light(image: np.ndarray, masks: Masks) -> np.ndarray:
     soft = max(SOFT * image.shape[1], 0.5)
     near = cv2.GaussianBlur(weight, (0, 0), soft)
     smooth = cv2.GaussianBlur(grey * weight, (0, 0), soft) / np.maximum(near, 1e-3)
-    found = smooth / max(float(np.median(grey[table])), 1.0)
-    return np.where(near > 0.02, np.clip(found, *LIGHT), 1.0).astype(np.float32)
+    ratio = smooth / max(float(np.median(grey[table])), 1.0)
+    return np.where(near > 0.02, np.clip(ratio, *LIGHT), 1.0).astype(np.float32)

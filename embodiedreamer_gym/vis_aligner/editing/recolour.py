@@ -40,19 +40,19 @@ class Recolour:
         for name, drawn in self.draws(masks, rng).items():
             mask = masks[name]
             if mask.any():
-                out[mask] = _painted(image[mask], **drawn)
+                out[mask] = _recoloured(image[mask], **drawn)
         return out
 
     def draws(self, masks: Masks, rng: np.random.Generator) -> dict[str, Any]:
         """For each object: hue, degrees (or turn, degrees from its own), saturation and value of its middle tone."""
-        found: dict[str, Any] = {}
+        drawn: dict[str, Any] = {}
         for name in objects_in(masks, self.names):
             turn, saturation, value = (round(float(rng.uniform(*span)), 4) for span in (TURNS, SATURATIONS, VALUES))
-            found[name] = {"turn": turn, "saturation": saturation, "value": value}
+            drawn[name] = {"turn": turn, "saturation": saturation, "value": value}
             if self.colour is not None:
                 hue, saturation, value = to_hsv(np.array([self.colour], np.uint8))[0].tolist()
-                found[name] = {"hue": hue, "saturation": saturation, "value": value}
-        return found
+                drawn[name] = {"hue": hue, "saturation": saturation, "value": value}
+        return drawn
 
 
 def to_hsv(pixels: np.ndarray) -> np.ndarray:
@@ -65,7 +65,7 @@ def from_hsv(hsv: np.ndarray) -> np.ndarray:
     return cv2.cvtColor(hsv[None].astype(np.float32), cv2.COLOR_HSV2RGB)[0] * 255
 
 
-def _painted(
+def _recoloured(
     pixels: np.ndarray, saturation: float, value: float, hue: float | None = None, turn: float = 0.0
 ) -> np.ndarray:
     """Pixels (n, 3) uint8 of one object in another colour."""

@@ -1,4 +1,4 @@
-"""An edit carried to all that tells an episode's colours: its first frame, the anchor, and what is behind things."""
+"""An edit applied to all pictures of a reference: the last frame, the anchor and the plate behind things."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def edited(
 ) -> References:  # fmt: skip
     """References of an episode's beginning with an edit, to be rendered from as any others.
 
-    names: of the classes, the robot's and below as in CLASS_NAMES. The plate, what is known behind robot and objects, is
+    names: of the classes, the robot's and below as in CLASS_NAMES. The plate, the picture behind robot and objects, is
     edited as a picture without them, with the same draws. Where an editor then does something else than in the first frame,
     as an image model may, the plate gets the first frame's change, and behind things what changed around them.
     Raises: VisionError where the editor returns no picture of the same size.
@@ -36,7 +36,7 @@ def edited(
     change = anchor.astype(np.float32) - references.anchor
     apart = np.abs(after.astype(np.float32) - before - change)[free].mean() if free.any() else 0.0
     if apart > NEARLY + ALIKE * np.abs(change)[free].mean():
-        after = _carried(before, change, free)
+        after = _extended(before, change, free)
     return replace(references, last=last, anchor=anchor, plate=np.where(seen[..., None], after, references.plate))
 
 
@@ -59,14 +59,14 @@ def _behind(classes: np.ndarray, names: Sequence[str]) -> Masks:
     if table.any():
         outline = cv2.convexHull(np.argwhere(table)[:, ::-1].astype(np.int32))
         cv2.fillConvexPoly(whole, outline, 1)
-    there = np.where(classes < ROBOT, table, whole > 0)
-    nothing = np.zeros_like(there)
-    return {name: (~there, there)[number] if number < ROBOT else nothing for number, name in enumerate(names)}
+    on_table = np.where(classes < ROBOT, table, whole > 0)
+    nothing = np.zeros_like(on_table)
+    return {name: (~on_table, on_table)[number] if number < ROBOT else nothing for number, name in enumerate(names)}
 
 
-def _carried(before: np.ndarray, change: np.ndarray, free: np.ndarray) -> np.ndarray:
+def _extended(before: np.ndarray, change: np.ndarray, free: np.ndarray) -> np.ndarray:
     """A picture with the change (H, W, 3) that is known where it is free, and elsewhere goes on from there."""
     coded = np.clip(np.round(change / 2 + 128), 0, 255).astype(np.uint8)
     whole = 2.0 * (cv2.inpaint(coded, (~free).astype(np.uint8), 3, cv2.INPAINT_TELEA).astype(np.float32) - 128)
-    told = np.where(free[..., None], change, whole)
-    return np.clip(np.round(before + told), 0, 255).astype(np.uint8)
+    filled = np.where(free[..., None], change, whole)
+    return np.clip(np.round(before + filled), 0, 255).astype(np.uint8)

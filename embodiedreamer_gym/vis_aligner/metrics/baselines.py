@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics.checks import check_frames, check_picture, said
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_frames, check_picture, clip_size
 
 
 def raw_simulation(simulated: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -17,7 +17,7 @@ def raw_simulation(simulated: np.ndarray, truth: np.ndarray) -> np.ndarray:
     simulated, truth = check_frames(simulated, "simulated frames"), check_frames(truth, "true frames")
     if len(simulated) != len(truth):
         raise VisionError(
-            f"the simulated frames are {said(simulated)}, the true ones {said(truth)}; give one for each."
+            f"the simulated frames are {clip_size(simulated)}, the true ones {clip_size(truth)}; give one for each."
         )
     if simulated.shape == truth.shape:
         return simulated

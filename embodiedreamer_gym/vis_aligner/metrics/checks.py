@@ -24,7 +24,9 @@ def check_pair(generated: Any, truth: Any) -> tuple[np.ndarray, np.ndarray]:
     """
     generated, truth = check_frames(generated, "generated frames"), check_frames(truth, "true frames")
     if generated.shape != truth.shape:
-        raise VisionError(f"the generated frames are {said(generated)}, the true ones {said(truth)}; make them alike.")
+        raise VisionError(
+            f"the generated frames are {clip_size(generated)}, the true ones {clip_size(truth)}; make them alike."
+        )
     return generated, truth
 
 
@@ -33,12 +35,12 @@ def check_picture(picture: Any, like: np.ndarray) -> np.ndarray:
 
     Raises: VisionError for another type, shape or size.
     """
-    found = _checked(picture, "reference", "uint8 RGB (H, W, 3)", np.uint8, 3, 3)
-    if found.shape != like.shape[1:]:
+    array = _checked(picture, "reference", "uint8 RGB (H, W, 3)", np.uint8, 3, 3)
+    if array.shape != like.shape[1:]:
         raise VisionError(
-            f"the reference is {found.shape[1]}x{found.shape[0]}, the frames are {said(like)}; give one of their size."
+            f"the reference is {array.shape[1]}x{array.shape[0]}, the frames are {clip_size(like)}; give one of their size."
         )
-    return found
+    return array
 
 
 def check_classes(classes: Any, like: np.ndarray, name: str = "classes") -> np.ndarray:
@@ -46,12 +48,12 @@ def check_classes(classes: Any, like: np.ndarray, name: str = "classes") -> np.n
 
     Raises: VisionError for another type, shape, length or size.
     """
-    found = _checked(classes, name, "uint8 (T, H, W)", np.uint8, 3)
-    if found.shape != like.shape[:3]:
+    array = _checked(classes, name, "uint8 (T, H, W)", np.uint8, 3)
+    if array.shape != like.shape[:3]:
         raise VisionError(
-            f"the {name} are {said(found)}, the frames {said(like)}; give one class picture for each frame."
+            f"the {name} are {clip_size(array)}, the frames {clip_size(like)}; give one class picture for each frame."
         )
-    return found
+    return array
 
 
 def check_mask(mask: Any, like: np.ndarray) -> np.ndarray:
@@ -59,27 +61,29 @@ def check_mask(mask: Any, like: np.ndarray) -> np.ndarray:
 
     Raises: VisionError for another type or size, or a mask without a pixel.
     """
-    found = np.asarray(mask)
-    if found.dtype != bool or found.ndim not in (2, 3):
-        raise VisionError(f"the mask is {found.dtype} of shape {found.shape}; bool (T, H, W) or (H, W) is expected.")
-    shown = found[None] if found.ndim == 2 else found
-    if shown.shape[1:] != like.shape[1:3] or (found.ndim == 3 and len(found) != len(like)):
-        raise VisionError(f"the mask is {said(shown)}, the frames {said(like)}; give one of their length and size.")
-    if not found.any():
+    array = np.asarray(mask)
+    if array.dtype != bool or array.ndim not in (2, 3):
+        raise VisionError(f"the mask is {array.dtype} of shape {array.shape}; bool (T, H, W) or (H, W) is expected.")
+    shown = array[None] if array.ndim == 2 else array
+    if shown.shape[1:] != like.shape[1:3] or (array.ndim == 3 and len(array) != len(like)):
+        raise VisionError(
+            f"the mask is {clip_size(shown)}, the frames {clip_size(like)}; give one of their length and size."
+        )
+    if not array.any():
         raise VisionError("the mask has no pixel; there is nothing to measure, so leave it out or mark at least one.")
     return np.broadcast_to(shown, like.shape[:3])
 
 
-def said(frames: np.ndarray) -> str:
+def clip_size(frames: np.ndarray) -> str:
     """Length and size of a clip, for an error: "8 x 128x96"."""
     return f"{len(frames)} x {frames.shape[2]}x{frames.shape[1]}"
 
 
 def _checked(given: Any, name: str, wanted: str, kind: type, axes: int, channels: int | None = None) -> np.ndarray:
-    found = np.asarray(given)
-    fits = found.ndim == axes and (channels is None or found.shape[-1] == channels)
-    if found.dtype != kind or not fits:
-        raise VisionError(f"{name}: {found.dtype} of shape {found.shape} was given; {wanted} is expected.")
-    if not found.size:
-        raise VisionError(f"{name}: no frame or no pixel was given (shape {found.shape}); give at least one.")
-    return found
+    array = np.asarray(given)
+    fits = array.ndim == axes and (channels is None or array.shape[-1] == channels)
+    if array.dtype != kind or not fits:
+        raise VisionError(f"{name}: {array.dtype} of shape {array.shape} was given; {wanted} is expected.")
+    if not array.size:
+        raise VisionError(f"{name}: no frame or no pixel was given (shape {array.shape}); give at least one.")
+    return array

@@ -10,7 +10,7 @@ import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.metrics.baselines import copy_first, copy_last, raw_simulation
-from embodiedreamer_gym.vis_aligner.metrics.checks import check_pair, said
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_pair, clip_size
 from embodiedreamer_gym.vis_aligner.metrics.drift import drift_curve
 from embodiedreamer_gym.vis_aligner.metrics.ground_truth import GroundTruth
 from embodiedreamer_gym.vis_aligner.metrics.image_metrics import (
@@ -144,18 +144,20 @@ def _regions(generated: np.ndarray, truth: GroundTruth, chunk: int, values: dict
             drift[key] = drift_curve(psnr_frames(generated, truth.frames, mask), chunk)
         else:
             values[key] = None
-            reasons[key] = "nothing moves" if name == "moving" else f"no pixel of {name} is in the {said(truth.frames)}"
+            reasons[key] = (
+                "nothing moves" if name == "moving" else f"no pixel of {name} is in the {clip_size(truth.frames)}"
+            )
 
 
 def _overlaps(generated: np.ndarray, truth: GroundTruth, chunk: int, values: dict, drift: dict, reasons: dict) -> None:
     """IoU of the classes found again, and what the true frames reach."""
-    found = truth.find(generated)
+    segmented = truth.find(generated)
     for name, numbers in truth.numbers.items():
-        values[f"iou.{name}"], values[f"iou_ceiling.{name}"] = truth.iou(found, numbers), truth.ceiling[name]
+        values[f"iou.{name}"], values[f"iou_ceiling.{name}"] = truth.iou(segmented, numbers), truth.ceiling[name]
         if values[f"iou.{name}"] is None:
             reasons |= {f"{key}.{name}": f"no true pixel is of {name}" for key in ("iou", "iou_ceiling")}
             continue
-        curves = [_share_curve(*overlaps(found, truth.classes, number), chunk) for number in truth.seen(numbers)]
+        curves = [_share_curve(*overlaps(segmented, truth.classes, number), chunk) for number in truth.seen(numbers)]
         seen = np.isfinite(curves).sum(axis=0)
         drift[f"iou.{name}"] = np.divide(
             np.nansum(curves, axis=0), seen, out=np.full(seen.shape, np.nan), where=seen > 0

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics.checks import check_frames, said
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_frames, clip_size
 
 GAP = 2  # pixels of paper between pictures
 PAPER, INK = 255, 40
@@ -26,7 +26,7 @@ def strip(rows: Mapping[str, np.ndarray], columns: int | Sequence[int] = 8, zoom
     clips = {name: check_frames(frames, name) for name, frames in rows.items()}
     shapes = {frames.shape for frames in clips.values()}
     if len(shapes) != 1:
-        sizes = ", ".join(f"{name} {said(frames)}" for name, frames in clips.items()) or "none"
+        sizes = ", ".join(f"{name} {clip_size(frames)}" for name, frames in clips.items()) or "none"
         raise VisionError(f"clips of one length and size are expected, at least one; given: {sizes}.")
     count = shapes.pop()[0]
     chosen = _chosen(columns, count)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics.checks import check_classes, check_frames, check_picture, said
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_classes, check_frames, check_picture, clip_size
 from embodiedreamer_gym.vis_aligner.metrics.regions import moving_region, numbers_of, static_background
 from embodiedreamer_gym.vis_aligner.metrics.segmenter import Segmenter, mask_iou
 from embodiedreamer_gym.vis_aligner.metrics.video_features import I3d, random_features
@@ -50,7 +50,7 @@ class GroundTruth:
             )
 
     def __repr__(self) -> str:
-        return f"GroundTruth({said(self.frames)}, {', '.join(self.class_names[2:])})"
+        return f"GroundTruth({clip_size(self.frames)}, {', '.join(self.class_names[2:])})"
 
     @cached_property
     def numbers(self) -> dict[str, tuple[int, ...]]:
@@ -78,8 +78,8 @@ class GroundTruth:
     @cached_property
     def ceiling(self) -> dict[str, float | None]:
         """IoU that the true frames themselves reach, by region; None where no true pixel is of it."""
-        found = self.find(self.frames)
-        return {name: self.iou(found, numbers) for name, numbers in self.numbers.items()}
+        segmented = self.find(self.frames)
+        return {name: self.iou(segmented, numbers) for name, numbers in self.numbers.items()}
 
     @cached_property
     def random_features(self) -> np.ndarray:
@@ -90,12 +90,12 @@ class GroundTruth:
         """Classes (T, H, W) found again in frames (T, H, W, 3) by their colours."""
         return self.learnt.segment(frames, self.classes, self.reference_classes)
 
-    def iou(self, found: np.ndarray, numbers: tuple[int, ...]) -> float | None:
+    def iou(self, segmented: np.ndarray, numbers: tuple[int, ...]) -> float | None:
         """Intersection over union of found and true classes, over the clip, mean over classes that have true pixels.
 
         None where no class has. The mean weighs a pen as much as the box beside it.
         """
-        shares = [mask_iou(found, self.classes, number) for number in self.seen(numbers)]
+        shares = [mask_iou(segmented, self.classes, number) for number in self.seen(numbers)]
         return float(np.mean(shares)) if shares else None
 
     def seen(self, numbers: tuple[int, ...]) -> tuple[int, ...]:

@@ -68,5 +68,5 @@ def numbers_of(class_names: Sequence[str]) -> dict[str, tuple[int, ...]]:
             f"and none called {', '.join(regions)}."
         )
     props = tuple(range(ROBOT + 1, len(names)))
-    found = {name: (number,) for number, name in enumerate(names) if number >= ROBOT}
-    return found | ({"objects": props} if props else {}) | {"arm and objects": (ROBOT, *props)}
+    numbers = {name: (number,) for number, name in enumerate(names) if number >= ROBOT}
+    return numbers | ({"objects": props} if props else {}) | {"arm and objects": (ROBOT, *props)}

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import ndimage
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics.checks import check_classes, check_frames, said
+from embodiedreamer_gym.vis_aligner.metrics.checks import check_classes, check_frames, clip_size
 from embodiedreamer_gym.vis_aligner.metrics.regions import ROBOT
 
 UNKNOWN = 255  # class number of a colour that no class has
@@ -84,17 +84,19 @@ class Segmenter:
         classes = check_classes(classes, frames)
         if frames.shape[1:3] != self.known.shape:
             height, width = self.known.shape
-            raise VisionError(f"the frames are {said(frames)}, the segmenter learnt {width}x{height}; give that size.")
+            raise VisionError(
+                f"the frames are {clip_size(frames)}, the segmenter learnt {width}x{height}; give that size."
+            )
         areas = search_areas(classes, more)
         if unlearnt := sorted(set(areas) - set(self.numbers)):
             raise VisionError(
                 f"classes {unlearnt} were not in what the segmenter learnt, only {list(self.numbers)} were."
             )
         labels = np.array([0, *areas, UNKNOWN], np.uint8)
-        found = np.empty(classes.shape, np.uint8)
+        segmented = np.empty(classes.shape, np.uint8)
         for i, frame in enumerate(frames):
-            found[i] = labels[self._shares(_lab(frame), classes[i], areas).argmax(axis=2)]
-        return found
+            segmented[i] = labels[self._shares(_lab(frame), classes[i], areas).argmax(axis=2)]
+        return segmented
 
     def _shares(self, lab: np.ndarray, classes: np.ndarray, areas: dict[int, np.ndarray]) -> np.ndarray:
         """Probabilities (H, W, classes + 2) of background, the classes of `areas` and UNKNOWN at each pixel."""
@@ -108,9 +110,9 @@ class Segmenter:
 
     def _background(self, lab: np.ndarray, anywhere: np.ndarray) -> np.ndarray:
         """Density (H, W) of background: half that of the pixel's own, in several shades, half that of all of it."""
-        there, here = ((x.astype(np.float32) - GREY) / WIDTHS for x in (self.plate, lab))
-        square, product = (np.einsum("hwc,hwc->hw", x, there) for x in (there, here))
-        rest = np.einsum("hwc,hwc->hw", here, here)
+        plate, colour = ((x.astype(np.float32) - GREY) / WIDTHS for x in (self.plate, lab))
+        square, product = (np.einsum("hwc,hwc->hw", x, plate) for x in (plate, colour))
+        rest = np.einsum("hwc,hwc->hw", colour, colour)
         own = sum(np.exp(np.minimum(0.0, shade * product - 0.5 * (rest + shade**2 * square))) for shade in SHADES)
         own /= len(SHADES) * (2.0 * np.pi) ** 1.5 * np.prod(WIDTHS)
         return np.where(self.known, 0.5 * (own + anywhere), anywhere)
@@ -133,28 +135,28 @@ def search_areas(classes: np.ndarray, more: np.ndarray | None = None) -> dict[in
     return areas
 
 
-def overlaps(found: np.ndarray, classes: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
+def overlaps(segmented: np.ndarray, classes: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
     """Pixels of intersection (T,) and of union (T,) of a class in found and true classes (T, H, W).
 
     Raises: VisionError when sizes differ.
     """
-    if found.shape != classes.shape:
+    if segmented.shape != classes.shape:
         raise VisionError(
-            f"found classes are {found.shape}, true ones {classes.shape}; (T, H, W) of one size is expected."
+            f"found classes are {segmented.shape}, true ones {classes.shape}; (T, H, W) of one size is expected."
         )
     both, either = np.zeros(len(classes)), np.zeros(len(classes))
     for i in range(len(classes)):
-        a, b = found[i] == number, classes[i] == number
+        a, b = segmented[i] == number, classes[i] == number
         both[i], either[i] = np.count_nonzero(a & b), np.count_nonzero(a | b)
     return both, either
 
 
-def mask_iou(found: np.ndarray, classes: np.ndarray, number: int) -> float:
+def mask_iou(segmented: np.ndarray, classes: np.ndarray, number: int) -> float:
     """Intersection over union of a class in found and true classes (T, H, W), over all pixels of the clip.
 
     Raises: VisionError when sizes differ, or neither has a pixel of the class.
     """
-    both, either = overlaps(found, classes, number)
+    both, either = overlaps(segmented, classes, number)
     if not either.any():
         raise VisionError(f"no pixel is of class {number}; leave it out.")
     return float(both.sum() / either.sum())
@@ -183,7 +185,7 @@ def _plate(frames: np.ndarray, background: np.ndarray) -> tuple[np.ndarray, np.n
 
     The mean over time of all, then of those near that mean, so that a passing shadow does not count.
     """
-    mean, known = np.zeros(frames.shape[1:], np.float32), np.zeros(frames.shape[1:3], bool)
+    mean, seen = np.zeros(frames.shape[1:], np.float32), np.zeros(frames.shape[1:3], bool)
     for near in (np.inf, 25.0):
         total, count = np.zeros(frames.shape[1:]), np.zeros(frames.shape[1:3])
         for frame, mask in zip(frames, background, strict=True):
@@ -191,6 +193,6 @@ def _plate(frames: np.ndarray, background: np.ndarray) -> tuple[np.ndarray, np.n
             kept = mask & (np.abs(lab - mean).max(axis=2) <= near)
             total[kept] += lab[kept]
             count += kept
-        known |= count > 0
+        seen |= count > 0
         mean = np.where(count[..., None] > 0, total / np.maximum(count, 1)[..., None], mean).astype(np.float32)
-    return mean, known
+    return mean, seen

@@ -99,10 +99,10 @@ def summarise(episodes: Sequence[Measures]) -> Summary:
 
 
 def _figure(values: Sequence[float | None]) -> Figure | None:
-    found = [value for value in values if value is not None]
-    if not found:
+    present = [value for value in values if value is not None]
+    if not present:
         return None
-    return Figure(float(np.mean(found)), float(np.std(found, ddof=1)) if len(found) > 1 else None, len(found))
+    return Figure(float(np.mean(present)), float(np.std(present, ddof=1)) if len(present) > 1 else None, len(present))
 
 
 def _distance(name: str, episodes: Sequence[Measures], reasons: dict[str, str], warnings: list[str]) -> float | None:
@@ -125,6 +125,6 @@ def _distance(name: str, episodes: Sequence[Measures], reasons: dict[str, str], 
 def _mean_curve(curves: Sequence[Sequence[float | None]]) -> tuple[float | None, ...]:
     means = []
     for k in range(max(map(len, curves))):
-        found = [value for curve in curves if k < len(curve) and (value := curve[k]) is not None]
-        means.append(float(np.mean(found)) if found else None)
+        present = [value for curve in curves if k < len(curve) and (value := curve[k]) is not None]
+        means.append(float(np.mean(present)) if present else None)
     return tuple(means)

@@ -50,7 +50,7 @@ def test_it_is_asked_at_its_own_size_and_answers_in_the_mask(asked) -> None:
 def test_what_it_needs(asked) -> None:
     with pytest.raises(VisionError, match="needs a prompt"):
         apply(Inpaint("model"), IMAGE, masks(), 0)
-    with pytest.raises(VisionError, match="no 'sofa' to repaint"):
+    with pytest.raises(VisionError, match="no 'sofa' to inpaint"):
         apply(Inpaint("model", ("sofa",)), IMAGE, masks(), 0, "red")
 
 
