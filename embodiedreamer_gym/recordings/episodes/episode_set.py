@@ -99,7 +99,7 @@ class EpisodeSet:
         if start == stop:
             width, height = self.frame_size(camera)
             return np.empty((0, height, width, 3), np.uint8)
-        return self.episodes[episode].frames(camera, start, stop)
+        return self._read_frames(episode, camera, start, stop)
 
     def masks(self, episode: int, camera: str, start: int = 0, stop: int | None = None) -> np.ndarray:
         """Masks (k, H, W) uint8 of the same frames: at each pixel the number of its object or class.
@@ -108,7 +108,13 @@ class EpisodeSet:
         """
         if not self.objects:
             raise RecordingError(f"{self.source} has no masks of objects")
-        return self.episodes[episode].masks(camera, *self._window(episode, camera, start, stop))
+        return self._read_masks(episode, camera, *self._window(episode, camera, start, stop))
+
+    def _read_frames(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
+        return self.episodes[episode].frames(camera, start, stop)
+
+    def _read_masks(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
+        return self.episodes[episode].masks(camera, start, stop)
 
     def _window(self, episode: int, camera: str, start: int, stop: int | None) -> tuple[int, int]:
         """Checked start and stop of the steps that are asked for."""
