@@ -59,20 +59,20 @@ class MirroredEpisodes(EpisodeSet):
         """Actions (T, m) of an episode."""
         return self._joints(episode, self._episodes.actions(episode % len(self._episodes)))
 
-    def _read_frames(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
+    def frames(self, episode: int, camera: str, start: int = 0, stop: int | None = None) -> np.ndarray:
+        """Pictures (stop - start, H, W, 3) uint8 of an episode, flipped for a mirror image."""
         return self._pictures(self._episodes.frames, episode, camera, start, stop)
 
-    def _read_masks(self, episode: int, camera: str, start: int, stop: int) -> np.ndarray:
+    def masks(self, episode: int, camera: str, start: int = 0, stop: int | None = None) -> np.ndarray:
+        """Masks (stop - start, H, W) uint8 of the pictures."""
         return self._pictures(self._episodes.masks, episode, camera, start, stop)
 
-    def _pictures(
-        self, read: Callable[..., np.ndarray], episode: int, camera: str, start: int, stop: int
-    ) -> np.ndarray:
+    def _pictures(self, read: Callable[..., np.ndarray], episode: int, camera: str, *steps: int | None) -> np.ndarray:
         """Frames or masks of an episode, those of a mirror image flipped and of the other camera."""
         mirrored, episode = divmod(episode, len(self._episodes))
         if not mirrored:
-            return read(episode, camera, start, stop)
-        return read(episode, self._other[camera], start, stop)[:, :, ::-1]
+            return read(episode, camera, *steps)
+        return read(episode, self._other[camera], *steps)[:, :, ::-1]
 
     def _joints(self, episode: int, values: np.ndarray) -> np.ndarray:
         """Values (T, n) of the robot, or of the mirrored one."""
