@@ -2,35 +2,32 @@
 
 from typing import Any
 
-from embodiedreamer_gym.cli.options import COUNT, JOBS, MODEL, QUIET, REQUIRED, SEED, option, out_folder
+from embodiedreamer_gym.cli import options as o
 from embodiedreamer_gym.errors import EmbodieDreamerError
-from embodiedreamer_gym.io.files import check_outputs
 
 EDITS = "recolour[:NAME,...], background[:FOLDER], table[:FOLDER], paper, inpaint:FOLDER"
-TEXT = "replay recorded episodes and film them anew through the video model, from edited first frames"
-OPTIONS = (
-    option("--data", "DIR", "HDF5 episodes, as `demos` writes them", REQUIRED, nargs="+"),
-    out_folder("goes on where it was"),
-    option("--edit", "EDIT", f"{EDITS} (default: none, the video model alone)", [], nargs="+"),
-    option("--prompt", "TEXT", "what inpaint is to paint"),
-    option("--copies", "N", "of each episode", 1, COUNT),
-    option("--aligner", "A", "video model: lean, a file or folder", "lean"),
-    option("--bank", "B", "photos for the first frame: lab, a file, or none for the episode's own", "lab"),
-    SEED,
-    option("--task", "TASK", "of files that do not say it, such as PutCupOnMat-v0"),
-    option("--robot", "M", f"that replays: {MODEL} (default: the recorded one)"),
-    JOBS,
-    QUIET,
+
+
+@o.verb(
+    o.option("--data", "DIR", "HDF5 episodes, as `demos` writes them", o.REQUIRED, nargs="+"),
+    o.out_folder("continued where it was interrupted"),
+    o.option("--edit", "EDIT", f"{EDITS} (default: none, the video model alone)", [], nargs="+"),
+    o.option("--prompt", "TEXT", "text for inpaint"),
+    o.option("--copies", "N", "of each episode", 1, o.COUNT),
+    o.option("--aligner", "A", "video model: lean, a file or folder", "lean"),
+    o.option("--bank", "B", "photos for the first frame: lab, a file, or none for the episode's own", "lab"),
+    o.SEED,
+    o.option("--task", "TASK", "of files without a task name, such as PutCupOnMat-v0"),
+    o.option("--robot", "M", f"that replays: {o.MODELS} (default: the recorded one)"),
+    o.JOBS,
+    o.QUIET,
 )
-
-
-def run(a, progress) -> None:
-    """Run the verb."""
+def run(a, progress):
+    """Replay recorded episodes and render them again with the video model, from edited first frames."""
     from embodiedreamer_gym.envs import task_name
     from embodiedreamer_gym.pipelines.regenerate import regenerate
     from embodiedreamer_gym.vis_aligner.editing import Chain
 
-    check_outputs(folders=[a.out])
     if a.prompt is not None and not any(edit.startswith("inpaint") for edit in a.edit):
         raise EmbodieDreamerError("--prompt is for --edit inpaint:FOLDER; leave it out.")
     edits = [_edit(*edit.partition(":")[::2]) for edit in a.edit]
@@ -39,11 +36,11 @@ def run(a, progress) -> None:
         None if not edits else edits[0] if len(edits) == 1 else Chain(edits), a.copies, a.seed, progress,
         prompt=a.prompt, task=None if a.task is None else task_name(a.task), robot=a.robot, jobs=a.jobs,
     )  # fmt: skip
-    progress.close()
-    print(f"{made.written + made.kept} episodes in {a.out}, {made.kept} of them were there")
+    text = f"{made.written + made.kept} episodes in {a.out}, {made.kept} of them from an earlier run"
     if made.failed:
-        print(f"{len(made.failed)} recorded episodes no longer end in success and were left out: "
-              f"{', '.join(made.failed[:10])}{', ...' if len(made.failed) > 10 else ''}")  # fmt: skip
+        names = ", ".join(made.failed[:10]) + (", ..." if len(made.failed) > 10 else "")
+        text += f"\n{len(made.failed)} recorded episodes no longer end in success and were left out: {names}"
+    return text
 
 
 def _edit(kind: str, value: str) -> Any:

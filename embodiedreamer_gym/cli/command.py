@@ -3,51 +3,31 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import signal
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, NoReturn
 
-from embodiedreamer_gym.cli import (
-    add,
-    augment,
-    breakdown,
-    calibrate,
-    compare,
-    demo,
-    demos,
-    diagnose,
-    effects,
-    excite,
-    policy_evaluate,
-    policy_prefer,
-    policy_train,
-    robots,
-    standin_film,
-    standin_record,
-    vis,
-    vis_camera,
-    vis_prepare,
-)  # fmt: skip
+from embodiedreamer_gym.cli import options as o
 from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.io.files import check_outputs
 from embodiedreamer_gym.io.progress import Progress
 
-POLICY = {"train": policy_train, "evaluate": policy_evaluate, "prefer": policy_prefer}
-STANDIN = {"record": standin_record, "film": standin_film}
-VIS = {"train": vis.TRAIN, "fine-tune": vis.FINE_TUNE, "evaluate": vis.EVALUATE, "render": vis.RENDER,
-       "bank": vis.MAKE_BANK, "prepare": vis_prepare, "camera": vis_camera}  # fmt: skip
-VERBS: dict[str, Any] = {
-    "compare": compare, "breakdown": breakdown, "calibrate": calibrate, "diagnose": diagnose, "add": add,
-    "excite": excite, "effects": effects, "robots": robots, "demo": demo,
-    "standin": (STANDIN, "a stand-in for a real robot (MuJoCo) with a hidden effect, or for a real camera"),
-    "demos": demos,
-    "policy": (POLICY, "policies: trained on demonstrations, judged in the environments"),
-    "vis": (VIS, "the video model that turns simulated frames into realistic ones"),
-    "augment": augment,
-}  # fmt: skip
+VERBS = (
+    "compare", "breakdown", "calibrate", "diagnose", "add", "excite", "effects", "robots", "demo", "standin record",
+    "standin film", "demos", "policy train", "policy evaluate", "policy prefer", "vis train", "vis fine-tune",
+    "vis evaluate", "vis render", "vis bank", "vis prepare", "vis camera", "augment",
+)  # fmt: skip
+GROUPS = {
+    "standin": "Simulate a real robot with a hidden effect (MuJoCo), or a real camera (Blender).",
+    "policy": "Train policies on demonstrations and evaluate them in the environments.",
+    "vis": "The video model that turns simulated frames into realistic ones.",
+}
 HZ = {"--rate": "--hz"}
 LEARNING_RATE = {"--rate": "--learning-rate"}
 VIS_ALIGNER = {"--dream": "--vis-aligner"}
@@ -56,38 +36,42 @@ RENAMED = {  # of a verb, or of a verb's action: old option -> new option, for o
     "vis camera": HZ, "standin film": {"--look": "--appearance"}, "policy train": LEARNING_RATE,
     "policy evaluate": VIS_ALIGNER, "policy prefer": LEARNING_RATE | VIS_ALIGNER,
 }  # fmt: skip
-QUICK = ("effects", "robots")  # verbs without progress
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose complaints are errors like any other."""
+    """A parser that raises EmbodieDreamerError."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise the complaint as one sentence."""
+        """Raise the error as one sentence."""
         raise EmbodieDreamerError(f"{message}; see {self.prog} --help.")
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """Return the command's parser; each verb sets `run` to the function that does it."""
+    """Return the command's parser, which sets `verb` to the `Verb`."""
     parser = Parser(
         prog="embodiedreamer", description="Compare, calibrate and diagnose a robot model with logs of the robot."
     )
     parser.add_argument("--version", action="version", version=f"embodiedreamer {version('embodiedreamer-gym')}")
-    _add_verbs(parser, VERBS, "VERB")
+    groups = {"": parser.add_subparsers(required=True, metavar="VERB")}
+    for name in VERBS:
+        group, _, action = name.rpartition(" ")
+        if group not in groups:
+            one = groups[""].add_parser(group, help=GROUPS[group], description=GROUPS[group])
+            groups[group] = one.add_subparsers(required=True, metavar="ACTION")
+        verb = load_verb(name)
+        one = groups[group].add_parser(action, help=verb.text, description=verb.text)
+        for flag, settings in verb.options:
+            one.add_argument(flag, **settings)
+        one.set_defaults(verb=verb, quiet=o.QUIET not in verb.options)
     return parser
 
 
-def _add_verbs(parser: argparse.ArgumentParser, verbs: Mapping[str, Any], metavar: str) -> None:
-    choices = parser.add_subparsers(required=True, metavar=metavar)
-    for name, verb in verbs.items():
-        text = verb[1] if isinstance(verb, tuple) else verb.TEXT
-        one = choices.add_parser(name, help=text, description=text)
-        if isinstance(verb, tuple):
-            _add_verbs(one, verb[0], "ACTION")
-            continue
-        for flag, settings in verb.OPTIONS:
-            one.add_argument(flag, **settings)
-        one.set_defaults(run=verb.run, quiet=name in QUICK)
+def load_verb(name: str) -> o.Verb:
+    """Return a verb: `run` of the file of its name, or a function of `vis`."""
+    name = name.replace(" ", "_").replace("-", "_")
+    path = Path(__file__).with_name(f"{name}.py")
+    file, function = (name, "run") if path.is_file() else name.split("_", 1)
+    return getattr(importlib.import_module(f"embodiedreamer_gym.cli.{file}"), function)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -114,9 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of a pipe has enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except (
-        OSError
-    ) as error:  # a file of the user's that no verb has checked: too long a name, no permission, a full disk
+    except OSError as error:  # a file of the user's that no verb has checked: too long a name, no permission
         print(f"error: {error.filename or 'a file'}: {error.strerror or error}", file=sys.stderr)
         return 2
     finally:
@@ -130,13 +112,17 @@ def execute(argv: Sequence[str]) -> None:
 
     Raises: EmbodieDreamerError in one sentence for whatever the user can mend.
     """
-    options = build_parser().parse_args(renamed(list(argv)))
-    progress = Progress(options.quiet)
+    a = build_parser().parse_args(renamed(list(argv)))
+    outputs = {kind: [getattr(a, name) for name in a.verb.outputs(kind)] for kind in (o.output_file, o.output_folder)}
+    check_outputs(*outputs[o.output_file], folders=outputs[o.output_folder])
+    progress = Progress(a.quiet)
     progress.starting(" ".join(word for word in argv[:2] if not word.startswith("-")))
     try:
-        options.run(options, progress)
+        result = a.verb.run(a, progress)
     finally:
         progress.close()
+    if result is not None:
+        (result if isinstance(result, o.Result) else o.Result(result)).write(a)
 
 
 def renamed(argv: list[str]) -> list[str]:

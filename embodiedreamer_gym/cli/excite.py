@@ -1,31 +1,28 @@
 """`embodiedreamer excite`."""
 
-from embodiedreamer_gym.cli.inputs import check_results, load_logs, load_model, show
-from embodiedreamer_gym.cli.options import LOGS, MODEL, REQUIRED, option, out_file, real
+from embodiedreamer_gym.cli import options as o
+from embodiedreamer_gym.cli.logs import load_logs, load_model
 from embodiedreamer_gym.errors import EmbodieDreamerError
 
-TEXT = "the motion that tells two effects apart, safe to run: a csv of commands and a picture of it"
-OPTIONS = (
-    option("recordings", "REC", "what both effects have to explain so far", nargs="*"),
-    option("--model", "M", MODEL, REQUIRED),
-    option("--separate", "A,B", "two effects", REQUIRED),
-    out_file("FILE.csv", "commands; FILE.png beside it"),
-    option("--table", "Z", "height of a table in the URDF's root frame, m", None, real(-100.0, 100.0)),
-    option("--seconds", "S", "of motion", 8.0, real(0.1, 600.0)),
-    option("--speed", "X", "share of the speed limits, at most 1", 0.5, real(0.0, 1e9, above=True)),
-    option("--acceleration", "A", "rad/s^2", 6.0, real(0.0, 1e4, above=True)),
-    option("--reach", "R", "rad to either side", 0.6, real(0.0, 100.0, above=True)),
-    *LOGS,
+
+@o.verb(
+    o.option("recordings", "REC", "that both effects must explain, if there are any yet", nargs="*"),
+    o.MODEL,
+    o.option("--separate", "A,B", "two effects", o.REQUIRED),
+    o.out_file("FILE.csv", "commands; FILE.png beside it"),
+    o.option("--table", "Z", "height of a table in the URDF's root frame, m", None, o.number(float, -100.0, 100.0)),
+    o.option("--seconds", "S", "of motion", 8.0, o.number(float, 0.1, 600.0)),
+    o.option("--speed", "X", "share of the speed limits, at most 1", 0.5, o.POSITIVE),
+    o.option("--acceleration", "A", "rad/s^2", 6.0, o.number(float, 0.0, 1e4, above=True)),
+    o.option("--reach", "R", "rad to either side", 0.6, o.number(float, 0.0, 100.0, above=True)),
+    *o.LOGS[:-1],
 )
-
-
-def run(a, progress) -> None:
-    """Run the verb."""
+def run(a, progress):
+    """Design the motion that distinguishes two effects, safe to run: a csv of commands and a picture of it."""
     from embodiedreamer_gym.diagnosis.experiment_design import propose_motion
     from embodiedreamer_gym.diagnosis.report.dry_run import dry_run
     from embodiedreamer_gym.io.files import atomic_file
 
-    check_results(a)
     model = load_model(a, a.model)
     pair = tuple(name.strip() for name in a.separate.split(","))
     if len(pair) != 2:
@@ -35,10 +32,9 @@ def run(a, progress) -> None:
         model, pair, logs, a.seconds, min(a.speed, 1.0), a.acceleration, a.reach, table=a.table,
         seed=a.seed, progress=progress,
     )  # fmt: skip
-    progress.close()
-    show(a, proposal, lambda: a.report)
     proposal.save(a.out)
     picture = a.out.with_suffix(".png")
     with atomic_file(picture, suffix=".png") as part:
         dry_run(proposal).savefig(part, dpi=110)
-    print(f"\ncommands: {a.out}\npicture: {picture}; look at it before the robot moves")
+    text = f"{proposal}\n\ncommands: {a.out}\npicture: {picture}; check it before the robot moves"
+    return o.Result(text, proposal.as_dict())

@@ -1,94 +1,195 @@
-"""Options of the verbs, declared as data, a line each; `command` gives them to argparse."""
+"""Verbs and their options, declared as data; `command` gives them to argparse."""
 
 from __future__ import annotations
 
 import argparse
+import ast
+import inspect
 import math
 import os
 from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from textwrap import dedent
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+
+from embodiedreamer_gym.io.files import write_json
 
 REQUIRED: Any = ...
-Option = tuple[str, dict[str, Any]]
+T = TypeVar("T")
+
+
+class Option(NamedTuple):
+    """Arguments of `ArgumentParser.add_argument`."""
+
+    name: str
+    """The flag with its dashes, or the name of an argument without any."""
+    settings: dict[str, Any]
+    """Keyword arguments."""
+
+
+@dataclass(frozen=True)
+class Verb:
+    """A verb of the command, or an action of a verb."""
+
+    options: tuple[Option, ...]
+    """Options in the order of the help."""
+    run: Callable[[Any, Any], Any]
+    """Does the work: called with the parsed options and a `Progress`, it returns what `command` prints and writes."""
+
+    @property
+    def text(self) -> str:
+        """Help text: the first line of the function's docstring."""
+        return str(self.run.__doc__).splitlines()[0]
+
+    def outputs(self, kind: Callable[[str], Path]) -> list[str]:
+        """Return the names of the options of a kind, `output_file` or `output_folder`."""
+        return [one.name.strip("-").replace("-", "_") for one in self.options if one.settings.get("type") is kind]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a verb prints and writes once its work is done."""
+
+    shown: Any
+    """Is printed."""
+    data: Any = None
+    """Goes to --json; None: `shown.as_dict()`."""
+    report: dict[str, Any] | None = None
+    """Arguments of `write_report` for --report."""
+    model: Any = None
+    """Is saved to --out."""
+
+    def write(self, a: Any) -> None:
+        """Print the result and write the files that the options name."""
+        print(self.shown)
+        if self.report is not None and a.report:
+            from embodiedreamer_gym.diagnosis.report import write_report
+
+            print(f"\nreport: {write_report(a.report, **self.report)}")
+        if getattr(a, "json", None):
+            write_json(self.shown.as_dict() if self.data is None else self.data, a.json)
+        if self.model is not None and a.out:
+            self.model.save(a.out)
+
+
+def verb(*options: Option) -> Callable[[Callable[[Any, Any], Any]], Verb]:
+    """Make a function a verb with these options."""
+    return partial(Verb, options)
 
 
 def option(name: str, metavar: str | None, text: str, default: Any = None, kind: Any = str, **more: Any) -> Option:
-    """An option, or an argument without dashes, for `ArgumentParser.add_argument`.
+    """Return an option, or an argument where the name has no dashes.
 
-    metavar: None for a flag; default: REQUIRED where it must be given; one that is not empty is added to the text.
-    kind: converts the text; more: nargs, choices, action, dest, const.
+    name: with dashes for an option.
+    metavar: name of the value in the help; None for a flag or for `choices`.
+    text: help text; a default that is not empty is added.
+    default: REQUIRED where a value must be given.
+    kind: converts the text to the value.
+    more: nargs, choices, action, dest, const.
     """
-    if default is not REQUIRED and default not in (None, [], "") and "default" not in text and metavar is not None:
-        text += " (default: %(default)s)"
     settings: dict[str, Any] = {"help": text, **more}
     if metavar is None and "choices" not in more:
-        settings["action"] = "store_true"
-        return name, settings
+        return Option(name, settings | {"action": "store_true"})
+    if default not in (REQUIRED, None, [], "") and "default" not in text:
+        settings["help"] += " (default: %(default)s)"
     settings |= {"metavar": metavar, "type": kind}
     if name.startswith("-"):
         settings["required"] = default is REQUIRED
     if default is not REQUIRED:
         settings["default"] = default
-    return name, settings
+    return Option(name, settings)
 
 
-def whole(least: int, most: int) -> Callable[[str], int]:
-    """A type of options: whole numbers of a range."""
+def settings_options(settings: type, **more: dict[str, Any]) -> tuple[Option, ...]:
+    """Return one option for each field of a settings dataclass, with its default and the text under it as help.
 
-    def convert(text: str) -> int:
+    settings: fields are int (of at least 1), float (of at least 0), str, or a Literal of strings, each perhaps with None;
+        `Annotated` with arguments of `number` for another range. A field `seed` or `jobs` has the range of `SEED` or `JOBS`.
+    more: further arguments of `option` by field name.
+    """
+    texts, hints, options = field_texts(settings), get_type_hints(settings, include_extras=True), []
+    for field in fields(settings):
+        hint = next((one for one in get_args(hints[field.name]) if get_origin(one) is Annotated), hints[field.name])
+        limits: list[Any] = [*hint.__metadata__[0]] if get_origin(hint) is Annotated else []
+        kinds = {get_origin(kind) or kind: kind for kind in (hint, *get_args(hint))}
+        given: dict[str, Any] = {"metavar": field.name.upper(), "kind": str}
+        if Literal in kinds:
+            given = {"metavar": None, "choices": get_args(kinds[Literal])}
+        elif int in kinds:
+            kind = {"seed": SEED_RANGE, "jobs": JOBS_RANGE}.get(field.name) or number(int, *(limits or [1, 10**9]))
+            given = {"metavar": "N", "kind": kind}
+        elif float in kinds:
+            given = {"metavar": "X", "kind": number(float, *(limits or [0.0]))}
+        default = REQUIRED if field.default is MISSING else field.default
+        given |= {"text": texts[field.name], "default": default} | more.get(field.name, {})
+        options.append(option(given.pop("name", "--" + field.name.replace("_", "-")), **given))
+    return tuple(options)
+
+
+def settings_of(settings: type[T], a: argparse.Namespace) -> T:
+    """Return the settings of the parsed options."""
+    return settings(**{field.name: getattr(a, field.name) for field in fields(settings)})  # pyright: ignore[reportArgumentType]
+
+
+def field_texts(settings: type) -> dict[str, str]:
+    """Return the text under each field of a dataclass, on one line, without its last full stop."""
+    body: Any = ast.parse(dedent(inspect.getsource(settings))).body[0]
+    pairs = [
+        pair for pair in pairwise(body.body) if isinstance(pair[0], ast.AnnAssign) and isinstance(pair[1], ast.Expr)
+    ]
+    return {field.target.id: " ".join(text.value.value.split()).removesuffix(".") for field, text in pairs}
+
+
+def number(kind: type, least: float, most: float = 1e9, above: bool = False) -> Callable[[str], Any]:
+    """Return a type of options: numbers of a range; above: `least` itself is not allowed."""
+    what = f"a {'whole ' if kind is int else ''}number {'above' if above else 'of'} {least:.10g} to {most:.10g}"
+
+    def convert(text: str) -> Any:
         try:
-            value = int(text)
-        except ValueError:
-            value = least - 1
-        if not least <= value <= most:
-            raise argparse.ArgumentTypeError(f"{text} is not a whole number of {least} to {most}")
-        return value
-
-    return convert
-
-
-def real(least: float, most: float = 1e9, above: bool = False) -> Callable[[str], float]:
-    """A type of options: numbers of a range; above: `least` itself is not allowed."""
-
-    def convert(text: str) -> float:
-        try:
-            value = float(text)
+            value = kind(text)
         except ValueError:
             value = math.nan
         if not least <= value <= most or (above and value == least):
-            raise argparse.ArgumentTypeError(
-                f"{text} is not a number {'above' if above else 'of'} {least:g} to {most:g}"
-            )
+            raise argparse.ArgumentTypeError(f"{text} is not {what}")
         return value
 
     return convert
 
 
-COUNT, POSITIVE = whole(1, 10**9), real(0.0, above=True)
+def output_file(text: str) -> Path:
+    """A type of options: a file to write; `command` checks it before the verb begins."""
+    return Path(text)
+
+
+def output_folder(text: str) -> Path:
+    """A type of options: a folder to write; `command` checks it before the verb begins."""
+    return Path(text)
+
+
 CORES = os.cpu_count() or 1
-REC = "files, folders, quoted globs"
-MODEL = "JSON file or built-in robot (`embodiedreamer robots`)"
-RECORDINGS = option("recordings", "REC", REC, REQUIRED, nargs="+")
-SEED = option("--seed", "N", "of all that is drawn", 0, whole(0, 2**32 - 1))
+COUNT, POSITIVE = number(int, 1, 10**9), number(float, 0.0, above=True)
+SEED_RANGE, JOBS_RANGE = number(int, 0, 2**32 - 1), number(int, 1, max(64, 4 * CORES))
+FILES = "files, folders, quoted globs"
+MODELS = "JSON file or built-in robot (`embodiedreamer robots`)"
+MODEL = option("--model", "M", MODELS, REQUIRED)
+RECORDINGS = option("recordings", "REC", FILES, REQUIRED, nargs="+")
+SEED = option("--seed", "N", "of the random numbers", 0, SEED_RANGE)
 QUIET = option("--quiet", None, "no progress")
-JOBS = option("--jobs", "N", "processes", 1, whole(1, max(64, 4 * CORES)))
-ALL_JOBS = option("--jobs", "N", "processes (default: one per core)", CORES, whole(1, max(64, 4 * CORES)))
-ROBOT = option("--robot", "M", MODEL, "aloha")
+JOBS = option("--jobs", "N", "processes", 1, JOBS_RANGE)
+ALL_JOBS = option("--jobs", "N", "processes (default: one per core)", CORES, JOBS_RANGE)
+ROBOT = option("--robot", "M", MODELS, "aloha")
 HZ = option("--hz", "HZ", "samples per second of logs without time stamps", None, POSITIVE)
-TIME_UNIT = option(
-    "--time-unit", None, "of the logs' time stamps (default: found from the log)", None, choices=("s", "ms", "us", "ns")
-)
+UNITS = ("s", "ms", "us", "ns")
+TIME_UNIT = option("--time-unit", None, "of the logs' time stamps (default: recognised from the log)", choices=UNITS)
 SIZE = option("--size", "WxH", "of the pictures", "128x96")
 TASK = option("--task", "TASK", "such as PutCupOnMat-v0", REQUIRED)
-JSON = option("--json", "FILE", "write the result as JSON", None, Path)
-BANK = option("--bank", "B", "photos that the video model starts from: lab, or a file", "lab")
-VIS_ALIGNER = option(
-    "--vis-aligner", "ALIGNER", "observe through the video model (default: lean)", None, nargs="?", const="lean"
-)
-EXECUTE = option("--execute", "K", "actions executed of each chunk (default: all)", None, COUNT)
+JSON = option("--json", "FILE", "write the result as JSON", None, output_file)
+VIS_ALIGNER = {"metavar": "ALIGNER", "nargs": "?", "const": "lean"}
 LOGS = (
-    option("--effects", "FILE.py", "your own effects; the file is executed"),
+    option("--effects", "FILE.py", "your own effects too; the file is executed"),
     HZ,
     TIME_UNIT,
     option("--hold", None, "how the controller reaches the next command", choices=("linear", "hold")),
@@ -96,16 +197,16 @@ LOGS = (
     ALL_JOBS,
     QUIET,
     JSON,
-    option("--report", "DIR", "write the result as a page, DIR/index.html", None, Path),
+    option("--report", "DIR", "write the result as a page, DIR/index.html", None, output_folder),
 )
-SPLIT = tuple(option(name, "REC", REC, REQUIRED, nargs="+") for name in ("--train", "--test"))
+SPLIT = tuple(option(name, "REC", FILES, REQUIRED, nargs="+") for name in ("--train", "--test"))
 
 
-def out_file(kind: str, text: str, default: Any = REQUIRED) -> Option:
-    """The option --out for a file."""
-    return option("--out", kind, text, default, Path)
+def out_file(metavar: str, text: str, default: Any = REQUIRED) -> Option:
+    """Return the option --out for a file."""
+    return option("--out", metavar, text, default, output_file)
 
 
 def out_folder(text: str, default: Any = REQUIRED) -> Option:
-    """The option --out for a folder."""
-    return option("--out", "DIR", text, default, Path)
+    """Return the option --out for a folder."""
+    return option("--out", "DIR", text, default, output_folder)

@@ -3,36 +3,34 @@
 from pathlib import Path
 from typing import Any
 
-from embodiedreamer_gym.cli.options import COUNT, MODEL, QUIET, REQUIRED, SEED, option, out_folder, real
+from embodiedreamer_gym.cli import options as o
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
-from embodiedreamer_gym.io.files import check_outputs
 
 PRESETS = {"small": 1e-3, "paper": 1e-5}  # peak learning rates
 WIDEST = 160  # pixels
-TEXT = "train ACT, the action chunking transformer, on episodes; an interrupted training goes on"
-OPTIONS = (
-    option("--data", "DIR", "ALOHA/AgileX HDF5 files or a LeRobot set; of several, all", REQUIRED, Path, nargs="+"),
-    out_folder("policy, checkpoint and curves"),
-    option("--steps", "N", "of the optimiser (default 8000 with masks, else 4000)", None, COUNT),
-    option("--batch", "B", "starts of a step (default 64 with masks, else 32)", None, COUNT),
-    option("--learning-rate", "R", "peak (default: small 1e-3, paper 1e-5)", None, real(0.0, 1e3, above=True)),
-    option("--chunk", "K", "actions predicted", 100, COUNT),
-    option("--cameras", "NAME", "one to three (default: all of the data)", nargs="+"),
-    option("--size", "WxH", f"scale pictures to (default: as they are; small preset: at most {WIDEST} wide)"),
-    option("--mirror", "M", f"learn mirrored demonstrations too, for the other arm of this symmetric robot: {MODEL}"),
-    option("--no-masks", None, "do not learn from the objects' masks that the data may have"),
-    option("--asked", "S", "share of the training starts at the times where whole chunks begin (default 0.7);"
-           " 0 for a policy that is queried more often", None, real(0.0)),
-    option("--no-rest", None, "do not learn to rest after an episode's end"),
-    option("--preset", None, "sizes of the network (default: %(default)s)", "small", choices=PRESETS),
-    option("--device", "D", "cpu or cuda", "cpu"),
-    SEED,
-    QUIET,
+
+
+@o.verb(
+    o.option("--data", "DIR", "ALOHA/AgileX HDF5 files or a LeRobot set; of several, all", o.REQUIRED, Path, nargs="+"),
+    o.out_folder("policy, checkpoint and curves"),
+    o.option("--steps", "N", "of the optimiser (default 8000 with masks, else 4000)", None, o.COUNT),
+    o.option("--batch", "B", "starts of a step (default 64 with masks, else 32)", None, o.COUNT),
+    o.option("--learning-rate", "R", "peak (default: small 1e-3, paper 1e-5)", None, o.number(float, 0.0, 1e3, above=True)),
+    o.option("--chunk", "K", "actions predicted", 100, o.COUNT),
+    o.option("--cameras", "NAME", "one to three (default: all of the data)", nargs="+"),
+    o.option("--size", "WxH", f"scale pictures to (default: as they are; small preset: at most {WIDEST} wide)"),
+    o.option("--mirror", "M", f"learn mirrored demonstrations too, for the other arm of this symmetric robot: {o.MODELS}"),
+    o.option("--no-masks", None, "do not learn from the objects' masks that the data may have"),
+    o.option("--asked", "S", "share of the training starts at the times where whole chunks begin (default 0.7);"
+           " 0 for a policy that is queried more often", None, o.number(float, 0.0)),
+    o.option("--no-rest", None, "do not learn to rest after an episode's end"),
+    o.option("--preset", None, "sizes of the network", "small", choices=PRESETS),
+    o.option("--device", "D", "cpu or cuda", "cpu"),
+    o.SEED,
+    o.QUIET,
 )  # fmt: skip
-
-
-def run(a, progress) -> None:
-    """Run the verb."""
+def run(a, progress):
+    """Train ACT, the action chunking transformer, on episodes; an interrupted training goes on."""
     import torch
 
     from embodiedreamer_gym.policies.act import TrainingConfig, train
@@ -41,20 +39,17 @@ def run(a, progress) -> None:
     if a.device == "cpu":
         torch.set_num_threads(1)  # two threads on two busy cores took seven times as long
     elif not torch.cuda.is_available():
-        raise EmbodieDreamerError(f"--device {a.device} is not there; take cpu.")
-    check_outputs(folders=[a.out])
+        raise EmbodieDreamerError(f"--device {a.device} is not available; use cpu.")
     sets = [open_episodes(one) for one in a.data]
     episodes = sets[0] if len(sets) == 1 else mixed(*sets, cameras=a.cameras)
     if len(sets) > 1 and not a.no_masks and not episodes.objects and any(one.objects for one in sets):
         progress.note("the sets do not have masks of the same objects; learning without masks")
     config = network_config(a, episodes, progress.note)
-    rate = PRESETS[a.preset] if a.learning_rate is None else a.learning_rate
+    learning_rate = PRESETS[a.preset] if a.learning_rate is None else a.learning_rate
     mirror = () if a.mirror is None else _mirror(a.mirror)
-    settings = TrainingConfig.usual(config, steps=a.steps, batch=a.batch, learning_rate=rate, mirror=mirror,
+    settings = TrainingConfig.usual(config, steps=a.steps, batch=a.batch, learning_rate=learning_rate, mirror=mirror,
                                     chunk_start_share=a.asked, rest=not a.no_rest, seed=a.seed)  # fmt: skip
-    policy = train(episodes, config, settings, a.out, progress, progress.note, a.device)
-    progress.close()
-    print(f"{a.out}: {policy!r}")
+    return f"{a.out}: {train(episodes, config, settings, a.out, progress, progress.note, a.device)!r}"
 
 
 def _mirror(robot: str) -> tuple[int, ...]:
@@ -65,7 +60,7 @@ def _mirror(robot: str) -> tuple[int, ...]:
 
 
 def network_config(a, episodes, note) -> Any:
-    """The network's sizes, of the options and the episodes."""
+    """Return the network's configuration, from the options and the episodes."""
     from embodiedreamer_gym.geometry.camera import read_size
     from embodiedreamer_gym.policies.act import ActConfig, check_cameras, picture_size, with_object_poses
 
@@ -76,14 +71,14 @@ def network_config(a, episodes, note) -> Any:
     source = picture_size(episodes, cameras[0])
     size = default_size(source, a.preset) if a.size is None else read_size(a.size)
     if a.size is None and size != source:
-        note(f"pictures of {source[0]}x{source[1]} are scaled to {size[0]}x{size[1]}; --size says otherwise")
+        note(f"pictures of {source[0]}x{source[1]} are scaled to {size[0]}x{size[1]}; give --size for another size")
     config = ActConfig(episodes.state_size, episodes.action_size, cameras, size)
     config = config.paper() if a.preset == "paper" else config if a.no_masks else with_object_poses(config, episodes)
     return config.with_(chunk=a.chunk, source_size=None if source == size else source)
 
 
 def default_size(size: tuple[int, int], preset: str) -> tuple[int, int]:
-    """A size that the small preset learns from in minutes; at 640 x 480 its attention takes gigabytes."""
+    """Return a picture size on which the small preset trains in minutes; at 640 x 480 its attention takes gigabytes."""
     width, height = size
     if preset != "small" or width <= WIDEST:
         return size

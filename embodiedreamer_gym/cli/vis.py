@@ -1,29 +1,32 @@
 """`embodiedreamer vis`: train, fine-tune, evaluate, render and bank."""
 
-from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
-
-from embodiedreamer_gym.cli.options import COUNT, JSON, QUIET, REQUIRED, SEED, option, out_file, out_folder
+from embodiedreamer_gym.cli import options as o
 from embodiedreamer_gym.errors import EmbodieDreamerError
-from embodiedreamer_gym.io.files import check_outputs, write_json
 
-EPISODES = option("episodes", "EPISODES", "HDF5 files, folders, quoted globs", REQUIRED, nargs="+")
+EPISODES = o.option("episodes", "EPISODES", "HDF5 files, folders, quoted globs", o.REQUIRED, nargs="+")
 ALIGNER = (
-    option("--aligner", "A", "video model: lean, a file or folder", "lean"),
-    option("--diffusion-steps", "N", "of svd", 1, COUNT),
+    o.option("--aligner", "A", "video model: lean, a file or folder", "lean"),
+    o.option("--diffusion-steps", "N", "of svd", 1, o.COUNT),
 )
-BANK = option("--bank", "B", "what is known of the bench: lab, or a file")
+BANK = o.option("--bank", "B", "references of the bench: lab, or a file")
 TRAINING = (
-    out_folder("model and checkpoint; goes on where it was"),
-    option("--batch", "B", "clips of a step", 2, COUNT),
-    SEED,
-    QUIET,
+    o.out_folder("model and checkpoint; continued where it was interrupted"),
+    o.option("--batch", "B", "clips of a step", 2, o.COUNT),
+    o.SEED,
+    o.QUIET,
 )
-LOWER = 0.3  # of the learning rate, for a model that has learnt already
+FINE_TUNING = 0.3  # of the learning rate of a training from the beginning
 
 
-def _train(a, progress) -> None:
+@o.verb(
+    EPISODES,
+    o.option("--steps", "N", "of the optimiser", 6000, o.COUNT),
+    *TRAINING,
+    o.option("--model", None, "lean or svd", "lean", choices=("lean", "svd")),
+    o.option("--from", "DIR", "svd: a local folder with unet and vae", dest="source"),
+)
+def train(a, progress):
+    """Train a video model from the beginning."""
     import torch
 
     from embodiedreamer_gym.vis_aligner.lean import Lean
@@ -33,33 +36,42 @@ def _train(a, progress) -> None:
     torch.manual_seed(a.seed)
     if a.model == "svd" and a.source is None:
         raise EmbodieDreamerError("vis train --model svd needs --from, a local folder with unet and vae.")
-    _fit(a, load_svd(a.source) if a.model == "svd" else LeanAligner(Lean()), 1.0, progress)
+    return _fit(a, load_svd(a.source) if a.model == "svd" else LeanAligner(Lean()), 1.0, progress)
 
 
-def _fine_tune(a, progress) -> None:
-    _fit(a, _aligner(a), LOWER, progress)
+@o.verb(EPISODES, *ALIGNER, o.option("--steps", "N", "of the optimiser", 1500, o.COUNT), *TRAINING)
+def fine_tune(a, progress):
+    """Train a trained model further on episodes of your own bench."""
+    return _fit(a, _aligner(a), FINE_TUNING, progress)
 
 
-def _fit(a, aligner: Any, share: float, progress) -> None:
-    """Train and write the model."""
+def _fit(a, aligner, share: float, progress) -> str:
+    """Train and write the model; share: of the default learning rate."""
     from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
     from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train
 
-    check_outputs(folders=[a.out])
     config = TrainingConfig(a.steps, a.batch, share * TrainingConfig.learning_rate, seed=a.seed)
     train(aligner, load_episodes(a.episodes), config, a.out, progress)
-    progress.close()
-    print(f"{save_aligner(aligner, a.out)}: {aligner!r}")
+    return f"{save_aligner(aligner, a.out)}: {aligner!r}"
 
 
-def _evaluate(a, progress) -> None:
+@o.verb(
+    EPISODES,
+    *ALIGNER,
+    BANK,
+    o.option("--chunks", "N", "of each episode (default: all)", None, o.COUNT),
+    o.JSON,
+    o.option("--strips", "DIR", "write a picture strip of each episode", None, o.output_folder),
+    o.QUIET,
+)
+def evaluate(a, progress):
+    """Compare a model with held-out episodes, copying and raw simulation."""
     from embodiedreamer_gym.io.video import save_picture
     from embodiedreamer_gym.vis_aligner import metrics
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
     from embodiedreamer_gym.vis_aligner.held_out import evaluate_aligner, tables
 
-    check_outputs(a.json, folders=[a.strips])
     aligner, results, bench = _aligner(a), [], _bench(a)
     episodes = load_episodes(a.episodes)
     for number, episode in enumerate(episodes):
@@ -69,23 +81,19 @@ def _evaluate(a, progress) -> None:
         if a.strips is not None:
             a.strips.mkdir(parents=True, exist_ok=True)
             save_picture(metrics.strip(results[-1].clips, zoom=2), a.strips / f"{episode.name}.png")
-    progress.close()
-    print(tables(results))
-    if a.json is not None:
-        rows = [
-            {"episode": j.episode.name, "measures": {k: m.as_dict() for k, m in j.measures.items()}} for j in results
-        ]
-        write_json({"aligner": repr(aligner), "episodes": rows}, a.json)
+    rows = [{"episode": j.episode.name, "measures": {k: m.as_dict() for k, m in j.measures.items()}} for j in results]
+    return o.Result(tables(results), {"aligner": repr(aligner), "episodes": rows})
 
 
-def _render(a, progress) -> None:
+@o.verb(EPISODES, *ALIGNER, BANK, o.out_file("FILE.mp4", "video"), o.QUIET)
+def render(a, progress):
+    """Generate the frames of an episode, chunk by chunk, as a video."""
     import numpy as np
 
     from embodiedreamer_gym.io.video import write_video
     from embodiedreamer_gym.vis_aligner import generate
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
 
-    check_outputs(a.out)
     if a.out.suffix != ".mp4":
         raise EmbodieDreamerError(f"{a.out} cannot be written; give a file name.mp4.")
     episodes = load_episodes(a.episodes)
@@ -95,52 +103,35 @@ def _render(a, progress) -> None:
     progress(f"{len(one)} frames")
     frames, _ = generate(_aligner(a), [one.references(0, _bench(a))], [one.condition.part(1, len(one))])
     write_video(np.concatenate([one.frames[:1], frames[0]]), a.out)
-    progress.close()
-    print(a.out)
+    return a.out
 
 
-def _make_bank(a, progress) -> None:
+@o.verb(
+    EPISODES,
+    o.option("--more", "EPISODES", "more episodes of the same bench, of which any frame may be used", [], nargs="+"),
+    o.out_file("FILE.npz", "bank"),
+    o.QUIET,
+)
+def bank(a, progress):
+    """Make references for any scene from the first frames of episodes."""
     from embodiedreamer_gym.vis_aligner import make_bank, save_bank
     from embodiedreamer_gym.vis_aligner.episodes import expand, load_episode, load_episodes, load_scene
 
-    check_outputs(a.out)
     paths = expand(a.episodes)
     scenes = [load_scene(path) for path in paths]
     more = load_episodes(a.more) if a.more else []
-    bank = make_bank([load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes], more)
-    save_bank(bank, a.out)
-    progress.close()
-    print(f"{a.out}: {bank!r}")
+    made = make_bank([load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes], more)
+    save_bank(made, a.out)
+    return f"{a.out}: {made!r}"
 
 
-def _bench(a) -> Any:
+def _bench(a):
     from embodiedreamer_gym.vis_aligner import load_bank
 
     return None if a.bank is None else load_bank(a.bank).bench
 
 
-def _aligner(a) -> Any:
+def _aligner(a):
     from embodiedreamer_gym.vis_aligner import load_aligner
 
     return load_aligner(a.aligner, steps=a.diffusion_steps)
-
-
-TRAIN = SimpleNamespace(run=_train, TEXT="train a video model from nothing", OPTIONS=(
-    EPISODES, option("--steps", "N", "of the optimiser", 6000, COUNT), *TRAINING,
-    option("--model", None, "lean or svd (default: %(default)s)", "lean", choices=("lean", "svd")),
-    option("--from", "DIR", "svd: a local folder with unet and vae", dest="source"),
-))  # fmt: skip
-FINE_TUNE = SimpleNamespace(run=_fine_tune, TEXT="go on from a trained model with episodes of your own bench", OPTIONS=(
-    EPISODES, *ALIGNER, option("--steps", "N", "of the optimiser", 1500, COUNT), *TRAINING,
-))  # fmt: skip
-EVALUATE = SimpleNamespace(run=_evaluate, TEXT="compare a model with held-out episodes, copying and raw simulation", OPTIONS=(
-    EPISODES, *ALIGNER, BANK, option("--chunks", "N", "of each episode (default: all)", None, COUNT), JSON,
-    option("--strips", "DIR", "write a picture strip of each episode", None, Path), QUIET,
-))  # fmt: skip
-RENDER = SimpleNamespace(run=_render, TEXT="generate the frames of an episode, chunk by chunk, as a video", OPTIONS=(
-    EPISODES, *ALIGNER, BANK, out_file("FILE.mp4", "video"), QUIET,
-))  # fmt: skip
-MAKE_BANK = SimpleNamespace(run=_make_bank, TEXT="make references for any scene from the first frames of episodes", OPTIONS=(
-    EPISODES, option("--more", "EPISODES", "more episodes of the same bench, from anywhere in them", [], nargs="+"),
-    out_file("FILE.npz", "bank"), QUIET,
-))  # fmt: skip

@@ -3,46 +3,32 @@
 from pathlib import Path
 from typing import Any
 
-from embodiedreamer_gym.cli.options import (
-    HZ,
-    JSON,
-    MODEL,
-    QUIET,
-    RECORDINGS,
-    REQUIRED,
-    SEED,
-    option,
-    out_file,
-    real,
-)  # fmt: skip
+from embodiedreamer_gym.cli import options as o
 from embodiedreamer_gym.errors import EmbodieDreamerError
-from embodiedreamer_gym.io.files import check_outputs, write_json
 
-TEXT = "intrinsics and pose of a real camera from recordings of the robot in its view"
-OPTIONS = (
-    RECORDINGS,
-    option("--model", "M", f"{MODEL}, or a .urdf with --joints", REQUIRED),
-    option("--joints", "A,B", "names of the logs' columns, where the model is a .urdf"),
-    option("--camera", "NAME", "of the recordings (default: their only one)"),
-    option("--video", "FILE", "of each recording, where it has no frames", None, Path, nargs="+"),
-    option("--masks", "DIR", "of the robot: DIR/RECORDING/*.png, one per frame", None, Path),
-    option("--start", "FILE.json", "camera file with a first guess", None, Path),
-    option("--marks", "FILE.json", "points of the robot marked in frames", None, Path),
-    option("--fixed", None, "the camera stood in one place in all recordings"),
-    option("--free", "A,B", "what is fitted: focal, aspect, cx, cy, k1, delay", "focal,aspect"),
-    option("--loose", "A,B", "links that differ from the model in the pictures", ""),
-    option("--margin", "M", "m around them", 0.06, real(0.0, 10.0)),
-    HZ,
-    SEED,
-    out_file("FILE.json", "camera file"),
-    option("--overlay", "DIR", "pictures of the robot's outline over the frames", None, Path),
-    JSON,
-    QUIET,
+
+@o.verb(
+    o.RECORDINGS,
+    o.option("--model", "M", f"{o.MODELS}, or a .urdf with --joints", o.REQUIRED),
+    o.option("--joints", "A,B", "names of the logs' columns, where the model is a .urdf"),
+    o.option("--camera", "NAME", "of the recordings (default: their only one)"),
+    o.option("--video", "FILE", "of each recording, where it has no frames", None, Path, nargs="+"),
+    o.option("--masks", "DIR", "of the robot: DIR/RECORDING/*.png, one per frame", None, Path),
+    o.option("--start", "FILE.json", "camera file with a first guess", None, Path),
+    o.option("--marks", "FILE.json", "points of the robot marked in frames", None, Path),
+    o.option("--fixed", None, "the camera was in one place in all recordings"),
+    o.option("--free", "A,B", "what is fitted: focal, aspect, cx, cy, k1, delay", "focal,aspect"),
+    o.option("--loose", "A,B", "links that differ from the model in the pictures", ""),
+    o.option("--margin", "M", "m around them", 0.06, o.number(float, 0.0, 10.0)),
+    o.HZ,
+    o.SEED,
+    o.out_file("FILE.json", "camera file"),
+    o.option("--overlay", "DIR", "pictures of the robot's outline over the frames", None, o.output_folder),
+    o.JSON,
+    o.QUIET,
 )
-
-
-def run(a, progress) -> None:
-    """Run the verb."""
+def run(a, progress):
+    """Fit intrinsics and pose of a real camera to recordings of the robot in its view."""
     from embodiedreamer_gym.envs.cameras import load_cameras, save_cameras
     from embodiedreamer_gym.io.video import save_picture
     from embodiedreamer_gym.recordings import load_recordings
@@ -51,7 +37,6 @@ def run(a, progress) -> None:
     from embodiedreamer_gym.vis_aligner.camera_calibration.inputs import first_guess, read_footage, read_marks
     from embodiedreamer_gym.vis_aligner.camera_calibration.overlay import overlay
 
-    check_outputs(a.out, a.json, folders=[a.overlay])
     surface = _surface(a, Surface)
     logs = list(load_recordings(*a.recordings, hz=a.hz, joints=surface.joints))
     footage = read_footage(logs, surface, a.camera, a.video, a.masks)
@@ -61,17 +46,15 @@ def run(a, progress) -> None:
         surface.body, footage, start=start, marks=marks, fixed=a.fixed, free=_listed(a.free),
         loose=_listed(a.loose), margin=a.margin, name=a.camera or "camera", seed=a.seed, report=progress,
     )  # fmt: skip
-    progress.close()
-    print(fit)
     save_cameras(fit.cameras, a.out)
-    if a.json is not None:
-        write_json(fit.as_dict(), a.json)
+    text = str(fit)
     if a.overlay is not None:
         a.overlay.mkdir(parents=True, exist_ok=True)
         for k, one in enumerate(footage):
             view = fit.views()[0 if a.fixed else k]
             save_picture(overlay(surface.body, one, view, delay=fit.delay), a.overlay / f"{one.name}.png")
-        print(f"\npictures: {a.overlay}; green must lie on the robot's edge")
+        text += f"\n\npictures: {a.overlay}; green must lie on the robot's edge"
+    return o.Result(text, fit.as_dict())
 
 
 def _surface(a, surface: Any) -> Any:
@@ -79,7 +62,7 @@ def _surface(a, surface: Any) -> Any:
 
     if not a.model.endswith(".urdf"):
         if a.joints:
-            raise EmbodieDreamerError("--joints goes with a .urdf; a model names its joints itself.")
+            raise EmbodieDreamerError("--joints is for a .urdf; a model file names its joints.")
         return surface.of_model(RobotModel.load(a.model))
     if not a.joints:
         raise EmbodieDreamerError(f"{a.model} is a URDF; name the logs' columns with --joints a,b,c.")

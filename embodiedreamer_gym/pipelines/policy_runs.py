@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -17,46 +15,13 @@ from embodiedreamer_gym.io.parallel import many
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.io.video import write_video
 from embodiedreamer_gym.pipelines import FRAME_INTERVAL
+from embodiedreamer_gym.pipelines.settings import EvaluationSettings
 from embodiedreamer_gym.policies import load_policy
 from embodiedreamer_gym.policies.evaluation import EpisodeResult, Evaluation, evaluate, executed
 from embodiedreamer_gym.policies.protocol import picture_inputs
 
 
-@dataclass(frozen=True)
-class Run:
-    """What is played.
-
-    policy: as `load_policy` takes it.
-    task: id or name.
-    episodes: how many.
-    seed: of the first episode; the next ones count on.
-    execute: actions of each chunk, None for all.
-    ensemble: decay of temporal ensembling, None for none.
-    robot: a built-in one or a model file.
-    size: of the pictures, such as "128x96"; None: as the policy learnt.
-    vis_aligner: a video model to observe through, None for the simulator's pictures.
-    bank: photos that the video model starts from.
-    every: actions between the video model's pictures, None: `FRAME_INTERVAL`, with a video 1.
-    jobs: processes.
-    video: folder for a video of each episode.
-    """
-
-    policy: str
-    task: str
-    episodes: int
-    seed: int = 100_000
-    execute: int | None = None
-    ensemble: float | None = None
-    robot: str = "aloha"
-    size: str | None = None
-    vis_aligner: str | None = None
-    bank: str = "lab"
-    every: int | None = None
-    jobs: int = 1
-    video: Path | None = None
-
-
-def play(run: Run, progress: ProgressCallback | None = None) -> Evaluation:
+def play(run: EvaluationSettings, progress: ProgressCallback | None = None) -> Evaluation:
     """Play all episodes of a run.
 
     Raises: EmbodieDreamerError for settings that exclude each other; PolicyError for a policy that does not fit.
@@ -90,7 +55,7 @@ def play(run: Run, progress: ProgressCallback | None = None) -> Evaluation:
 
 
 def play_seeds(
-    run: Run, policy: Any, seeds: tuple[int, ...], done: Callable[[EpisodeResult], None] | None = None
+    run: EvaluationSettings, policy: Any, seeds: tuple[int, ...], done: Callable[[EpisodeResult], None] | None = None
 ) -> list[EpisodeResult]:
     """Results of some seeds; policy: None to load it, in a process of its own."""
     import torch
@@ -118,7 +83,7 @@ def play_seeds(
         env.close()
 
 
-def policy_of(run: Run) -> Any:
+def policy_of(run: EvaluationSettings) -> Any:
     """The policy of a run, with temporal ensembling where that is wanted."""
     policy = load_policy(run.policy)
     if run.ensemble is None:
@@ -128,7 +93,7 @@ def policy_of(run: Run) -> Any:
     return TemporalEnsemble(policy, run.ensemble)
 
 
-def _environment(run: Run, policy: Any) -> Any:
+def _environment(run: EvaluationSettings, policy: Any) -> Any:
     """The task with the policy's cameras, its pictures as large as those it learnt from, or from the video model."""
     if run.vis_aligner is not None:
         from embodiedreamer_gym.pipelines.policy_env import policy_world

@@ -14,7 +14,7 @@ import numpy as np
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.io.files import atomic_file, read_json, write_json
 from embodiedreamer_gym.io.fingerprint import check_settings
-from embodiedreamer_gym.pipelines.study_settings import PREFERENCES, RENAMED, StudySettings
+from embodiedreamer_gym.pipelines.settings import PREFERENCES, RENAMED, StudySettings
 from embodiedreamer_gym.policies.evaluation import check_fit
 
 FIRST_START, FIRST_EVALUATION = (

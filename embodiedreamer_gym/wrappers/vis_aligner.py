@@ -1,8 +1,8 @@
-"""Simulated frames become real-looking ones, chunk by chunk."""
+"""Wrappers that replace simulated frames by generated ones, chunk by chunk."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -20,20 +20,74 @@ from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 SHOWING = ("pixels", "pixels_agent_pos")
 
 
+class _Frames:
+    """Generated frames of n environments, chunk by chunk; `references` holds what each next chunk follows.
+
+    Raises: VisionError for weights or photos that cannot be read.
+    """
+
+    def __init__(self, aligner: Aligner, bank: Bank, count: int) -> None:
+        self.aligner, self.bank = aligner, bank
+        self.references: list[References | None] = [None] * count
+
+    def begin(
+        self, views: Sequence[Condition], entry: Entry | None, edit: Callable[[References], References] | None = None
+    ) -> np.ndarray:
+        """Start an episode in each environment; return its first frame (n, F, H, W, 3) for all F of each view."""
+        starts = [first(self.bank, view, entry) for view in views]
+        self.references = [one if edit is None else edit(one) for one in starts]
+        return np.stack([np.repeat(self.last(i)[None], len(view), axis=0) for i, view in enumerate(views)])
+
+    def render(self, views: Sequence[Condition], counts: Sequence[int]) -> np.ndarray:
+        """Generate the frames (n, F, H, W, 3) of each view of F, piece by piece as the aligner was trained.
+
+        counts: how many frames of each are new; later ones repeat the last. An environment without any has been reset.
+        """
+        frames = [np.repeat(self.last(i)[None], len(view), axis=0) for i, view in enumerate(views)]
+        for i, count in enumerate(counts):
+            if count == 0:
+                self.references[i] = first(self.bank, views[i], None)
+                frames[i][:] = self.last(i)
+        for start in range(0, int(max(counts, default=0)), self.aligner.chunk):
+            going = [i for i, count in enumerate(counts) if count > start]
+            parts = [views[i].part(start, start + self.aligner.chunk) for i in going]
+            references = [self._reference(i) for i in going]
+            clips = self.aligner.render(references, parts)
+            for i, reference, part, clip in zip(going, references, parts, clips, strict=True):
+                count = min(int(counts[i]) - start, len(part))
+                self.references[i] = reference.after(clip[:count], part.part(0, count))
+                frames[i][start : start + count] = clip[:count]
+                frames[i][start + count :] = clip[count - 1]
+        return np.stack(frames)
+
+    def last(self, i: int) -> np.ndarray:
+        """Return the last frame (H, W, 3) of an environment."""
+        return self._reference(i).last
+
+    def _reference(self, i: int) -> References:
+        reference = self.references[i]
+        if reference is None:
+            raise gym.error.ResetNeeded("call reset before the first step.")
+        return reference
+
+
 class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs):
-    """Gives the head camera's pictures a real face; reward and physics stay as they are.
+    """Replaces the head camera's pictures by those of a video model; reward and physics stay as they are.
 
-    Put it around an `ActionChunk(env, k, camera="head")`; without one, it puts one of the aligner's chunk there itself, so
-    that the action is (k, 14). After each chunk info["frames"] holds the dreamed frames (F, H, W, 3) uint8, F = k unless
-    it is filmed less often, and info["filmed"] how many of them are new; the observation shows the last; it is the
-    reference of the next chunk, beside the anchor, the first frame
-    of the episode. At a reset the reference is painted from photos of a bench: an empty plate, and the objects put in
-    where the simulator has them; or, with `reset(options={"reference": i})`, it is photo i itself, to whose joints and
-    objects the simulator is set. Only the head camera is dreamed: wrist cameras are left out of the observation.
+    The wrapped environment is an `ActionChunk(env, k, camera="head")`; another one is wrapped in an `ActionChunk` of the
+    aligner's chunk, so that the action is (k, 14). The observation shows the last frame of a chunk, which is the reference
+    of the next chunk, beside the anchor, the first frame of the episode. At a reset the reference is composed from photos
+    of a bench, an empty plate with the objects where the simulator has them; or, with `reset(options={"reference": i})`, it
+    is photo i itself, and the simulator is set to its joints and objects. Wrist cameras are left out of the observation.
 
-    aligner: "lean" (the shipped weights), or a path; bank: "lab" (the shipped photos), or a path; chunk: actions of a
-    chunk, the aligner's own where None; every: a frame after each n-th action of a chunk, and after its last: dreaming
-    takes as much less; editor: changes each episode's bench and objects, with draws of the reset's seed.
+    info["frames"]: generated frames (F, H, W, 3) uint8 after each chunk, F = k unless `every` is larger.
+    info["filmed"]: how many of them are new.
+
+    aligner: "lean" (the shipped weights), or a path.
+    bank: "lab" (the shipped photos), or a path.
+    chunk: actions of a chunk; None for the aligner's own.
+    editor: changes each episode's bench and objects, with draws of the reset's seed.
+    every: a frame after each n-th action of a chunk, and after its last; generation takes as much less time.
     Raises: VisionError where weights, photos and picture size do not fit; SimulationError for observations without
     pictures.
     """
@@ -48,38 +102,42 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
         self.aligner, photos = load_aligner(aligner), load_bank(bank)
         gym.Wrapper.__init__(self, filmed(env, photos, chunk or self.aligner.chunk, every))
         self.bank = photos.of(_props(env.unwrapped.task))  # pyright: ignore[reportAttributeAccessIssue]
-        self._picture = picture(self.bank)
-        self.observation_space = _with_picture(self.env.observation_space, self._picture)
-        self.references: References | None = None
-        self.editor, self._draws = editor, np.random.default_rng()
+        self.observation_space = _with_picture(self.env.observation_space, picture(self.bank))
+        self._frames = _Frames(self.aligner, self.bank, 1)
+        self.editor, self._rng = editor, np.random.default_rng()
+
+    @property
+    def references(self) -> References | None:
+        """What the next chunk follows; None before the first reset."""
+        return self._frames.references[0]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; options: those of the environment, and reference: number of a photo of the bank."""
         options, entry = _chosen(self.bank, options)
         observation, info = self.env.reset(seed=seed, options=options)
-        condition = conditions(info)
-        self.references = first(self.bank, condition, entry)
-        self._draws = self._draws if seed is None else np.random.default_rng(seed)
-        if self.editor is not None:
-            names = self.env.unwrapped.segmentation_classes  # pyright: ignore[reportAttributeAccessIssue]
-            self.references = edited(self.references, self.editor, int(self._draws.integers(2**31)), names=names)
-        frames = np.repeat(self.references.last[None], len(condition), axis=0)
-        return self._seen(observation), _told(info, frames)
+        self._rng = self._rng if seed is None else np.random.default_rng(seed)
+        (frames,) = self._frames.begin([conditions(info)], entry, self._edit)
+        return _shown(observation, self._frames.last(0)), _with_frames(info, frames)
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Play a chunk of actions and dream what the camera would have shown."""
-        if self.references is None:
-            raise gym.error.ResetNeeded("call reset before the first step.")
+        """Play a chunk of actions and generate the frames of the camera."""
+        self._frames.last(0)  # raises before the environment moves
         observation, reward, terminated, truncated, info = self.env.step(action)
-        (frames,), (self.references,) = _dream(self.aligner, [self.references], [conditions(info)], [info["filmed"]])
-        return self._seen(observation), float(reward), terminated, truncated, _told(info, frames)
+        (frames,) = self._frames.render([conditions(info)], [info["filmed"]])
+        observation = _shown(observation, self._frames.last(0))
+        return observation, float(reward), terminated, truncated, _with_frames(info, frames)
 
     def render(self) -> Any:
-        """The last dreamed frame (H, W, 3), where the environment renders at all."""
-        return None if self.render_mode is None or self.references is None else self.references.last
+        """The last generated frame (H, W, 3), where the environment renders at all."""
+        return None if self.render_mode is None or self.references is None else self._frames.last(0)
 
-    def _seen(self, observation: Any) -> Any:
-        return observation if self.references is None else _shown(observation, self.references.last)
+    def _edit(self, references: References) -> References:
+        names = self.env.unwrapped.segmentation_classes  # pyright: ignore[reportAttributeAccessIssue]
+        return (
+            references
+            if self.editor is None
+            else edited(references, self.editor, int(self._rng.integers(2**31)), names=names)
+        )
 
 
 class VisAlignerVectorWrapper(VectorWrapper):
@@ -102,7 +160,12 @@ class VisAlignerVectorWrapper(VectorWrapper):
             raise VisionError(f"the environments must show pictures {one.shape}, as the bank's photos; make them with "
                               f"image_size={photos.size} and obs_type='pixels_agent_pos'.")  # fmt: skip
         self.bank: Bank = photos.of(_props(env.get_attr("task")[0]))  # pyright: ignore[reportAttributeAccessIssue]
-        self.references: list[References | None] = [None] * env.num_envs
+        self._frames = _Frames(self.aligner, self.bank, env.num_envs)
+
+    @property
+    def references(self) -> list[References | None]:
+        """What the next chunk of each environment follows; None before the first reset."""
+        return self._frames.references
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
@@ -110,44 +173,23 @@ class VisAlignerVectorWrapper(VectorWrapper):
         """Start an episode in each; options: those of the environment, and reference: number of a photo of the bank."""
         options, entry = _chosen(self.bank, options)
         observation, info = self.env.reset(seed=seed, options=options)  # pyright: ignore[reportArgumentType]
-        views = self._views(info)
-        starts = [first(self.bank, view, entry) for view in views]
-        frames = np.stack([np.repeat(r.last[None], len(v), axis=0) for r, v in zip(starts, views, strict=True)])
-        self.references = list(starts)
-        return self._seen(observation), _told(info, frames)
+        frames = self._frames.begin(self._views(info), entry)
+        return self._with_last(observation), _with_frames(info, frames)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Play a chunk of actions in each environment and dream what their cameras would have shown."""
+        """Play a chunk of actions in each environment and generate the frames of their cameras."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        views, filmed = self._views(info), info["filmed"]
-        going = [i for i, count in enumerate(filmed) if count > 0]
-        frames = np.stack([view.rgb for view in views])
-        before = [self._reference(i) for i in going]
-        made, after = _dream(self.aligner, before, [views[i] for i in going], [filmed[i] for i in going])
-        for i, clip, reference in zip(going, made, after, strict=True):
-            frames[i], self.references[i] = clip, reference
-        for i in set(range(len(views))) - set(going):  # begun anew by the vector
-            self.references[i] = first(self.bank, views[i], None)
-            frames[i] = self._reference(i).last
-        return self._seen(observation), reward, terminated, truncated, _told(info, frames)
-
-    def _reference(self, i: int) -> References:
-        found = self.references[i]
-        if found is None:
-            raise gym.error.ResetNeeded("call reset before the first step.")
-        return found
+        frames = self._frames.render(self._views(info), info["filmed"])
+        return self._with_last(observation), reward, terminated, truncated, _with_frames(info, frames)
 
     def _views(self, info: Mapping[str, Any]) -> list[Condition]:
         if "clip" not in info:
             raise SimulationError('each environment must be wrapped in ActionChunk(env, k, camera="head").')
-        clip = {key: seen for key, seen in info["clip"].items() if not key.startswith("_")}  # masks of the vector
-        return [Condition(**{key: seen[i] for key, seen in clip.items()}) for i in range(self.num_envs)]
+        clip = {key: values for key, values in info["clip"].items() if not key.startswith("_")}  # masks of the vector
+        return [Condition(**{key: values[i] for key, values in clip.items()}) for i in range(self.num_envs)]
 
-    def _seen(self, observation: Any) -> Any:
-        return _shown(observation, np.stack([self._reference(i).last for i in range(len(self.references))]))
-
-
-# ---- what both share -------------------------------------------------------------------------------------------
+    def _with_last(self, observation: Any) -> Any:
+        return _shown(observation, np.stack([self._frames.last(i) for i in range(self.num_envs)]))
 
 
 def filmed(env: gym.Env, bank: Bank, chunk: int, every: int = 1) -> gym.Env:
@@ -158,7 +200,7 @@ def filmed(env: gym.Env, bank: Bank, chunk: int, every: int = 1) -> gym.Env:
     kind = getattr(env.unwrapped, "obs_type", None)
     if kind not in SHOWING:
         raise SimulationError(
-            f"VisAlignerObservationWrapper dreams pictures, and obs_type {kind!r} has none; "
+            f"VisAlignerObservationWrapper replaces pictures, and obs_type {kind!r} has none; "
             f"make the environment with obs_type={SHOWING[1]!r} or {SHOWING[0]!r}."
         )
     inner = env
@@ -182,38 +224,18 @@ def picture(bank: Bank) -> spaces.Box:
 
 
 def conditions(info: Mapping[str, Any]) -> Condition:
-    """The simulator's view of a chunk."""
+    """Return the simulator's view of a chunk."""
     return Condition(**info["clip"])
 
 
 def first(bank: Bank, condition: Condition, entry: Entry | None) -> References:
-    """The references of an episode's beginning: a photo, or one painted."""
+    """Return the references of an episode's beginning: a photo, or a picture composed from photos."""
     frame = entry.frame if entry is not None else bank.compose(condition)
     return References.start(frame, condition.part(0, 1), bank.bench)
 
 
-def _dream(aligner: Aligner, references: Sequence[References], views: Sequence[Condition], filmed: Sequence[int]
-           ) -> tuple[list[np.ndarray], list[References]]:  # fmt: skip
-    """Frames (F, H, W, 3) of each view of F frames, piece by piece as the aligner was trained, and the references after.
-
-    filmed: of each, how many are new; later frames repeat the last one.
-    """
-    known = list(references)
-    frames = [np.repeat(reference.last[None], len(view), axis=0) for reference, view in zip(known, views, strict=True)]
-    for start in range(0, int(max(filmed, default=0)), aligner.chunk):
-        going = [i for i, count in enumerate(filmed) if count > start]
-        parts = [views[i].part(start, start + aligner.chunk) for i in going]
-        made = aligner.render([known[i] for i in going], parts)
-        for i, part, clip in zip(going, parts, made, strict=True):
-            count = min(int(filmed[i]) - start, len(part))
-            known[i] = known[i].after(clip[:count], part.part(0, count))
-            frames[i][start : start + count] = clip[:count]
-            frames[i][start + count :] = clip[count - 1]
-    return frames, known
-
-
 def _chosen(bank: Bank, options: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, Entry | None]:
-    """Options for the environment, and the photo that they ask for."""
+    """Return the options for the environment, and the photo that the options name."""
     options = dict(options or {})
     if "reference" not in options:
         return options or None, None
@@ -238,5 +260,5 @@ def _shown(observation: Any, frames: np.ndarray | Sequence[np.ndarray]) -> Any:
     return {**observation, "pixels": frames} if isinstance(observation, Mapping) else frames
 
 
-def _told(info: Mapping[str, Any], frames: np.ndarray) -> dict[str, Any]:
+def _with_frames(info: Mapping[str, Any], frames: np.ndarray) -> dict[str, Any]:
     return {key: value for key, value in info.items() if key not in ("clip", "_clip")} | {"frames": frames}

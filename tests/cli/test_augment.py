@@ -44,7 +44,7 @@ def test_without_edits_it_only_dreams(run, capsys: pytest.CaptureFixture[str]) -
         "prompt": None, "task": None, "robot": None, "jobs": 1,
     }]  # fmt: skip
     shown = capsys.readouterr()
-    assert shown.out == "4 episodes in made, 1 of them were there\n"
+    assert shown.out == "4 episodes in made, 1 of them from an earlier run\n"
     assert "replaying episodes: 1 of 2 (50 %), failed 0" in shown.err
     run("--quiet")
     assert capsys.readouterr().err == ""

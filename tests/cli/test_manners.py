@@ -19,6 +19,7 @@ from embodiedreamer_gym import __version__
 from embodiedreamer_gym.cli import calibrate, standin_record
 from embodiedreamer_gym.cli.command import RENAMED, build_parser, main, renamed
 from embodiedreamer_gym.cli.compare import labels
+from embodiedreamer_gym.cli.options import output_file, output_folder
 from embodiedreamer_gym.demo import DATA
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.errors import EmbodieDreamerError
@@ -54,10 +55,11 @@ def leaves(parser: argparse.ArgumentParser, name: str = "") -> Iterator[tuple[st
 
 VERBS = dict(leaves(build_parser()))
 OPTIONS = [(verb, action) for verb, parser in VERBS.items() for action in parser._actions]
+PATH_TYPES = (Path, output_file, output_folder)
 PATHS = [
     (verb, action.option_strings[0])
     for verb, action in OPTIONS
-    if action.option_strings and (action.type is Path or action.option_strings[0] in ("--effects", "--mirror"))
+    if action.option_strings and (action.type in PATH_TYPES or action.option_strings[0] in ("--effects", "--mirror"))
 ]
 
 
@@ -68,7 +70,7 @@ def test_every_verb_is_tried() -> None:
 @pytest.mark.parametrize("verb", VERBS)
 def test_bad_numbers_are_one_sentence(verb: str) -> None:
     for action in VERBS[verb]._actions:
-        if action.type in (None, str, Path):
+        if action.type in (None, str, *PATH_TYPES):
             continue
         for text in NUMBERS:
             words = [*verb.split(), *INPUTS[verb].split(), f"{action.option_strings[0]}={text}"]
@@ -149,7 +151,7 @@ def test_former_names_work_with_a_warning(capsys: pytest.CaptureFixture[str]) ->
 def test_choices_are_those_of_the_package() -> None:
     """The verbs do not import what they call before they run, so their choices are written down twice."""
     assert tuple(METHODS) == calibrate.METHODS
-    motion = next(settings for name, settings in standin_record.OPTIONS if name == "--motion")
+    motion = next(one.settings for one in standin_record.run.options if one.name == "--motion")
     assert motion["choices"] == tuple(MOTIONS)
 
 
@@ -185,7 +187,7 @@ def test_models_are_told_apart_by_their_files() -> None:
 
 @pytest.mark.parametrize("words", [[], ["diagnose"], ["policy", "prefer"], ["vis", "camera"]], ids=" ".join)
 def test_help_is_fast(words: list[str]) -> None:
-    """It takes 0.4 s on an idle core; here others may run beside it."""
+    """The bound leaves room for other processes on the same cores."""
     seconds = []
     for _ in range(3):
         begun = time.monotonic()

@@ -16,6 +16,7 @@ from embodiedreamer_gym.cli import policy_train
 from embodiedreamer_gym.cli.command import build_parser, execute
 from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
 from embodiedreamer_gym.pipelines import policy_runs
+from embodiedreamer_gym.pipelines.settings import EvaluationSettings
 from embodiedreamer_gym.policies.act import Act, ActConfig, ActPolicy
 from embodiedreamer_gym.policies.evaluation import EpisodeResult
 from embodiedreamer_gym.recordings import Recording, save_recording
@@ -64,7 +65,7 @@ def test_large_pictures_are_scaled_where_the_user_does_not_say(
     run("train", "--data", tmp_path, "--out", tmp_path / "act", *TRAIN)
     config = ActPolicy.load(tmp_path / "act").network.config
     assert (config.image_size, config.source_size) == ((SIZE[0] // 2, SIZE[1] // 2), SIZE)
-    assert f"are scaled to {SIZE[0] // 2}x{SIZE[1] // 2}; --size says otherwise" in capsys.readouterr().err
+    assert f"are scaled to {SIZE[0] // 2}x{SIZE[1] // 2}; give --size for another size" in capsys.readouterr().err
     assert policy_train.default_size((640, 480), "paper") == (640, 480) and policy_train.default_size(
         (16, 480), "small"
     ) == (16, 480)
@@ -171,7 +172,7 @@ def test_episodes_are_dealt_out_to_processes(
 
 
 def test_temporal_ensembling_asks_at_each_step(still: Path) -> None:
-    run = policy_runs.Run(str(still), "PutCupOnMat", 1)
+    run = EvaluationSettings(str(still), "PutCupOnMat", 1)
     assert policy_runs.policy_of(run).chunk == 30
     assert policy_runs.policy_of(replace(run, ensemble=0.01)).chunk == 1
 
@@ -211,7 +212,7 @@ def test_what_cannot_be_trained(tmp_path: Path, episodes: Tiny) -> None:
     for extra, said in (
         (("--cameras", "wrist"), "no pictures of the camera 'wrist'; cameras: head, left"),
         (("--size", "0x12"), "must be a whole number of at least 1"),
-        (("--device", "cuda"), "is not there; take cpu"),
+        (("--device", "cuda"), "is not available; use cpu"),
         (("--learning-rate", "nan"), "--learning-rate: nan is not a number above 0"),
         (("--seed", "-1"), "--seed: -1 is not"),
         (("--out", f"{__file__}/act"), "cannot be written: .*py is a file"),

@@ -91,7 +91,7 @@ def test_a_bank_is_made_of_first_frames(bench: Path, tmp_path: Path, capsys) -> 
         (["render", "EPISODE", "--aligner", "MODEL", "--out", "x.avi"], "give a file name.mp4"),
         (["prepare", "EPISODE", "--out", "x", "--size", "big"], "--size big is no width and height"),
         (["prepare", "EPISODE", "--out", "x", "--object", "red cup"], "masks from words need"),
-        (["prepare", "EPISODE", "--out", "x", "--camera", "nose"], "there is no camera 'nose'"),
+        (["prepare", "EPISODE", "--out", "x", "--camera", "nose"], "no camera is named 'nose'"),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_sentence(

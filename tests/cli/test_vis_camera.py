@@ -91,7 +91,7 @@ def test_a_log_beside_a_video(logs: Path, tmp_path: Path) -> None:
     [
         (["--model", "aloha", "blind.csv"], "blind: the recording has no frames; give --video FILE"),
         (["--model", "aloha", "shot.hdf5", "--camera", "wrist"], "there is no camera 'wrist'; it has head"),
-        (["--model", "aloha", "shot.hdf5", "--joints", "a"], "--joints goes with a .urdf"),
+        (["--model", "aloha", "shot.hdf5", "--joints", "a"], "--joints is for a .urdf"),
         (["--model", "arm.urdf", "shot.hdf5"], "arm.urdf is a URDF; name the logs' columns with --joints"),
         (["--model", "aloha", "shot.hdf5", "--masks", "."], r"holds 0 masks, but shot has 12 frames"),
         (["--model", "aloha", "shot.hdf5", "--video", "a.mp4", "b.mp4"], "2 videos for 1 recordings"),

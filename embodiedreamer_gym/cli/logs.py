@@ -5,23 +5,16 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, TypeVar
 
 from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
-from embodiedreamer_gym.io.files import check_outputs, write_json
 
-MEANINGLESS = ("swapped", "sign-flipped")  # findings of a log to which no model should be fitted
+UNFIT = ("swapped", "sign-flipped")  # codes of findings that forbid a fit to the log
 T = TypeVar("T")
 
 
-def check_results(a: argparse.Namespace) -> None:
-    """Check the outputs of a verb on logs before its work begins."""
-    check_outputs(getattr(a, "out", None), getattr(a, "resume", None), a.json, folders=[a.report])
-
-
 def load_model(a: argparse.Namespace, source: str) -> Any:
-    """The model of a file or a built-in robot, with the user's effects."""
+    """Return the model of a file or a built-in robot, with the user's effects."""
     from embodiedreamer_gym.effects import CATALOGUE, load_effects
     from embodiedreamer_gym.robot import RobotModel
 
@@ -29,8 +22,13 @@ def load_model(a: argparse.Namespace, source: str) -> Any:
     return readable(f"model {source}", lambda: RobotModel.load(source, catalogue))
 
 
+def load_split(a: argparse.Namespace, model: Any) -> tuple[Any, Any]:
+    """Return the recordings of --train and --test."""
+    return load_logs(a, model, a.train, fit=True), load_logs(a, model, a.test, fit=True)
+
+
 def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: bool = False) -> Any:
-    """Recordings without their bad samples; prints what was found wrong. fit: a model will be fitted to them."""
+    """Return recordings without their bad samples; prints the findings. fit: a model will be fitted to them."""
     from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight
 
     load = lambda: load_recordings(*patterns, hz=a.hz, joints=model.joints, command_hold=a.hold, time_unit=a.time_unit)  # noqa: E731
@@ -41,7 +39,7 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
     for one in checked:
         for finding in one.findings:
             findings.setdefault((finding.severity, finding.code, finding.joints), []).append((one.recording, finding))
-            if fit and finding.code in MEANINGLESS:
+            if fit and finding.code in UNFIT:
                 raise RecordingError(f"{one.recording.source or one.recording.name}: {finding.message}.")
     for (severity, *_), same in findings.items():
         more = f" (and {len(same) - 1} more)" if len(same) > 1 else ""
@@ -53,19 +51,10 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
 
 
 def readable(what: str, load: Callable[[], T]) -> T:
-    """Load a user's file; whatever a library finds wrong with it becomes one sentence."""
+    """Load a user's file; whatever exception a library raises becomes one sentence."""
     try:
         return load()
     except EmbodieDreamerError:
         raise
     except Exception as error:
         raise EmbodieDreamerError(f"{what} cannot be read: {type(error).__name__}: {error}.") from error
-
-
-def show(a: argparse.Namespace, result: Any, report: Callable[[], Path]) -> None:
-    """Print a result and write the page and the JSON that were asked for."""
-    print(result)
-    if a.report:
-        print(f"\nreport: {report()}")
-    if a.json:
-        write_json(result.as_dict(), a.json)
