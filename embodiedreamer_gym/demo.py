@@ -52,26 +52,28 @@ def run(folder: str | Path = "demo_report", progress: Progress | None = None) ->
     _print_step(2, "calibrate", f"now {_error(calibrated)}")
     print(f"         {fit.rollouts} rollouts, and still {times:.1f} times the noise: no servo gain explains this.")
 
-    found = diagnose(model, train, test, jobs=os.cpu_count() or 1, progress=progress)
+    diagnosis = diagnose(model, train, test, jobs=os.cpu_count() or 1, progress=progress)
     progress.close()
-    tried = f"{len(found.ranking)} of {len(model.catalogue)} effects refitted"
-    _print_step(3, "diagnose", f"{tried}, {found.rollouts} rollouts, {found.seconds:.0f} s")
-    print(_indent(_ranking(found)))
-    print(f"         {found.sentence}")
+    tried = f"{len(diagnosis.ranking)} of {len(model.catalogue)} effects refitted"
+    _print_step(3, "diagnose", f"{tried}, {diagnosis.rollouts} rollouts, {diagnosis.seconds:.0f} s")
+    print(_indent(_ranking(diagnosis)))
+    print(f"         {diagnosis.sentence}")
 
-    _print_step(4, "add", f"{' and '.join(found.effects) or 'nothing'}, everything fitted again")
-    found.model.save(folder / "better.json")
-    write_json(found.as_dict(), folder / "diagnosis.json")
+    _print_step(4, "add", f"{' and '.join(diagnosis.effects) or 'nothing'}, everything fitted again")
+    diagnosis.model.save(folder / "better.json")
+    write_json(diagnosis.as_dict(), folder / "diagnosis.json")
 
-    models = [found.nominal, found.calibrated, *([found.model] if found.effects else [])]
+    models = [diagnosis.nominal, diagnosis.calibrated, *([diagnosis.model] if diagnosis.effects else [])]
     _print_step(5, "compare again", "held-out error by joint, mrad")
     print(_indent(_joints(compare(models, test, labels=["nominal", "calibrated", "better"][: len(models)]))))
     print()
-    print(_indent(_bars([*found.steps, ("sensor noise", found.error["noise"] or 0.0)])))
-    page = write_report(folder, diagnosis=found, breakdown=error_breakdown(found.calibrated, test), recordings=test)
+    print(_indent(_bars([*diagnosis.steps, ("sensor noise", diagnosis.error["noise"] or 0.0)])))
+    page = write_report(
+        folder, diagnosis=diagnosis, breakdown=error_breakdown(diagnosis.calibrated, test), recordings=test
+    )
 
     print("\nThe ground truth:")
-    print(_indent(_ground_truth(found, json.loads(TRUTH.read_text(encoding="utf-8")))))
+    print(_indent(_ground_truth(diagnosis, json.loads(TRUTH.read_text(encoding="utf-8")))))
     print(f"\nreport: {page}\nmodel:  {folder / 'better.json'}\n\nThe same by hand:")
     inputs = f"--model {folder / 'model.json'} --train {folder / 'train'} --test {folder / 'test'}"
     print(f"  embodiedreamer diagnose {inputs} --report {folder}")
@@ -108,8 +110,8 @@ def _error(comparison: Comparison) -> str:
     return f"{1e3 * error:.2f} mrad off ({end:.2f} mm at the tip); sensor noise is {1e3 * noise:.2f} mrad."
 
 
-def _ranking(found: Diagnosis) -> str:
-    rows = [[r.effect, f"{r.held_out_chi2:.2f}"] for r in found.ranking]
+def _ranking(diagnosis: Diagnosis) -> str:
+    rows = [[r.effect, f"{r.held_out_chi2:.2f}"] for r in diagnosis.ranking]
     return layout(["with the effect", "held-out chi2/n (1 = noise)"], rows)
 
 
@@ -131,19 +133,19 @@ def _bars(steps: Sequence[tuple[str, float]]) -> str:
     )
 
 
-def _ground_truth(found: Diagnosis, truth: dict) -> str:
+def _ground_truth(diagnosis: Diagnosis, truth: dict) -> str:
     """The hidden effect beside the verdict, parameter by parameter."""
-    named = ", ".join(found.effects) or found.verdict
+    named = ", ".join(diagnosis.effects) or diagnosis.verdict
     lines = [f"hidden: {truth['effect']}    diagnosed: {named}"]
-    rows = list(_parameters(found, truth))
+    rows = list(_parameters(diagnosis, truth))
     if rows:
         lines.append(layout(["parameter", "truth", "estimate", "95 % interval", "unit"], rows))
     return "\n".join(lines)
 
 
-def _parameters(found: Diagnosis, truth: dict) -> Iterator[list[str]]:
+def _parameters(diagnosis: Diagnosis, truth: dict) -> Iterator[list[str]]:
     hidden = {f"{truth['effect']}.{key}": values for key, values in truth["values"].items()}
-    for row in found.model.parameters().of_effect(truth["effect"]):
+    for row in diagnosis.model.parameters().of_effect(truth["effect"]):
         true = hidden.get(str(row.key.group), {}).get(row.key.place, row.off)
         interval = f"{number(row.interval[0])} .. {number(row.interval[1])}" if row.interval else "-"
         name = f"{row.key.parameter} of {row.key.place}"

@@ -47,7 +47,7 @@ def refit(
     base: RobotModel, screened: Screened, problem: Problem, train: Sequence[Recording], test: Sequence[Recording],
     both_rules: bool, rival: float = np.inf, cached: CachedFit | None = None, by_pieces: bool = False,
 ) -> Candidate:  # fmt: skip
-    """Fit base + effect from the screening's start; under both rules between commands where none is known.
+    """Fit base + effect from the screening's start; under both rules between commands where the recordings name none.
 
     problem: the base model's own, whose weights per joint and rule are kept, so that costs compare; rival: cost of another
     refit, far above which this one is given up; cached: where this refit ended once before; by_pieces: begin with fits to

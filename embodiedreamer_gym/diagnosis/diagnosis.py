@@ -48,7 +48,7 @@ class Diagnosis:
     """What a model lacks.
 
     verdict: "nothing_missing", "missing", "ambiguous" or "unknown"; sentence: the same in words.
-    effects: names, first found first (both of a tie).
+    effects: names in the order of the search (both of a tie).
     joints: effect -> joints or arms it acts on.
     parameters: effect -> joint -> value, low, high, unit.
     ranking: the effects that were refitted, best first.
@@ -85,7 +85,7 @@ class Diagnosis:
 
     @property
     def best(self) -> str | None:
-        """Name of the effect found first, None where none is named."""
+        """Name of the first effect, None where none is named."""
         return self.effects[0] if self.effects else None
 
     @property

@@ -11,7 +11,7 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Drive, Rollout
 
 EXPLAINED = 0.5  # share of the effort's variance that one side must explain at least, or effort is something else
-SIGNIFICANT = 0.003  # share of the effort's variance that one side must leave open, or there is nothing to share out
+SIGNIFICANT = 0.003  # share of the effort's variance that one side must leave open, else nothing is attributed
 LONGEST_LAG, LAG_STEP = 0.25, 0.01  # s
 NOISES = ("effort_noise", "position_noise", "speed_noise", "acceleration_noise")
 SIMILAR = 0.5  # correlation below which a lag between two motions means nothing

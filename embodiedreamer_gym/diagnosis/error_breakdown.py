@@ -37,7 +37,7 @@ VISIBLE = 2.0  # chi2/n above which a joint's error is more than noise
 STRONG = 0.4  # share of the error's variance that a quantity must explain to be named
 CONSTANT_SHARE = 0.8  # share of a joint's error that must be its mean to call it a constant offset
 MORE = 1.3  # times the joint's whole error, to call a regime the worst
-ENOUGH = 30  # samples of a regime to speak of it
+ENOUGH = 30  # samples that a regime needs to be reported
 READABLE = 6  # joints in a sentence
 SHORTEST_LAG = 5.0  # ms; shorter lags are below what the smoothing resolves
 

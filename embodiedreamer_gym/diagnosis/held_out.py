@@ -1,4 +1,4 @@
-"""How a model does on recordings it was not fitted to: the only currency in which effects are compared."""
+"""Errors of a model on held-out recordings, by which effects are compared."""
 
 from __future__ import annotations
 

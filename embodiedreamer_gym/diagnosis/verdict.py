@@ -14,12 +14,12 @@ VERDICTS = ("nothing_missing", "missing", "ambiguous", "unknown")
 ALARM = 0.01  # p-value below which a model is called wrong
 SMALLEST_GAIN = 0.1  # fall of the summed log chi2 that an effect must bring to be worth naming
 SURE = 2.5  # standard errors of the gain
-TIE = 0.1  # difference of scores below which two effects are not told apart
+TIE = 0.1  # difference of scores below which two effects tie
 RICHER = 0.05  # share of the whole gain that a richer law must bring beyond its special case
 EXPLAINED = 0.5  # share of the excess error that the effects together must explain, else "unknown"
 USUAL = 1.25  # times the chi2 of all but 5 % of faultless robots, up to which nothing is left to explain
 FAR = 3.0  # the like, beyond which a joint is nowhere near its noise
-NEARLY = 0.95  # share of the excess mean square, of all joints together, whose rest does not speak against the effects
+NEARLY = 0.95  # share of the excess mean square, of all joints together, above which the rest does not count against the effects
 MOSTLY = 0.8  # share of the excess error in logarithms, the like
 
 
@@ -35,7 +35,7 @@ def explains_most(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
 
 
 def contenders(before: HeldOut, candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Candidates that the held-out error does not tell from the best; the preferred one comes first.
+    """Candidates whose held-out error does not differ from that of the best; the preferred one comes first.
 
     Among them a special case goes before the richer law that contains it, unless the richer one brings a good deal
     more of the whole fall from `before`.
@@ -67,12 +67,12 @@ def rank_notes(
         elif len(effects) > 1:
             notes[k] = f"ranks before {ranked[first]} alone, but not together with the other effects"
         else:
-            notes[k] = f"not told apart from {ranked[first]} by held-out motion, and fits the training motion worse"
+            notes[k] = f"ties with {ranked[first]} on held-out motion, and fits the training motion worse"
     return notes
 
 
 def _worse(before: HeldOut, best: Candidate, other: Candidate) -> bool:
-    """Whether held-out motion tells two candidates apart, or training motion does and held-out motion agrees."""
+    """Whether a candidate is worse on held-out motion, or on training motion while held-out motion agrees."""
     fall, error = gain(other.held_out, best.held_out)
     least = max(TIE, 2.0 * error)
     if other.kind.name in best.kind.generalises:  # the richer law always fits the training motion better

@@ -1,4 +1,4 @@
-"""Backlash: between the gears' teeth there is a gap, in which motor and joint do not feel each other."""
+"""Backlash: between the gears' teeth there is a gap, in which no torque passes from motor to joint."""
 
 from embodiedreamer_gym.effects.effect import MechanicsChange, Parameter
 

@@ -13,7 +13,7 @@ class BaseTilt(MechanicsChange):
         Parameter("roll", "rad", off=0.0, low=-0.3, high=0.3, typical=0.05, per="arm"),
         Parameter("pitch", "rad", off=0.0, low=-0.3, high=0.3, typical=0.05, per="arm"),
     )
-    symptom = "all joints err as if gravity leaned to one side; even a vertical axis feels it"
+    symptom = "all joints err as if gravity were tilted, a vertical axis too"
     reveals = "turning the waist through its range in several poses"
     confused_with = ("torque_bias", "encoder_offset", "joint_spring", "payload")
 

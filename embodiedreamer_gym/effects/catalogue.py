@@ -93,31 +93,31 @@ def load_effects(path: str | Path, catalogue: Catalogue = CATALOGUE) -> Catalogu
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # any fault of a stranger's file becomes one sentence
+    except Exception as error:  # any exception of a user's file becomes one sentence
         raise EffectError(f"effects file {path} failed: {type(error).__name__}: {error}.") from error
     own = (v for v in vars(module).values() if _is_effect(v) and v.__module__ == module.__name__)
     kinds = list(dict.fromkeys(own))
     bases = {base for kind in kinds for base in kind.__mro__[1:]}
-    found: dict[str, type[Effect]] = {}
+    own_effects: dict[str, type[Effect]] = {}
     for kind in kinds:
         if kind in bases and not hasattr(kind, "name"):
             continue  # what several effects of the file share
         name = getattr(kind, "name", None)
         name = name if isinstance(name, str) else kind.__name__
-        if name in catalogue or name in found:
+        if name in catalogue or name in own_effects:
             raise EffectError(f"effects file {path} defines '{name}', a name that is taken.")
-        found[name] = kind
-    if not found:
+        own_effects[name] = kind
+    if not own_effects:
         raise EffectError(
             f"effects file {path} defines no effect (a subclass of SignalLaw, TorqueBudget or "
             "MechanicsChange with a name)."
         )
-    for kind in found.values():
+    for kind in own_effects.values():
         try:
             check_laws(kind)
         except EffectError as error:
             raise EffectError(f"effects file {path}: {error}") from error
-    return {**catalogue, **found}
+    return {**catalogue, **own_effects}
 
 
 def _is_effect(value: Any) -> bool:

@@ -1,4 +1,4 @@
-"""What an effect says of itself, checked: name, words, stage, methods, parameters."""
+"""Checks of an effect's declaration: name, texts, stage, methods, parameters."""
 
 from __future__ import annotations
 

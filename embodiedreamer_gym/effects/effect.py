@@ -106,10 +106,10 @@ class Effect:
     passive: ClassVar[bool] = False  # never adds energy, which the laws check
 
     def __init__(self, **values: Mapping[str, float]) -> None:
-        known = {p.name: p for p in self.parameters}
+        by_name = {p.name: p for p in self.parameters}
         for key, by_joint in values.items():
-            if key not in known:
-                raise EffectError(f"effect {self.name} has no parameter '{key}'; it has {', '.join(known)}.")
+            if key not in by_name:
+                raise EffectError(f"effect {self.name} has no parameter '{key}'; it has {', '.join(by_name)}.")
             if not isinstance(by_joint, Mapping):
                 raise EffectError(f"effect {self.name}: '{key}' must map joint names to numbers, not {by_joint!r}.")
             for joint, value in by_joint.items():

@@ -1,4 +1,4 @@
-"""The laws that every effect keeps, tried on seeded motions in a few milliseconds: what a user's file has to pass."""
+"""Checks of the laws that every effect must keep, on seeded motions in a few milliseconds; a user's file must pass them."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def check_laws(kind: type[Effect]) -> None:
                 _check_mechanics(effect, sets)
     except EffectError:
         raise
-    except Exception as error:  # any fault of a stranger's law becomes one sentence
+    except Exception as error:  # any exception of a user's law becomes one sentence
         text = " ".join(str(error).split()).rstrip(".")
         if "read-only" in text:
             _refuse(kind, "changes its input in place; return a new array", "pure")
@@ -69,8 +69,8 @@ def _refuse(effect: type[Effect] | Effect, what: str, law: str) -> NoReturn:
     raise EffectError(f"effect {name} {what} (law '{law}').")
 
 
-def _check_same(effect: Effect, there: Any, before: dict[str, Any]) -> None:
-    if any(vars(there).get(name) is not value for name, value in before.items()):
+def _check_same(effect: Effect, arguments: Any, before: dict[str, Any]) -> None:
+    if any(vars(arguments).get(name) is not value for name, value in before.items()):
         _refuse(effect, "changes its input in place; return a new array", "pure")
 
 
@@ -104,7 +104,7 @@ def _check_signal(effect: SignalLaw, sets: Sets, motion: Motion) -> None:
 
 
 def _play(effect: SignalLaw, motion: Motion, sets: Sets, rows: slice = EVERY) -> Array:
-    """What the law makes of a motion's signal (S, B, n), step by step; complains of what a step may not do."""
+    """Return the law's output (S, B, n) for a motion's signal, step by step; raises for what a step may not do."""
     p = given(sets, rows)
     parameters = dict(vars(p))
     memory = effect.start(locked(motion.signal[0, rows]), p, DT)
@@ -129,7 +129,7 @@ def _play(effect: SignalLaw, motion: Motion, sets: Sets, rows: slice = EVERY) ->
 
 
 def _check_memory(effect: SignalLaw, memory: Any, batch: int) -> None:
-    """A simulation has to be able to cut a memory to fewer rows."""
+    """Check that a simulation can cut a memory to fewer rows."""
     if isinstance(memory, tuple | dict):
         for part in memory.values() if isinstance(memory, dict) else memory:
             _check_memory(effect, part, batch)
@@ -163,11 +163,11 @@ def _check_rest(effect: SignalLaw, sets: Sets, motion: Motion) -> None:
 
 
 def _check_cycle(effect: SignalLaw, sets: Sets, steps: int) -> None:
-    """Work in the second of two equal cycles of motion: what a spring has stored comes back, but no more."""
+    """Check the work over the second of two equal cycles of motion: at most what a spring has stored is returned."""
     count = SETS * len(AMPLITUDES)
     p = given({name: np.repeat(values, len(AMPLITUDES), axis=0) for name, values in sets.items()})
     size = np.tile(AMPLITUDES, SETS)[:, None]
-    lead = np.arange(N) * (steps // 5)  # whole steps, so that the way back meets the points of the way there
+    lead = np.arange(N) * (steps // 5)  # whole steps, so that the return passes the same points
     none = locked(np.zeros((count, N)))
     memory = effect.start(none, p, DT)
     work, moved, last = np.zeros(count), np.zeros(count), (none, none)
@@ -212,11 +212,11 @@ def _budgets(effect: TorqueBudget, motion: Motion, sets: Sets, k: int, rows: sli
     state, parameters, shape = dict(vars(joint)), dict(vars(p)), joint.position.shape
     parts: list[Array] = []
     for name, count, none in (("friction", 2, 0.0), ("drive", 5, np.inf)):
-        found = getattr(effect, name)(joint, p)
-        found = (np.full(shape, none),) * count if found is None else found
-        if not isinstance(found, tuple) or len(found) != count:
+        answer = getattr(effect, name)(joint, p)
+        answer = (np.full(shape, none),) * count if answer is None else answer
+        if not isinstance(answer, tuple) or len(answer) != count:
             _refuse(effect, f"returns as {name} something else than a tuple of {count} arrays", "shape")
-        for values in found:
+        for values in answer:
             if np.broadcast_shapes(np.shape(values), shape) != shape:
                 _refuse(effect, f"returns shape {np.shape(values)} as {name} of joints {shape}", "shape")
             parts.append(np.broadcast_to(values, shape))
@@ -229,31 +229,31 @@ def _budgets(effect: TorqueBudget, motion: Motion, sets: Sets, k: int, rows: sli
 
 
 def _check_mechanics(effect: MechanicsChange, sets: Sets) -> None:
-    nominal, found = arrays(ordinary_bodies(SETS), SETS), _change(effect, sets)
-    for name, values in found.items():
+    nominal, changed = arrays(ordinary_bodies(SETS), SETS), _change(effect, sets)
+    for name, values in changed.items():
         if values.shape != nominal[name].shape:
             _refuse(effect, f"leaves the {name} with shape {values.shape}, not {nominal[name].shape}", "shape")
         if not np.isfinite(values).all():
             _refuse(effect, f"makes the {name} NaN or inf", "finite")
-        counts = found["compliance"][OFF] > 0 if name == "settling" else np.array(True)
+        counts = changed["compliance"][OFF] > 0 if name == "settling" else np.array(True)
         if np.any(counts & (np.abs(values - nominal[name])[OFF] > CLOSE)):
             _refuse(effect, f"is not the identity when its parameters are off: it changes the {name}", "off")
     for name in ("mass", "rotor_inertia", *BY_JOINT):
-        if found[name].min() < 0:
+        if changed[name].min() < 0:
             _refuse(effect, f"makes the {name} negative inside its bounds", "mechanics")
-    inertia = found["inertia"]
+    inertia = changed["inertia"]
     if np.abs(inertia - inertia.swapaxes(-1, -2)).max() > CLOSE:
         _refuse(effect, "makes an inertia that is not symmetric", "mechanics")
     if np.linalg.eigvalsh(inertia).min() < -CLOSE:
         _refuse(effect, "makes an inertia negative inside its bounds", "mechanics")
-    if np.linalg.eigvalsh(spatial_inertia(found)[TYPICAL]).min() < -CLOSE:
+    if np.linalg.eigvalsh(spatial_inertia(changed)[TYPICAL]).min() < -CLOSE:
         cause = "about the centre of mass: it moves mass without its inertia, see Mechanics.add_point_mass"
         _refuse(effect, f"makes an inertia negative {cause}", "mechanics")
     again = _change(effect, sets)
-    _check_repeats(effect, all(np.array_equal(found[name], again[name]) for name in found))
+    _check_repeats(effect, all(np.array_equal(changed[name], again[name]) for name in changed))
     for b in range(SETS):
         alone = _change(effect, sets, slice(b, b + 1))
-        same = [np.allclose(alone[name][0], found[name][b], rtol=CLOSE, atol=CLOSE) for name in found]
+        same = [np.allclose(alone[name][0], changed[name][b], rtol=CLOSE, atol=CLOSE) for name in changed]
         _check_alone(effect, all(same))
 
 

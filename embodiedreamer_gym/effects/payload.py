@@ -1,4 +1,4 @@
-"""Payload: a mass at the end effector that the model does not know of."""
+"""Payload: a mass at the end effector that is not in the model."""
 
 from embodiedreamer_gym.effects.effect import MechanicsChange, Parameter
 

@@ -1,4 +1,4 @@
-"""Extra rotor inertia: the motor behind the gear is heavier than the model says."""
+"""Extra rotor inertia: the motor behind the gear is heavier than in the model."""
 
 from embodiedreamer_gym.effects.effect import MechanicsChange, Parameter
 

@@ -9,7 +9,7 @@ class TimestampJitter(SignalLaw):
     """White errors of a log's time stamps, common to an arm's joints; `seconds` is their standard deviation.
 
     A property of the log: in the plant, of a free run as of an environment, it does nothing. A model that has it is
-    compared with a log as its clock would have stamped the run, each stamp's own error found in the log alone.
+    compared with a log as its clock would have stamped the run, each stamp's own error is estimated from the log alone.
     """
 
     name = "timestamp_jitter"

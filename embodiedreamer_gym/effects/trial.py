@@ -78,20 +78,22 @@ def ordinary_bodies(batch: int) -> Mechanics:
 
 def arrays(mechanics: Mechanics, batch: int) -> dict[str, Array]:
     """Field -> array with the robots first; what broadcasts is spread."""
-    found = {f.name: np.asarray(getattr(mechanics, f.name), float) for f in fields(Mechanics) if f.name[:3] != "tip"}
+    fields_by_name = {
+        f.name: np.asarray(getattr(mechanics, f.name), float) for f in fields(Mechanics) if f.name[:3] != "tip"
+    }
     for name in BY_JOINT:
-        if np.broadcast_shapes(found[name].shape, (batch, N)) == (batch, N):
-            found[name] = np.broadcast_to(found[name], (batch, N))
-    return found
+        if np.broadcast_shapes(fields_by_name[name].shape, (batch, N)) == (batch, N):
+            fields_by_name[name] = np.broadcast_to(fields_by_name[name], (batch, N))
+    return fields_by_name
 
 
-def spatial_inertia(found: dict[str, Array]) -> Array:
+def spatial_inertia(fields_by_name: dict[str, Array]) -> Array:
     """Mass, centre and inertia of bodies as one matrix (B, k, 6, 6): positive wherever it belongs to matter."""
-    mass, moment = found["mass"], found["first_moment"]
+    mass, moment = fields_by_name["mass"], fields_by_name["first_moment"]
     cross = np.zeros((*mass.shape, 3, 3))
     cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -moment[..., 2], moment[..., 1], -moment[..., 0]
     cross = cross - cross.swapaxes(-1, -2)
     whole = np.zeros((*mass.shape, 6, 6))
-    whole[..., :3, :3], whole[..., 3:, 3:] = found["inertia"], mass[..., None, None] * np.eye(3)
+    whole[..., :3, :3], whole[..., 3:, 3:] = fields_by_name["inertia"], mass[..., None, None] * np.eye(3)
     whole[..., :3, 3:], whole[..., 3:, :3] = cross, cross.swapaxes(-1, -2)
     return whole

@@ -50,18 +50,18 @@ def anneal(
     if steps < 2:
         raise CalibrationError(f"annealing needs at least 2 steps, not {steps}.")
     box = SearchRange(problem, factor)
-    here = best = box.start
-    now = lowest = float(cost(problem, box.x(here))[0])
-    hottest = t_max * now if scaled else t_max
+    current = best = box.start
+    current_cost = lowest = float(cost(problem, box.x(current))[0])
+    hottest = t_max * current_cost if scaled else t_max
     accepted = 0
     for k in range(1, steps):
         temperature = hottest * (1 - (k - 1) / steps)
-        there = np.clip(here + step * (rng.random(len(here)) - 0.5), 0.0, 1.0)
-        then = float(cost(problem, box.x(there))[0])
-        if then <= now or rng.random() < math.exp((now - then) / temperature):
-            here, now = there, then
+        candidate = np.clip(current + step * (rng.random(len(current)) - 0.5), 0.0, 1.0)
+        candidate_cost = float(cost(problem, box.x(candidate))[0])
+        if candidate_cost <= current_cost or rng.random() < math.exp((current_cost - candidate_cost) / temperature):
+            current, current_cost = candidate, candidate_cost
             accepted += 1
-        if then < lowest:
-            best, lowest = there, then
+        if candidate_cost < lowest:
+            best, lowest = candidate, candidate_cost
         progress("annealing", k, steps, lowest_cost=f"{lowest:.4g}")
     return box.x(best), accepted / (steps - 1)

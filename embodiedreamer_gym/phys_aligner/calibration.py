@@ -1,4 +1,4 @@
-"""calibrate: fit a robot model's parameters to recordings, and say how well they are known."""
+"""calibrate: fit a robot model's parameters to recordings, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -133,8 +133,8 @@ def finish(problem: Problem, fit: Fit, seconds: float, sway: np.ndarray | None =
 
     sway (m,): a further standard deviation of the scaled parameters, which the residuals do not show.
     """
-    known = spread(problem, fit.x, fit.residuals * fit.weight, fit.jacobian * fit.weight[:, None])
-    half = known.half_width if sway is None else np.hypot(known.half_width, NORMAL_95 * sway)
+    uncertainty = spread(problem, fit.x, fit.residuals * fit.weight, fit.jacobian * fit.weight[:, None])
+    half = uncertainty.half_width if sway is None else np.hypot(uncertainty.half_width, NORMAL_95 * sway)
     low, high = problem.values(fit.x - half), problem.values(fit.x + half)
     intervals, undetermined = dict(problem.model.intervals), []
     for i, row in enumerate(problem.rows):
@@ -142,7 +142,7 @@ def finish(problem: Problem, fit: Fit, seconds: float, sway: np.ndarray | None =
             intervals[row.name] = (float(max(low[i], row.low)), float(min(high[i], row.high)))
         else:
             intervals.pop(row.name, None)
-        if known.undetermined[i]:
+        if uncertainty.undetermined[i]:
             undetermined.append(row.name)
     model = problem.model_at(fit.x, intervals)
     if problem.hold is not None:

@@ -91,18 +91,18 @@ def _score_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -> 
 def autocovariance(e: np.ndarray) -> np.ndarray:
     """Autocovariance (T,) of a series (T,) by an autoregressive model, its order by Schwarz's criterion."""
     most = min(HIGHEST_ORDER, (len(e) - 1) // 4)
-    known = np.array([e[k:] @ e[: len(e) - k] / len(e) for k in range(most + 1)])
-    if known[0] <= 0:
+    autocovariance = np.array([e[k:] @ e[: len(e) - k] / len(e) for k in range(most + 1)])
+    if autocovariance[0] <= 0:
         return np.zeros(len(e))
     models = []
     for order in range(most + 1):
-        matrix = toeplitz(known[:order]) + 1e-9 * known[0] * np.eye(order)
-        weights = np.linalg.solve(matrix, known[1 : order + 1])
-        left = max(known[0] - weights @ known[1 : order + 1], 1e-12 * known[0])
+        matrix = toeplitz(autocovariance[:order]) + 1e-9 * autocovariance[0] * np.eye(order)
+        weights = np.linalg.solve(matrix, autocovariance[1 : order + 1])
+        left = max(autocovariance[0] - weights @ autocovariance[1 : order + 1], 1e-12 * autocovariance[0])
         models.append((len(e) * np.log(left) + order * np.log(len(e)), order, weights))
     _, order, weights = min(models, key=lambda model: model[0])
     result = np.zeros(len(e))
-    result[: order + 1] = known[: order + 1]
+    result[: order + 1] = autocovariance[: order + 1]
     for k in range(order + 1, len(e) if order else 0):
         result[k] = weights @ result[k - order : k][::-1]
     return result

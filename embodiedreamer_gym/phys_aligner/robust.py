@@ -1,4 +1,4 @@
-"""A cost that outliers, and a joint that no parameter can explain, do not rule."""
+"""A cost that is robust against outliers, and against a joint that no parameter can explain."""
 
 from __future__ import annotations
 

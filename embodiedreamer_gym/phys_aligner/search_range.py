@@ -1,4 +1,4 @@
-"""Where the searches look: a box around a problem's start, and what a point in it costs."""
+"""Search range: a box around a problem's start, and the cost of its points."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ SMALL = 1e-3  # scaled units; a parameter nearer to zero than that has no size o
 class SearchRange:
     """Unit coordinates u (m,) in 0..1 of the scaled parameters from start / factor to start * factor.
 
-    The logarithm of a parameter is linear in u; one that starts at zero is looked for one typical size
-    around. The box is cut at the parameters' bounds. Raises: CalibrationError for a factor that is not above
+    The logarithm of a parameter is linear in u; one that starts at zero is searched within one typical size
+    of it. The box is cut at the parameters' bounds. Raises: CalibrationError for a factor that is not above
     one.
     """
 

@@ -1,7 +1,7 @@
 """What a model is held against: the measured signals of recordings, each with its noise.
 
 A channel is one joint's signal: its position in a free run, or, where no log holds a command, its effort in an inverse
-run. Where a log's effort is not in N m, each joint's is compared with the model's torque times a scale, found by least
+run. Where a log's effort is not in N m, each joint's is compared with the model's torque times a scale, fitted by least
 squares.
 """
 
@@ -28,7 +28,7 @@ from embodiedreamer_gym.simulation import TIME_STEP, Drive, Rollout, Sets, resti
 
 LARGEST = 1e6  # sensor noises; a run that diverges is no further off
 PLAUSIBLE = 1.5  # the scale of an effort whose unit is unknown, in the median over joints, up to which it is N m
-POSES = 16  # of a recording, from which the noise of its inverse run is found
+POSES = 16  # of a recording, from which the noise of its inverse run is estimated
 SHORT = 2  # samples to either side that a reversal rests at most
 
 
@@ -174,7 +174,7 @@ def _effort_noise(model: RobotModel, recordings: Sequence[Recording], scale: np.
 
     scale (n,): effort per torque.
     """
-    mechanics, found = Drive(model).mechanics, []
+    mechanics, noises = Drive(model).mechanics, []
     for r in recordings:
         motion = smooth_motion(r)
         rows = np.linspace(0, len(r.time) - 1, POSES).astype(int)
@@ -183,5 +183,5 @@ def _effort_noise(model: RobotModel, recordings: Sequence[Recording], scale: np.
         bend = np.sqrt(np.mean((mass * motion.acceleration_noise) ** 2, axis=0).sum(axis=1))
         own = smoothing_gain(r) * sensor_sd(r.time, np.asarray(r.effort))
         least = 1e-5 * np.ptp(np.asarray(r.effort), axis=0)
-        found.append(np.sqrt(own**2 + (bend * scale) ** 2 + least**2))
-    return np.sqrt(np.mean(np.square(found), axis=0))
+        noises.append(np.sqrt(own**2 + (bend * scale) ** 2 + least**2))
+    return np.sqrt(np.mean(np.square(noises), axis=0))

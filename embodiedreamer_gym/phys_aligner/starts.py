@@ -47,7 +47,7 @@ def piecewise_start(problem: Problem, starts: Sequence[np.ndarray]) -> np.ndarra
     """Where to begin: the best on whole recordings of some scaled starts (m,) and of fits to pieces of the motion from them.
 
     A free run of seconds has a cost of many valleys where an effect is strong; runs of half a second, each begun at the
-    measured state, have few. What a piece cannot show, as a slow fade, is lost there, so that the starts themselves
+    measured state, have few. What a piece cannot show, as a slow fade, is lost in it, so that the starts themselves
     remain in the choice.
     Source: multiple shooting; Voss, Timmer and Kurths, Int. J. Bifurcation and Chaos 14(6), 2004.
     """

@@ -205,8 +205,8 @@ class _Surrogate:
     ) -> np.ndarray:
         """Minimise L_para, the mean square of P*_t - S_t, over unit coordinates (m,), with fixed weights."""
         n, m = real.after.shape[1], len(start)
-        known = _inputs(real, np.zeros((len(real), m), np.float32))
-        x = torch.from_numpy((known[:, :-m] - self._mean[:-m]) / self._sd[:-m])
+        inputs = _inputs(real, np.zeros((len(real), m), np.float32))
+        x = torch.from_numpy((inputs[:, :-m] - self._mean[:-m]) / self._sd[:-m])
         y = torch.from_numpy(((real.after - real.state[:, :n]) / self._scale).astype(np.float32))
         mask = torch.from_numpy(real.usable.astype(np.float32))
         mean, sd = torch.from_numpy(self._mean[-m:]), torch.from_numpy(self._sd[-m:])

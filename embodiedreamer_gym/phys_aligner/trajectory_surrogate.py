@@ -14,10 +14,10 @@ from embodiedreamer_gym.phys_aligner.robust import huber_limit, robust_cost, rob
 from embodiedreamer_gym.phys_aligner.starts import scan_starts
 
 BUDGET = 150
-LONGEST = 1.0  # scaled units, a factor e: farther the linear model is not believed
+LONGEST = 1.0  # scaled units, a factor e: limit of a step of the linear model
 BLOCK_STEP = 0.05  # scaled units
-POOR = 0.3  # fall of the cost (a logarithm) below which the model is learnt anew
-NEAR = 0.3  # scaled units from where the model was learnt, within which it is believed that no point is better
+POOR = 0.3  # fall of the cost (a logarithm) below which the model is computed anew
+NEAR = 0.3  # scaled units from where the model was computed, within which its optimum is accepted
 RIDGE = 1e-3  # of a unit direction; keeps a correction by nearly parallel steps small
 
 
@@ -43,11 +43,11 @@ class _Model:
     def move(self, points: np.ndarray, residuals: np.ndarray, best: int) -> None:
         """Take one of the points as centre; pass through the others and the old centre as well."""
         others = np.arange(len(points)) != best
-        known = np.concatenate([self.centre[None], points[others]])
-        seen = np.concatenate([self.residuals[None], residuals[others]])
+        points_passed = np.concatenate([self.centre[None], points[others]])
+        residuals_passed = np.concatenate([self.residuals[None], residuals[others]])
         self.moved += float(np.abs(points[best] - self.centre).max())
         self.centre, self.residuals = points[best], residuals[best]
-        self.correct(known, seen)
+        self.correct(points_passed, residuals_passed)
 
 
 def trajectory_surrogate(
@@ -56,7 +56,7 @@ def trajectory_surrogate(
 ) -> np.ndarray:  # fmt: skip
     """Scaled parameters (m,) of the least-squares optimum, if `budget` rollouts suffice; rng is not used.
 
-    The first model takes one rollout per kind of parameter, as if joints did not feel each other. Each round
+    The first model takes one rollout per kind of parameter, as if joints were uncoupled. Each round
     tries the model's damped minima, takes the best, and corrects the model by all of them; where that no
     longer helps, a model is learnt from one rollout per parameter.
     Raises: CalibrationError for a budget below that of the scan of starts and the first model.
@@ -98,8 +98,8 @@ def trajectory_surrogate(
 def _descend(problem: Problem, model: _Model, limit: np.ndarray, damping: float) -> np.ndarray:
     """The model's damped minimum (m,) inside the bounds, at most LONGEST away in each parameter."""
     weight = robust_weight(problem, model.residuals, limit)
-    there = damped_step(problem, model.centre, model.residuals, model.jacobian, weight, damping)
-    return np.clip(there, model.centre - LONGEST, model.centre + LONGEST)
+    minimum = damped_step(problem, model.centre, model.residuals, model.jacobian, weight, damping)
+    return np.clip(minimum, model.centre - LONGEST, model.centre + LONGEST)
 
 
 def _block_model(problem: Problem, x: np.ndarray) -> _Model:

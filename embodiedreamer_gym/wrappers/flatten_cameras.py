@@ -35,7 +35,7 @@ class FlattenCameras(gym.ObservationWrapper, gym.utils.RecordConstructorArgs):
 
 def _flat(nested: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Leaves by the names on the way to them."""
-    found: dict[str, Any] = {}
+    leaves: dict[str, Any] = {}
     for name, value in nested.items():
-        found |= _flat(value, f"{prefix}{name}_") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
-    return found
+        leaves |= _flat(value, f"{prefix}{name}_") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
+    return leaves

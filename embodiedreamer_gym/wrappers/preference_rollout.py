@@ -1,4 +1,4 @@
-"""Rolls a policy out, several tries from each start, and keeps what it saw, did and reached."""
+"""Rollouts of a policy, several tries from each start, recorded with observations, actions and outcomes."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from embodiedreamer_gym.policies.protocol import predict
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 
 NOISE_PER = ("chunk", "step")
-MOST_CHUNKS = 10_000  # an environment that goes on longer has no time limit
+MOST_CHUNKS = 10_000  # after which an environment is taken for one without a time limit
 Policy = Callable[[Mapping[str, Any]], Any]
 
 
 class _Rollouts:
-    """What both wrappers share: tries, noise, and the loop over episodes."""
+    """Tries, noise, and the loop over episodes: shared by both wrappers."""
 
     tries: int
     noise: float
@@ -55,8 +55,8 @@ class _Rollouts:
         """Trajectories in order: all tries from the first seed's start, then from the second's, and so on.
 
         policy: see embodiedreamer_gym.policies; spread (m,): a normalised unit of each action in the environment's units,
-        by default that of `policy.network`. What is drawn depends on seed and try alone, not on how many environments run.
-        Raises: PolicyError for a policy whose chunks do not fit; SimulationError for an environment that says no outcome.
+        by default that of `policy.network`. The noise depends on seed and try alone, not on the number of environments.
+        Raises: PolicyError for a policy whose chunks do not fit; SimulationError for an environment without an outcome in its info.
         """
         jobs = [(int(seed), attempt) for seed in seeds for attempt in range(self.tries)]
         spread = _spread(policy, self._batched().single_action_space.shape[1]) if spread is None else np.asarray(spread)
@@ -71,7 +71,7 @@ class _Rollouts:
         self, policy: Policy, seeds: Sequence[int], folder: str | Path, spread: np.ndarray | None = None,
         progress: ProgressCallback | None = None,
     ) -> list[Path]:  # fmt: skip
-        """Write the tries of each start to a file in a folder, and return the files; those that are there are kept."""
+        """Write the tries of each start to a file in a folder, and return the files; existing ones are kept."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         files = {int(seed): folder / f"start-{int(seed):08d}.hdf5" for seed in seeds}
@@ -84,7 +84,7 @@ class _Rollouts:
         return list(files.values())
 
     def _play(self, policy: Policy, jobs: Sequence[tuple[int, int]], spread: np.ndarray) -> list[Trajectory]:
-        """One episode in each environment; those without a job play the last one's and are forgotten."""
+        """Play one episode in each environment; those without a job repeat the last job and are dropped."""
         envs = self._batched()
         padded = [*jobs, *jobs[-1:] * (envs.num_envs - len(jobs))]
         if callable(getattr(policy, "reset", None)):  # one with a memory
@@ -96,13 +96,13 @@ class _Rollouts:
         limit = self.chunks or MOST_CHUNKS
         for number in range(limit):
             batch = policy_batch(observation, self.camera)
-            said = predict(policy, batch, (envs.num_envs, *envs.single_action_space.shape))
-            actions = said + self.noise * spread * np.stack([self._draw(rng, said.shape[1:]) for rng in rngs])
-            actions = actions.astype(np.float32)  # kept as drawn, so that without noise they are what was said
+            predicted = predict(policy, batch, (envs.num_envs, *envs.single_action_space.shape))
+            actions = predicted + self.noise * spread * np.stack([self._draw(rng, predicted.shape[1:]) for rng in rngs])
+            actions = actions.astype(np.float32)  # kept unclipped: without noise they are the predicted ones
             played = np.clip(actions, envs.single_action_space.low, envs.single_action_space.high)
             observation, _, terminated, truncated, info = envs.step(played)
             over = (np.asarray(terminated) | np.asarray(truncated))[: len(jobs)]
-            log.add(batch, actions, said, info, [end is None for end in ends])
+            log.add(batch, actions, predicted, info, [end is None for end in ends])
             for i in range(len(jobs)):
                 if ends[i] is None and (over[i] or number + 1 == self.chunks):
                     ends[i] = outcome(info, i)
@@ -125,12 +125,12 @@ class _Rollouts:
 class PreferenceRolloutWrapper(gym.Wrapper, _Rollouts, gym.utils.RecordConstructorArgs):
     """Adds `rollouts(policy, seeds)` to an environment: K tries from each start, with exploration noise.
 
-    The environment takes chunks (k, m): an `ActionChunk`, a `VisAlignerObservationWrapper` (dreamed frames), or any other
+    The environment takes chunks (k, m): an `ActionChunk`, a `VisAlignerObservationWrapper` (generated frames), or any other
     with chunk=k, which then gets an `ActionChunk`. reset and step pass through.
 
     tries: K; noise: standard deviation of the exploration, in the policy's normalised units; per: `chunk`, one offset for
     all actions of a chunk, or `step`; chunk: k, for an environment without chunks; chunks: of a trajectory, by default
-    until the episode is over; camera: what a single picture is called.
+    until the episode is over; camera: name of a single picture.
     Raises: SimulationError for numbers out of range, or an environment without chunks.
     Source: EmbodieDreamer, section 4.3; several tries from one start as in GRAPE (Zhang et al. 2024).
     """
@@ -181,12 +181,12 @@ class _Single:
 
     def step(self, actions: np.ndarray) -> tuple[Any, ...]:
         observation, reward, terminated, truncated, info = self.env.step(actions[0])
-        told = {name: np.array([info[name]]) for name in ("steps", *OUTCOMES) if name in info}
-        return _with_axis(observation), np.array([reward]), [terminated], [truncated], told
+        entries = {name: np.array([info[name]]) for name in ("steps", *OUTCOMES) if name in info}
+        return _with_axis(observation), np.array([reward]), [terminated], [truncated], entries
 
 
 class _Log:
-    """What happened in n environments, chunk by chunk."""
+    """Log of n environments, chunk by chunk."""
 
     def __init__(self, count: int) -> None:
         self.lengths = [0] * count
@@ -194,22 +194,22 @@ class _Log:
         self.done: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
 
     def add(
-        self, batch: Mapping[str, Any], actions: np.ndarray, said: np.ndarray, info: Any, going: list[bool]
+        self, batch: Mapping[str, Any], actions: np.ndarray, predicted: np.ndarray, info: Any, going: list[bool]
     ) -> None:
         counts = np.array([_last(info, i).get("steps", {i: actions.shape[1]})[i] for i in range(len(going))])
         self.seen.append({name: values[: len(going)].copy() for name, values in flat(batch).items()})
-        self.done.append((actions, said, counts))
+        self.done.append((actions, predicted, counts))
         self.lengths = [length + go for length, go in zip(self.lengths, going, strict=True)]
 
     def trajectories(self, jobs: Sequence[tuple[int, int]], ends: Sequence[Any]) -> list[Trajectory]:
-        found = []
+        result = []
         for i, ((seed, attempt), length) in enumerate(zip(jobs, self.lengths, strict=True)):
             seen = {name: np.stack([one[name][i] for one in self.seen[:length]]) for name in self.seen[0]}
-            actions, said, counts = (
+            actions, predicted, counts = (
                 np.stack([one[i] for one in part]) for part in zip(*self.done[:length], strict=True)
             )
-            found.append(Trajectory(seen, actions, said, counts.astype(np.int64), seed, attempt, ends[i]))
-        return found
+            result.append(Trajectory(seen, actions, predicted, counts.astype(np.int64), seed, attempt, ends[i]))
+        return result
 
 
 def policy_batch(observation: Any, camera: str = "head") -> dict[str, Any]:
@@ -220,30 +220,30 @@ def policy_batch(observation: Any, camera: str = "head") -> dict[str, Any]:
     if not isinstance(observation, Mapping):
         seen = np.asarray(observation)
         observation = {"pixels": seen} if seen.dtype == np.uint8 else {"agent_pos": seen}
-    found = dict(observation)
-    if "agent_pos" in found:
-        found["agent_pos"] = np.asarray(found["agent_pos"], np.float32)
-    if "pixels" in found and not isinstance(found["pixels"], Mapping):
-        found["pixels"] = {camera: found["pixels"]}
-    return found
+    batch = dict(observation)
+    if "agent_pos" in batch:
+        batch["agent_pos"] = np.asarray(batch["agent_pos"], np.float32)
+    if "pixels" in batch and not isinstance(batch["pixels"], Mapping):
+        batch["pixels"] = {camera: batch["pixels"]}
+    return batch
 
 
 def outcome(info: Mapping[str, Any], i: int) -> dict[str, float]:
-    """How the episode of environment i ended, from a vector's info.
+    """Return the outcome of the episode of environment i, from a vector's info.
 
-    Raises: SimulationError where it says nothing.
+    Raises: SimulationError where the info has no outcome.
     """
-    told = _last(info, i)
-    found = {name: float(np.asarray(told[name])[i]) for name in OUTCOMES if name in told}
-    if not found:
+    entries = _last(info, i)
+    result = {name: float(np.asarray(entries[name])[i]) for name in OUTCOMES if name in entries}
+    if not result:
         raise SimulationError(
-            f"the environment's info says nothing of how an episode ended; it needs one of {', '.join(OUTCOMES)}."
+            f"the environment's info has no outcome of the episode; it needs one of {', '.join(OUTCOMES)}."
         )
-    return found
+    return result
 
 
 def _last(info: Mapping[str, Any], i: int) -> Mapping[str, Any]:
-    """What was told of environment i before it began anew, where it did so in the same step."""
+    """Return the info of environment i from before its reset, where it was reset in the same step."""
     return info["final_info"] if "final_info" in info and info["_final_info"][i] else info
 
 

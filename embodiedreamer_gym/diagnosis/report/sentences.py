@@ -17,7 +17,7 @@ from embodiedreamer_gym.phys_aligner import Calibration
 
 READABLE = 6  # joints in a sentence
 PERCENT = "\N{NO-BREAK SPACE}%"
-# False alarms on faultless stand-in robots, and how many there were; measured by `make bench-diagnosis`.
+# False alarms on faultless stand-in robots, and their number; measured by `make bench-diagnosis`.
 FALSE_ALARMS, FAULTLESS = 0, 100
 
 
@@ -89,7 +89,7 @@ def false_alarm_sentence(alarms: int = FALSE_ALARMS, robots: int = FAULTLESS) ->
     """
     most = 1.0 if alarms == robots else float(betaincinv(alarms + 1, robots - alarms, 0.975))
     return (
-        f"On {robots} faultless stand-in robots this procedure found a missing effect on {alarms} "
+        f"On {robots} faultless stand-in robots this procedure named a missing effect on {alarms} "
         f"(95{PERCENT} interval: at most {math.ceil(100 * most - 1e-9)}{PERCENT}); `make bench-diagnosis` measures it again."
     )
 
@@ -105,7 +105,7 @@ def unseen_sentences(data: Mapping[str, Any]) -> list[str]:
 
 
 def headline(comparison: Comparison | None, breakdown: ErrorBreakdown | None, calibration: Calibration | None) -> str:
-    """One sentence about the results that are there."""
+    """Return one sentence about the results that were given."""
     if comparison and len(comparison.labels) > 1:
         first, last, floor = (milli(v, comparison.unit) for v in (*comparison.error[[0, -1]], comparison.noise))
         return f"The error goes from {first} to {last}; sensor noise is {floor}."
