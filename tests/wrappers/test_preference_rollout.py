@@ -198,7 +198,7 @@ def test_what_cannot_be_rolled_out_is_one_sentence(monkeypatch: pytest.MonkeyPat
         PreferenceRolloutWrapper(Walk())
     with pytest.raises(SimulationError, match="wrap it in ActionChunk"):
         PreferenceRolloutVectorWrapper(SyncVectorEnv([Walk]))
-    with pytest.raises(SimulationError, match="info says nothing of how an episode ended"):
+    with pytest.raises(SimulationError, match="info has no outcome of the episode"):
         list(PreferenceRolloutWrapper(Walk(told=False), chunk=K).rollouts(Half(), [1], SPREAD))
     monkeypatch.setattr("embodiedreamer_gym.wrappers.preference_rollout.MOST_CHUNKS", 20)
     with pytest.raises(SimulationError, match="not over after 20 chunks"):
