@@ -226,7 +226,7 @@ def _sentence(verdict, effects, parameters, closest, base: HeldOut, null: NullDi
         parts = [f"{e} on {', '.join(_places(parameters[e]))}" for e in effects]
         return f"Missing: {'; then '.join(parts)}."
     if verdict == "ambiguous":
-        return f"Ambiguous: {' or '.join(effects)}; this motion does not tell them apart."
+        return f"Ambiguous: {' or '.join(effects)}; this motion does not distinguish them."
     if closest is None:
         return f"Unknown: the model is wrong ({usual}), but no known effect lowers the held-out error."
     share = max(total_explained(base, closest.held_out, null.chi2), 0.0)

@@ -37,11 +37,16 @@ Pair = tuple[RobotModel, RobotModel]
 class Proposal:
     """A motion to record next, and how well it separates two effects.
 
-    time (T,), s; command (T, n), in the joints' units, begins and ends at rest; effects: the two to be told apart; separation:
-    mean square difference of the two models on it, in sensor noises, after the second has been fitted to it as well; ranking:
-    (kind, separation) of the best candidates;
-    clearance: least distance to anything, m; speed, acceleration (n,): the commands' peaks, per s and s^2; models: the fitted
-    two.
+    effects: the two to be distinguished.
+    joints: names (n,).
+    kind: of the motion, a name in `MOTIONS`.
+    time: (T,), s.
+    command: (T, n) in the joints' units; begins and ends at rest.
+    separation: mean square difference of the two models on it, in sensor noises, after the second was fitted to it too.
+    ranking: (kind, separation) of the best candidates.
+    clearance: least distance to the table, the other arm and the arm itself, m.
+    speed, acceleration: (n,) peaks of the commands, per s and s^2.
+    models: both fitted models.
     """
 
     effects: tuple[str, str]
@@ -74,7 +79,7 @@ class Proposal:
 
     def __str__(self) -> str:
         a, b = self.effects
-        tail = "" if self.decides else "; that is too little to decide: these sensors cannot tell the two apart"
+        tail = "" if self.decides else "; that is too little to decide: these sensors cannot distinguish the two"
         lines = [f"{self.kind}, {self.time[-1]:.1f} s: {a} and {b} differ by {self.separation:.3g} (mean square, in sensor noises){tail}.",
                  f"least distance to the other arm, itself or the table: {1e3 * self.clearance:.0f} mm", ""]  # fmt: skip
         best: dict[str, float] = {}
@@ -109,18 +114,28 @@ def propose_motion(
 ) -> Proposal:
     """Find the motion on which a model with one effect and the same model with another differ most (T-optimality).
 
-    Both are fitted to the recordings; without any, one effect is given its typical size and the other is fitted to what that
-    does on ordinary motions, both ways round, and the lesser difference counts (of a law and its special case, only
-    the richer law as the ground truth, since it can imitate the special case). speed: share of the joints' limits; acceleration: rad/s^2 (of a gripper: strokes);
-    reach: rad to either side of the centre (n,) (default: the middle of the recorded or allowed range); table: its height
-    in the URDF's root frame, m.
+    Both are fitted to the recordings. Without any, one effect is given its typical size and the other is fitted to
+    motions simulated with it, in both roles, and the smaller difference counts (of a law and its special case, only the
+    richer law is the ground truth, since it can imitate the special case).
+
+    model: without the two effects.
+    effects: names of the two.
+    recordings: that both effects must explain.
+    seconds: length of the motion before it is slowed down.
+    speed: share of the joints' limits.
+    acceleration: rad/s^2 (of a gripper: strokes).
+    reach: rad to either side of the centre.
+    centre: (n,); default: the middle of the recorded or allowed range.
+    table: its height in the URDF's root frame, m.
+    seed: of the drawn motions.
+    progress: is called as the work advances.
     Raises: CalibrationError for effects that are the same or already in the model, ModelError where no motion is safe.
     Source: Atkinson and Fedorov, Biometrika 62 (1975), T-optimal designs.
     """
     rng, progress = np.random.default_rng(0 if seed is None else seed), progress_or_silence(progress)
     first, second = effects
     if first == second:
-        raise CalibrationError(f"to tell effects apart takes two, not {first} twice.")
+        raise CalibrationError(f"give two different effects, not {first} twice.")
     for name in effects:
         find_effect(name, model.catalogue)
     span = allowed_span(model, recordings, centre, reach, speed)
@@ -132,7 +147,7 @@ def propose_motion(
     safe = [(*trial, room) for trial, room in zip(trials, clearances, strict=True) if room > MARGIN]
     if not safe:
         raise ModelError(
-            f"none of {len(trials)} motions keeps {1e3 * MARGIN:.0f} mm from everything; give another centre or a smaller reach."
+            f"none of {len(trials)} motions keeps a clearance of {1e3 * MARGIN:.0f} mm; give another centre or a smaller reach."
         )
     logs = [blank(model, kind, time, command, sigma) for kind, time, command, _ in safe]
     apart = np.min([_separation(pair, logs, sigma) for pair in pairs], axis=0)

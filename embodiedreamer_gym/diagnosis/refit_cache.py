@@ -30,7 +30,7 @@ class CachedFit:
 class RefitCache:
     """Finished fits of one diagnosis: lines {"of", "fit": name, "x": scaled parameters, "hold"}; a torn last is ignored.
 
-    Fits of other recordings, models or catalogues in the same file are left alone: `of` tells them apart. Without a
+    Fits of other recordings, models or catalogues in the same file are left alone: `of` identifies them. Without a
     path nothing is kept.
     Raises: CalibrationError where the file is not such a cache or cannot be read or written.
     """
@@ -94,15 +94,15 @@ def _cached_fit(row: dict) -> CachedFit:
 
 
 def _digest(model: RobotModel, recordings: Sequence[Recording], names: Iterable[str]) -> str:
-    """A name of the question: model, URDF, recordings and catalogue."""
+    """Return a digest of model, URDF, recordings and catalogue."""
     parts = hashlib.sha256()
-    question = {
+    inputs = {
         "parameters": [(row.name, row.value, row.low, row.high) for row in model.parameters()],
         "servo": [getattr(model, g).tolist() for g in ("stiffness", "damping", "rotor_inertia", "viscous_friction")],
         "joints": model.joints, "given": sorted(model.given), "hold": model.command_hold, "catalogue": list(names),
         "logs": [(r.joints, r.units, r.command_hold, r.effort_unit) for r in recordings],
     }  # fmt: skip
-    parts.update(json.dumps(question, sort_keys=True).encode())
+    parts.update(json.dumps(inputs, sort_keys=True).encode())
     parts.update(Path(model.urdf).read_bytes())
     for recording in recordings:
         for name in SIGNALS:

@@ -37,7 +37,7 @@ LEADERS = 2  # of them that are refitted to the end
 
 @dataclass
 class Search:
-    """Settings of a running diagnosis, and what it has counted so far.
+    """Settings and counters of a running diagnosis.
 
     both_rules: whether refits try both rules between two commands; by_pieces: whether refits begin with fits to pieces
     of the motion.
@@ -68,7 +68,7 @@ class SearchState:
     """The calibrated start of a search and the effects added to it.
 
     base: held-out error of the start; null: of faultless robots like the model so far; steps: one candidate per added
-    effect; tie: candidates for the first step that held-out motion does not tell apart; closest: best single effect.
+    effect; tie: candidates for the first step that held-out motion does not distinguish; closest: best single effect.
     """
 
     start: tuple[RobotModel, Problem, Fit]
@@ -91,7 +91,7 @@ class SearchState:
 
     @property
     def held(self) -> HeldOut:
-        """How the model so far does on the held-out recordings."""
+        """Held-out error of the model so far."""
         return self.steps[-1].held_out if self.steps else self.base
 
 

@@ -18,7 +18,7 @@ def free_rows(
 ) -> tuple[ParameterRow, ...]:
     """Parameters that a calibration fits: stiffness, damping, rotor inertia where unknown, and all of the effects.
 
-    Viscous friction acts as damping does and is left out: positions alone cannot tell the two apart. Where efforts are
+    Viscous friction acts as damping does and is left out: positions alone cannot distinguish the two. Where efforts are
     compared instead (by_effort), it stands in place of the servo's gains.
     """
     table = model.parameters()

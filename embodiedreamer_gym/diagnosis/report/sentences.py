@@ -69,7 +69,7 @@ def next_step(data: Mapping[str, Any], sentence: str) -> str:
     if data["verdict"] == "unknown":
         return sentence
     if data["verdict"] == "ambiguous":
-        return f"A motion that tells them apart: embodiedreamer excite --separate {','.join(data['effects'][:2])}"
+        return f"A motion that distinguishes them: embodiedreamer excite --separate {','.join(data['effects'][:2])}"
     return ""
 
 
