@@ -29,7 +29,7 @@ import numpy as np
 
 from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
 from embodiedreamer_gym.geometry.pose_error import rotation_error, translation_error
-from embodiedreamer_gym.motions import Motion, multisine, point_to_point, span_of
+from embodiedreamer_gym.motions import Motion, multisine, point_to_point
 from embodiedreamer_gym.phys_aligner import calibrate
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
@@ -37,6 +37,7 @@ from embodiedreamer_gym.robot.forward_kinematics import EndEffector
 from embodiedreamer_gym.simulation import simulate
 from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
 from embodiedreamer_gym.standin.robot import StandIn
+from embodiedreamer_gym.standin.span import span_of
 
 ARM = "arm7"
 FRICTION = (1.0, 1.5, 1.0, 0.8, 0.4, 0.3, 0.2)  # N m

@@ -25,7 +25,8 @@ from benchmarks.common import clopper_pearson
 from embodiedreamer_gym.phys_aligner import calibrate
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.arms import arm_home, arm_joints, arm_urdf
-from embodiedreamer_gym.motions import multisine, span_of
+from embodiedreamer_gym.motions import multisine
+from embodiedreamer_gym.standin.span import span_of
 
 COLOURS = {"white": 0.0, "AR(1) 0.80": 0.8, "AR(1) 0.90": 0.9, "AR(1) 0.95": 0.95}
 GROUPS = ("stiffness", "damping", "coulomb_friction")

@@ -21,13 +21,14 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.effects import CATALOGUE
-from embodiedreamer_gym.motions import Motion, Span, multisine, point_to_point, span_of, teleoperation
+from embodiedreamer_gym.motions import Motion, Span, multisine, point_to_point, teleoperation
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import simulate
 from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
 from embodiedreamer_gym.standin.cases import ALOHA_HOME
 from embodiedreamer_gym.standin.robot import StandIn
+from embodiedreamer_gym.standin.span import span_of
 
 ROBOTS = ("arm6", "arm6b", "arm7", "aloha")
 SECONDS = 4.0

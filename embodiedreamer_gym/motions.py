@@ -1,15 +1,11 @@
-"""Commanded motions, continuous in time: what a user would play on the robot to learn about it."""
+"""Commanded motions, continuous in time, that excite a robot."""
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-
-from embodiedreamer_gym.errors import ModelError
 
 Array = np.ndarray
 
@@ -31,41 +27,11 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """Where joints may be sent: centre (n,), reach (n,) to either side, highest speed (n,) per second."""
+    """Range of the commands: centre (n,), reach (n,) to either side, highest speed (n,) per second."""
 
     centre: Array
     reach: Array
     speed: Array
-
-
-def span_of(
-    urdf: str | Path,
-    joints: Sequence[str],
-    centre: Array | None = None,
-    reach: float = 0.7,
-    speed: float = 0.8,
-    normalised: Mapping[str, tuple[float, float]] | None = None,
-) -> Span:
-    """Room to move inside a URDF's limits: at most `reach` rad about `centre`, `speed` of the limit speed.
-
-    A normalised joint (URDF values at 0 and 1) gets its whole stroke, in 0..1.
-
-    Raises: ModelError when a joint is absent or has no limits.
-    """
-    text = Path(urdf).read_text() if isinstance(urdf, Path) or not str(urdf).lstrip().startswith("<") else urdf
-    limits = {j.get("name"): j.find("limit") for j in ElementTree.fromstring(text).iter("joint")}
-    rows = []
-    for i, name in enumerate(joints):
-        limit = limits.get(name)
-        if limit is None:
-            raise ModelError(f"the URDF gives joint '{name}' no limits, so no motion can be made for it.")
-        low, high, top = (float(limit.get(key, 0)) for key in ("lower", "upper", "velocity"))
-        room = reach
-        if normalised and name in normalised:
-            low, high, top, room = 0.0, 1.0, 3.0, 0.5
-        middle = (low + high) / 2 if centre is None else float(centre[i])
-        rows.append((middle, min(room, middle - low, high - middle), speed * top))
-    return Span(*np.array(rows).T)
 
 
 def multisine(

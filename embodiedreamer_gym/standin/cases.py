@@ -19,12 +19,13 @@ import numpy as np
 
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
-from embodiedreamer_gym.motions import MOTIONS, Motion, Span, span_of, teleoperation
+from embodiedreamer_gym.motions import MOTIONS, Motion, Span, teleoperation
 from embodiedreamer_gym.recordings import Recording, Recordings, save_recording
 from embodiedreamer_gym.recordings.hdf5 import COMMAND, EFFORT, LAYOUT_FLAGS, POSITION, VELOCITY, new_hdf5
 from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
 from embodiedreamer_gym.standin.effect_sizes import draw_values, strength_of
 from embodiedreamer_gym.standin.robot import StandIn
+from embodiedreamer_gym.standin.span import span_of
 
 Array = np.ndarray
 

@@ -5,9 +5,10 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.motions import Motion, Span, span_of
+from embodiedreamer_gym.motions import Motion, Span
 from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urdf
 from embodiedreamer_gym.standin.robot import StandIn
+from embodiedreamer_gym.standin.span import span_of
 
 
 @pytest.fixture

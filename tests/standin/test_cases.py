@@ -6,12 +6,13 @@ import pytest
 
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.errors import EffectError, ModelError
-from embodiedreamer_gym.motions import MOTIONS, span_of
+from embodiedreamer_gym.motions import MOTIONS
 from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.standin.arms import arm_home, arm_joints, arm_urdf
 from embodiedreamer_gym.standin.cases import aloha_case, draw_case
 from embodiedreamer_gym.standin.effect_sizes import SIZES
 from embodiedreamer_gym.standin.hidden import EFFECTS
+from embodiedreamer_gym.standin.span import span_of
 
 SECONDS = 1.2
 

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import ModelError
-from embodiedreamer_gym.motions import MOTIONS, span_of
+from embodiedreamer_gym.motions import MOTIONS
 from embodiedreamer_gym.standin.arms import arm_urdf
+from embodiedreamer_gym.standin.span import span_of
 
 SMOOTH = [name for name in MOTIONS if name != "staircase"]
 

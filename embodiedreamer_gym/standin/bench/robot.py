@@ -10,11 +10,12 @@ import numpy as np
 from embodiedreamer_gym.envs.robots import load_robot
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
-from embodiedreamer_gym.motions import MOTIONS, span_of
+from embodiedreamer_gym.motions import MOTIONS
 from embodiedreamer_gym.recordings import Recordings
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.cases import ALOHA_HOME, IMPERFECT, SENSOR
 from embodiedreamer_gym.standin.robot import StandIn
+from embodiedreamer_gym.standin.span import span_of
 
 Effects = Mapping[str, Mapping[str, Any]]
 
