@@ -10,14 +10,8 @@ class Payload(MechanicsChange):
     parameters = (Parameter("mass", "kg", off=0.0, low=0.0, high=5.0, typical=0.2, per="arm"),)
     symptom = "every joint that carries weight sags and lags more, most with the arm stretched out"
     reveals = "static poses near and far, and fast moves"
-    confused_with = (
-        "torque_bias",
-        "base_tilt",
-        "joint_spring",
-        "rotor_inertia",
-        "torque_fade",
-        "torque_constant",
-    )
+    confused_with = ("torque_bias", "base_tilt", "joint_spring", "rotor_inertia", "torque_fade",
+                     "torque_constant")  # fmt: skip
 
     @staticmethod
     def change(mechanics, p):
