@@ -17,7 +17,10 @@ class CommandLowpass(SignalLaw):
 
     @staticmethod
     def start(signal, p, dt):
-        """The filter rests at the first command: (its output, its last input)."""
+        """Start the filter at rest at the first command.
+
+        Returns: its output (B, n) and its last input (B, n).
+        """
         return signal.copy(), signal.copy()
 
     @staticmethod
