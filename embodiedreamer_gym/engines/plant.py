@@ -60,6 +60,7 @@ class Plant:
         self.model, self.dt, self._bodies = model, dt, bodies
         self._read_q, self._read_v, self._shift = self._linkage()
         self._armature = bodies.armature * model.tree.gain if bodies.armature.any() else None
+        self._masses = model.bodies.pack(bodies.mechanics)
         self.drive = Drive(model, dt=dt)
 
     def _linkage(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -98,7 +99,7 @@ class Plant:
         linkage = self._read()
         acceleration = drive.accelerate(command[None])
         _, force = self.model.bodies.inverse_dynamics(
-            drive.position, drive.velocity, acceleration, self._bodies.mechanics
+            drive.position, drive.velocity, acceleration, self._masses
         )
         torque = force[0] - linkage
         if self._armature is not None:

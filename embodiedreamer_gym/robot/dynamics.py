@@ -9,33 +9,40 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from embodiedreamer_gym.effects import Mechanics
 from embodiedreamer_gym.robot.tree import KinematicTree
 
 LANES = (0,) * 8  # samples worked on side by side, so that the compiler can use vector instructions:
 ONE = (0,)  # the length of a tuple is part of its type, hence a constant of the compiled loops
 
+PARENT, COORDINATE, SLIDES, ARM = range(4)  # columns of a tree's links
+ORIGIN, AXIS, GAIN, OFFSET = 9, 12, 15, 16  # columns of its frames, after the nine of the rotation
+NO_MATRIX = np.empty((0, 0, 0))
+Masses = tuple[np.ndarray, np.ndarray]  # of `RigidBodies.pack`
+UPPER = [0, 1, 2, 4, 5, 8]  # entries of an inertia (3, 3) that say all
+
 jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 @jit
-def _place(lanes, i, x, sin, cos, parent, rotation, origin, axis, prismatic, turned, placed, screw):
+def _place(lanes, i, x, sin, cos, links, frames, turned, placed, screw):
     """World rotation (9, L) and origin (3, L) of body i at joint values x (L,), and its joint's screw (6, L)."""
-    up = parent[i]
-    a0, a1, a2 = axis[i, 0], axis[i, 1], axis[i, 2]
+    up, slides, frame = links[i, PARENT], links[i, SLIDES] > 0, frames[i]
+    a0, a1, a2 = frame[AXIS], frame[AXIS + 1], frame[AXIS + 2]
     for r in range(3):
         for l in range(len(lanes)):
             if up < 0:
-                f0, f1, f2 = rotation[i, r, 0], rotation[i, r, 1], rotation[i, r, 2]
-                o = origin[i, r]
+                f0, f1, f2 = frame[3 * r], frame[3 * r + 1], frame[3 * r + 2]
+                o = frame[ORIGIN + r]
             else:
                 t0, t1, t2 = turned[up, 3 * r, l], turned[up, 3 * r + 1, l], turned[up, 3 * r + 2, l]
-                f0 = t0 * rotation[i, 0, 0] + t1 * rotation[i, 1, 0] + t2 * rotation[i, 2, 0]
-                f1 = t0 * rotation[i, 0, 1] + t1 * rotation[i, 1, 1] + t2 * rotation[i, 2, 1]
-                f2 = t0 * rotation[i, 0, 2] + t1 * rotation[i, 1, 2] + t2 * rotation[i, 2, 2]
-                o = t0 * origin[i, 0] + t1 * origin[i, 1] + t2 * origin[i, 2] + placed[up, r, l]
+                f0 = t0 * frame[0] + t1 * frame[3] + t2 * frame[6]
+                f1 = t0 * frame[1] + t1 * frame[4] + t2 * frame[7]
+                f2 = t0 * frame[2] + t1 * frame[5] + t2 * frame[8]
+                o = t0 * frame[ORIGIN] + t1 * frame[ORIGIN + 1] + t2 * frame[ORIGIN + 2] + placed[up, r, l]
             along = f0 * a0 + f1 * a1 + f2 * a2
             screw[i, r, l] = along
-            if prismatic[i]:
+            if slides:
                 placed[i, r, l] = o + x[l] * along
                 turned[i, 3 * r, l], turned[i, 3 * r + 1, l], turned[i, 3 * r + 2, l] = f0, f1, f2
             else:  # Rodrigues: row f of the frame times the rotation about the axis
@@ -48,7 +55,7 @@ def _place(lanes, i, x, sin, cos, parent, rotation, origin, axis, prismatic, tur
     for l in range(len(lanes)):
         d0, d1, d2 = screw[i, 0, l], screw[i, 1, l], screw[i, 2, l]
         p0, p1, p2 = placed[i, 0, l], placed[i, 1, l], placed[i, 2, l]
-        if prismatic[i]:
+        if slides:
             screw[i, 0, l], screw[i, 1, l], screw[i, 2, l] = 0.0, 0.0, 0.0
             screw[i, 3, l], screw[i, 4, l], screw[i, 5, l] = d0, d1, d2
         else:
@@ -56,19 +63,19 @@ def _place(lanes, i, x, sin, cos, parent, rotation, origin, axis, prismatic, tur
 
 
 @jit
-def _inertia(lanes, i, bodies, mass, moment_b, inertia_b, turned, placed, total):
+def _inertia(lanes, i, samples, bodies, turned, placed, total):
     """Mass, first moment and inertia (xx, xy, xz, yy, yz, zz) of body i at the world's origin, (10, L)."""
     for l in range(len(lanes)):
-        b = bodies[l]
-        m = mass[b, i]
+        own = bodies[samples[l], i]
+        m = own[0]
         t00, t01, t02 = turned[i, 0, l], turned[i, 1, l], turned[i, 2, l]
         t10, t11, t12 = turned[i, 3, l], turned[i, 4, l], turned[i, 5, l]
         t20, t21, t22 = turned[i, 6, l], turned[i, 7, l], turned[i, 8, l]
         p0, p1, p2 = placed[i, 0, l], placed[i, 1, l], placed[i, 2, l]
-        c0, c1, c2 = moment_b[b, i, 0], moment_b[b, i, 1], moment_b[b, i, 2]
+        c0, c1, c2 = own[1], own[2], own[3]
         h0, h1, h2 = t00 * c0 + t01 * c1 + t02 * c2, t10 * c0 + t11 * c1 + t12 * c2, t20 * c0 + t21 * c1 + t22 * c2
-        xx, xy, xz = inertia_b[b, i, 0, 0], inertia_b[b, i, 0, 1], inertia_b[b, i, 0, 2]
-        yy, yz, zz = inertia_b[b, i, 1, 1], inertia_b[b, i, 1, 2], inertia_b[b, i, 2, 2]
+        xx, xy, xz = own[4], own[5], own[6]
+        yy, yz, zz = own[7], own[8], own[9]
         u0, u1, u2 = t00 * xx + t01 * xy + t02 * xz, t00 * xy + t01 * yy + t02 * yz, t00 * xz + t01 * yz + t02 * zz
         v0, v1, v2 = t10 * xx + t11 * xy + t12 * xz, t10 * xy + t11 * yy + t12 * yz, t10 * xz + t11 * yz + t12 * zz
         w0, w1, w2 = t20 * xx + t21 * xy + t22 * xz, t20 * xy + t21 * yy + t22 * yz, t20 * xz + t21 * yz + t22 * zz
@@ -151,40 +158,35 @@ def _dot(lanes, a, b, out):
 
 
 @jit
-def _kernel(lanes, q, v, a, parent, rotation, origin, axis, prismatic, coordinate, gain, offset, body_arm,
-            mass, moment_b, inertia_b, gravity, with_matrix, matrix, bias, body_force):  # fmt: skip
-    batch, k = q.shape[0], parent.shape[0]
+def run_dynamics(lanes, q, v, a, links, frames, bodies, gravity, matrix, bias, body_force):
+    """Mass matrix (B, n, n), or none where it has no samples, and torques (B, n) and (B, k) of the motion q, v, a."""
+    batch, k, with_matrix = q.shape[0], len(links), len(matrix) > 0
     turned, placed, screw = np.empty((k, 9, len(lanes))), np.empty((k, 3, len(lanes))), np.empty((k, 6, len(lanes)))
     speed, accel, force = np.empty((k, 6, len(lanes))), np.empty((k, 6, len(lanes))), np.empty((k, 6, len(lanes)))
     total, momentum, along = np.empty((k, 10, len(lanes))), np.empty((6, len(lanes))), np.empty(len(lanes))
-    x, sin, cos, rate, push = (
-        np.empty(len(lanes)),
-        np.empty(len(lanes)),
-        np.empty(len(lanes)),
-        np.empty(len(lanes)),
-        np.empty(len(lanes)),
-    )
-    bodies, groups = np.empty(len(lanes), np.int64), np.empty(len(lanes), np.int64)
+    x, sin, cos = np.empty(len(lanes)), np.empty(len(lanes)), np.empty(len(lanes))
+    rate, push = np.empty(len(lanes)), np.empty(len(lanes))
+    samples, groups = np.empty(len(lanes), np.int64), np.empty(len(lanes), np.int64)
     for first in range(0, batch, len(lanes)):
         count = min(len(lanes), batch - first)
         for l in range(len(lanes)):
             b = first + min(l, count - 1)  # the last sample fills the lanes that are left over
-            bodies[l], groups[l] = b % mass.shape[0], b % gravity.shape[0]
+            samples[l], groups[l] = b % len(bodies), b % len(gravity)
         for i in range(k):
-            c, g = coordinate[i], gain[i]
+            c, g, offset = links[i, COORDINATE], frames[i, GAIN], frames[i, OFFSET]
             for l in range(len(lanes)):
                 b = first + min(l, count - 1)
-                x[l], rate[l], push[l] = g * q[b, c] + offset[i], g * v[b, c], g * a[b, c]
+                x[l], rate[l], push[l] = g * q[b, c] + offset, g * v[b, c], g * a[b, c]
                 sin[l], cos[l] = np.sin(x[l]), np.cos(x[l])
-            _place(lanes, i, x, sin, cos, parent, rotation, origin, axis, prismatic, turned, placed, screw)
-            _inertia(lanes, i, bodies, mass, moment_b, inertia_b, turned, placed, total)
-            _motion(lanes, i, parent[i], rate, push, gravity, groups, body_arm[i], screw, speed, accel)
+            _place(lanes, i, x, sin, cos, links, frames, turned, placed, screw)
+            _inertia(lanes, i, samples, bodies, turned, placed, total)
+            _motion(lanes, i, links[i, PARENT], rate, push, gravity, groups, links[i, ARM], screw, speed, accel)
             _force(lanes, i, total, speed, accel, momentum, force)
         bias[first : first + count] = 0.0
         if with_matrix:
             matrix[first : first + count] = 0.0
         for i in range(k - 1, -1, -1):
-            c, g, up = coordinate[i], gain[i], parent[i]
+            c, g, up = links[i, COORDINATE], frames[i, GAIN], links[i, PARENT]
             _dot(lanes, screw[i], force[i], along)
             for l in range(count):
                 body_force[first + l, i] = along[l]
@@ -197,11 +199,11 @@ def _kernel(lanes, q, v, a, parent, rotation, origin, axis, prismatic, coordinat
                 above = up
                 while above >= 0:
                     _dot(lanes, screw[above], momentum, along)
-                    d, both = coordinate[above], g * gain[above]
+                    d, both = links[above, COORDINATE], g * frames[above, GAIN]
                     for l in range(count):
                         matrix[first + l, c, d] += both * along[l]
                         matrix[first + l, d, c] += both * along[l]
-                    above = parent[above]
+                    above = links[above, PARENT]
             if up >= 0:
                 for r in range(6):
                     for l in range(len(lanes)):
@@ -212,10 +214,6 @@ def _kernel(lanes, q, v, a, parent, rotation, origin, axis, prismatic, coordinat
                             total[up, r, l] += total[i, r, l]
 
 
-def _lanes(batch: int) -> tuple[int, ...]:
-    return ONE if batch == 1 else LANES
-
-
 class RigidBodies:
     """Dynamics of a tree; every call takes a batch (B, n) and mechanics whose leading axis divides B.
 
@@ -223,28 +221,32 @@ class RigidBodies:
     """
 
     def __init__(self, tree: KinematicTree) -> None:
-        self.tree = tree
+        k = tree.bodies
+        self.links = np.column_stack([tree.parent, tree.coordinate, tree.prismatic, tree.arm[tree.coordinate]])
+        self.frames = np.column_stack([tree.rotation.reshape(k, 9), tree.origin, tree.axis, tree.gain, tree.offset])
         self._still = np.zeros((0, 0))
-        branch = tree.arm[tree.coordinate]
-        self._fixed = (tree.parent, tree.rotation, tree.origin, tree.axis, tree.prismatic, tree.coordinate,
-                       tree.gain, tree.offset, branch)  # fmt: skip
 
-    def mass_matrix_and_bias(self, q, v, mechanics) -> tuple[np.ndarray, np.ndarray]:
+    @staticmethod
+    def pack(mechanics: Mechanics) -> Masses:
+        """Masses as the compiled functions take them: mass, first moment and inertia (Bm, k, 10), and gravity."""
+        mass, moment, inertia = mechanics.mass, mechanics.first_moment, mechanics.inertia
+        upper = inertia.reshape(*mass.shape, 9)[..., UPPER]
+        return np.concatenate([mass[..., None], moment, upper], axis=-1), mechanics.gravity
+
+    def mass_matrix_and_bias(self, q, v, mechanics: Mechanics | Masses) -> tuple[np.ndarray, np.ndarray]:
         """Mass matrix (B, n, n) and bias torque (B, n): gravity, centrifugal and Coriolis; N m."""
-        batch, n = q.shape
-        matrix, bias = np.empty((batch, n, n)), np.empty((batch, n))
-        force = np.empty((batch, self.tree.bodies))
         still = self._still  # a local name: threads of other batches may put theirs in its place
         if still.shape != q.shape:
             still = self._still = np.zeros_like(q)
-        _kernel(_lanes(batch), q, v, still, *self._fixed, mechanics.mass, mechanics.first_moment, mechanics.inertia,
-                mechanics.gravity, True, matrix, bias, force)  # fmt: skip
-        return matrix, bias
+        matrix = np.empty((*q.shape, q.shape[1]))
+        return matrix, self._run(q, v, still, mechanics, matrix)[0]
 
-    def inverse_dynamics(self, q, v, a, mechanics) -> tuple[np.ndarray, np.ndarray]:
+    def inverse_dynamics(self, q, v, a, mechanics: Mechanics | Masses) -> tuple[np.ndarray, np.ndarray]:
         """Torque (B, n) that makes the acceleration a, and the same for each body's joint (B, k)."""
-        batch, n = q.shape
-        torque, force = np.empty((batch, n)), np.empty((batch, self.tree.bodies))
-        _kernel(_lanes(batch), q, v, a, *self._fixed, mechanics.mass, mechanics.first_moment, mechanics.inertia,
-                mechanics.gravity, False, np.empty((1, 1, 1)), torque, force)  # fmt: skip
+        return self._run(q, v, a, mechanics, NO_MATRIX)
+
+    def _run(self, q, v, a, mechanics: Mechanics | Masses, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        masses = mechanics if isinstance(mechanics, tuple) else self.pack(mechanics)
+        torque, force = np.empty(q.shape), np.empty((len(q), len(self.links)))
+        run_dynamics(ONE if len(q) == 1 else LANES, q, v, a, self.links, self.frames, *masses, matrix, torque, force)
         return torque, force

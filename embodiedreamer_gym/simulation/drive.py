@@ -51,6 +51,7 @@ class Drive:
         }
         effects = [(effect, parameter_values(effect, model, values, self.sets)) for effect in model.effects]
         self.mechanics = changed_mechanics(model, servo["rotor_inertia"], effects)
+        self._masses = model.bodies.pack(self.mechanics)
         servo["rotor_inertia"] = self.mechanics.rotor_inertia
         self._servo = np.stack([tile(v, rollouts) for v in servo.values()])
         tiled = [(e, SimpleNamespace(**{k: tile(v, rollouts) for k, v in p.items()})) for e, p in effects]
@@ -95,7 +96,7 @@ class Drive:
     def _weight(self) -> np.ndarray:
         """Torque (B, n) that holds the joints where they are."""
         still = np.zeros_like(self.position)
-        return self.model.bodies.mass_matrix_and_bias(self.position, still, self.mechanics)[1]
+        return self.model.bodies.mass_matrix_and_bias(self.position, still, self._masses)[1]
 
     def _begin(self, stage: str, signal: np.ndarray) -> np.ndarray:
         """Put a stage's memories at rest at its first signal (B, n); what the stage makes of that signal."""
@@ -130,7 +131,7 @@ class Drive:
             wanted = within_limits(pull, self._servo[1], motor.velocity, limits)
             line = self._line(wanted, motor)
             friction = self._friction(joint, line[0] * wanted + line[1] if self.laws["drive"] else wanted)
-        mass, bias = self.model.bodies.mass_matrix_and_bias(joint.position, joint.velocity, self.mechanics)
+        mass, bias = self.model.bodies.mass_matrix_and_bias(joint.position, joint.velocity, self._masses)
         wound, spin = (motor.position - joint.position, self.spin) if self._gives else (self._zero, self.velocity)
         state = joint.position, self.velocity, wound, spin
         body = self._servo, limits, self._stops, self._gear, self._blocks, self.dt, self._impulse
