@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from embodiedreamer_gym.effects import Mechanics
+from embodiedreamer_gym.engines.linkage import joint_forces, read_joints
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
@@ -27,11 +28,13 @@ class Bodies(Protocol):
     """The moving bodies of a robot in an engine, k of them, in an order of the engine's own.
 
     order: (k,) the tree's bodies as the engine orders them.
+    force: (k,) what acts on the joints in the next step, N m or N.
     mechanics: masses and inertias that the engine simulates, a batch of one.
     armature: (k,) rotor inertia beside them, in the tree's order, kg m^2 or kg.
     """
 
     order: np.ndarray
+    force: np.ndarray
     mechanics: Mechanics
     armature: np.ndarray
 
@@ -43,8 +46,8 @@ class Bodies(Protocol):
         """Joint positions and velocities (k,)."""
         ...
 
-    def advance(self, force: np.ndarray) -> None:
-        """Take one physics step under joint forces (k,)."""
+    def advance(self) -> None:
+        """Take one physics step under the joint forces."""
         ...
 
 
@@ -58,16 +61,16 @@ class Plant:
 
     def __init__(self, model: RobotModel, bodies: Bodies, dt: float = TIME_STEP) -> None:
         self.model, self.dt, self._bodies = model, dt, bodies
-        self._read_q, self._read_v, self._shift = self._linkage()
-        self._armature = bodies.armature * model.tree.gain if bodies.armature.any() else None
-        self._masses = model.bodies.pack(bodies.mechanics)
+        self._matrices = self._linkage()
+        self._linked = np.empty(model.tree.bodies)  # that hold linked joints together
+        self._masses, self._armature = model.bodies.pack(bodies.mechanics), bodies.armature * model.tree.gain
         self.drive = Drive(model, dt=dt)
 
     def _linkage(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Matrices (n + k, k) and a shift (n + k,): driven joints, and the forces that hold linked joints together.
 
-        From the engine's joints q: _read_q @ q - shift gives the n driven joints (a mean over those that move as one)
-        and each body's spring force; _read_v @ v their speeds and each body's damper force.
+        From the engine's joints q: the first times q, less the shift, gives the n driven joints (a mean over those that
+        move as one) and each body's spring force; the second times v their speeds and each body's damper force.
         """
         tree, n, k = self.model.tree, self.model.n, self.model.tree.bodies
         count = np.bincount(tree.coordinate, minlength=n)[tree.coordinate]
@@ -78,7 +81,8 @@ class Plant:
         shift = np.concatenate([mean @ tree.offset, weight * LINKAGE**2 * (apart @ tree.offset)])
         spring, damper = weight[:, None] * LINKAGE**2 * apart, weight[:, None] * 2 * LINKAGE * apart
         columns = self._bodies.order
-        return np.vstack([mean, spring])[:, columns], np.vstack([mean, damper])[:, columns], shift
+        matrices = (np.ascontiguousarray(np.vstack([mean, rows])[:, columns]) for rows in (spring, damper))
+        return *matrices, shift
 
     def reset(self, measured: np.ndarray, velocity: np.ndarray, command: np.ndarray, sets: Sets | None = None) -> None:
         """Put the joints (n,) where the sensors saw them; memories rest at the first command (n,).
@@ -95,26 +99,21 @@ class Plant:
 
     def step(self, command: np.ndarray) -> np.ndarray:
         """Advance by one step under the command (n,); return the acceleration (n,) that the drive asked for."""
-        drive = self.drive
-        linkage = self._read()
+        model, drive, bodies = self.model, self.drive, self._bodies
+        motion = self._read()
         acceleration = drive.accelerate(command[None])
-        _, force = self.model.bodies.inverse_dynamics(
-            drive.position, drive.velocity, acceleration, self._masses
-        )
-        torque = force[0] - linkage
-        if self._armature is not None:
-            torque += self._armature * acceleration[0][self.model.tree.coordinate]
-        self._bodies.advance(torque[self._bodies.order])
+        force = model.bodies.inverse_dynamics(*motion, acceleration, self._masses)[1]
+        joint_forces(force, acceleration, self._armature, model.tree.coordinate, self._linked, bodies.order, bodies.force)
+        bodies.advance()
         drive.time += self.dt
         return acceleration[0]
 
     def _read(self) -> np.ndarray:
-        """Take the engine's joints over into the drive; the forces (k,) that are to hold linked joints together."""
-        position, velocity = self._bodies.read()
-        q, v = self._read_q @ position - self._shift, self._read_v @ velocity
-        n = self.model.n
-        self.drive.position, self.drive.velocity = q[None, :n], v[None, :n]
-        return q[n:] + v[n:]
+        """Take the engine's joints over into the drive: position and velocity (2, 1, n)."""
+        motion = np.empty((2, 1, self.model.n))
+        read_joints(*self._bodies.read(), *self._matrices, motion, self._linked)
+        self.drive.position, self.drive.velocity = motion
+        return motion
 
     @property
     def measured(self) -> np.ndarray:

@@ -60,13 +60,15 @@ def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound
         impulse: friction's impulse of the last step (B, n), N m s, as the first guess of this one.
 
     Returns:
-        Acceleration (B, n), rad/s^2; the drive's torque at the mean velocity of the step, before the gain (B, n), N m;
-        friction's impulse (B, n), N m s; the motor's new velocity (B, n), rad/s.
+        Four arrays (4, B, n) in one: acceleration, rad/s^2; the drive's torque at the mean velocity of the step, before
+        the gain, N m; friction's impulse, N m s; the motor's new velocity, rad/s.
     """
     batch, n = velocity.shape
     gain, shift, forward, backward = line[0], line[1], friction[0], friction[1]
     stiffness, damping, rotor, viscous = servo[0], servo[1], servo[2], servo[3]
-    acceleration, torque, impulse, spin = np.empty((batch, n)), np.empty((batch, n)), impulse.copy(), spin.copy()
+    solution = np.empty((4, batch, n))
+    solution[2], solution[3] = impulse, spin
+    acceleration, torque, impulse, spin = solution[0], solution[1], solution[2], solution[3]
     low, inverse, parts = np.empty((n, n)), np.empty((n, n)), np.empty((9, n))
     diagonal, right, new, work, lone = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     slowest, fastest = np.empty(n), np.empty(n)
@@ -136,7 +138,7 @@ def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound
                 acceleration[b, i] = (new[i] - velocity[b, i]) / dt
                 if gives:
                     spin[b, i] = work[i]
-    return acceleration, torque, impulse, spin
+    return solution
 
 
 @jit

@@ -43,6 +43,7 @@ class BulletBodies:
         ends = np.cumsum([0, *map(len, indices.values())]).tolist()
         self._calls = [(body, indices[body], slice(*ends[i : i + 2])) for i, body in enumerate(indices)]
         self.order = np.array(order)
+        self.force = np.zeros(tree.bodies)
         self.armature = np.zeros(tree.bodies)  # the links themselves carry the rotors' inertia
         self._switch_off()
         self._add_rotors()
@@ -96,9 +97,9 @@ class BulletBodies:
         states = [s for body, ids, _ in self._calls for s in self._joint_states(body, ids)]
         return np.array([s[0] for s in states]), np.array([s[1] for s in states])
 
-    def advance(self, force: np.ndarray) -> None:
-        """Take one physics step under joint forces (k,)."""
-        forces = force.tolist()
+    def advance(self) -> None:
+        """Take one physics step under the joint forces."""
+        forces = self.force.tolist()
         for body, ids, rows in self._calls:
             self._drive_joints(body, ids, pybullet.TORQUE_CONTROL, forces=forces[rows])
         self._advance()

@@ -23,6 +23,7 @@ class MujocoBodies:
     """The arms of a robot model in a MuJoCo world, whose joints have the rotors' inertia as armature.
 
     model, data: MuJoCo's.
+    position, velocity, force: of the joints (k,), in MuJoCo's own memory.
     """
 
     def __init__(self, robot: RobotModel, dt: float, furnish: Callable[[Any], None]) -> None:
@@ -37,26 +38,26 @@ class MujocoBodies:
         self.data = mujoco.MjData(self.model)
         names = robot.tree.joint_names
         joints = np.array([self.model.joint(name).id for name in names])
-        self._position, self._velocity = self.model.jnt_qposadr[joints], self.model.jnt_dofadr[joints]
-        self.order = np.arange(len(names))
+        dofs = self.model.jnt_dofadr[joints]
+        self.order, used = np.argsort(dofs), slice(0, len(names))  # the robot's joints are the world's first
+        self.position, self.velocity = self.data.qpos[used], self.data.qvel[used]
+        self.force = self.data.qfrc_applied[used]
         self.mechanics = robot.nominal_mechanics
         self.armature = rotor_shares(robot)
-        dofs = self._velocity
         self.model.dof_damping[dofs], self.model.dof_frictionloss[dofs] = 0.0, 0.0
         self.model.dof_armature[dofs] = self.armature
         self.model.jnt_stiffness[joints], self.model.jnt_actfrclimited[joints] = 0.0, 0
 
     def place(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Set joint positions and velocities (k,)."""
-        self.data.qpos[self._position], self.data.qvel[self._velocity] = position, velocity
+        self.position[:], self.velocity[:] = position, velocity
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """Joint positions and velocities (k,)."""
-        return self.data.qpos[self._position], self.data.qvel[self._velocity]
+        return self.position, self.velocity
 
-    def advance(self, force: np.ndarray) -> None:
-        """Take one physics step under joint forces (k,)."""
-        self.data.qfrc_applied[self._velocity] = force
+    def advance(self) -> None:
+        """Take one physics step under the joint forces."""
         mujoco.mj_step(self.model, self.data)
 
 

@@ -1,0 +1,36 @@
+"""From an engine's joints to the driven joints of a robot model and back, compiled."""
+
+from __future__ import annotations
+
+import numba as nb
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def read_joints(position, velocity, to_position, to_velocity, shift, motion, linkage):
+    """Driven joints and linkage forces, as the rows of two matrices say them of the engine's joints (k,).
+
+    Args:
+        position, velocity: of the engine's joints (k,).
+        to_position, to_velocity: matrices (n + k, k).
+        shift: what is taken from the first one's product (n + k,).
+        motion: out, position and velocity of the driven joints (2, 1, n).
+        linkage: out, forces (k,) that hold linked joints together.
+    """
+    n = motion.shape[2]
+    for row in range(len(shift)):
+        x, speed = 0.0, 0.0
+        for i in range(len(position)):
+            x += to_position[row, i] * position[i]
+            speed += to_velocity[row, i] * velocity[i]
+        x -= shift[row]
+        if row < n:
+            motion[0, 0, row], motion[1, 0, row] = x, speed
+        else:
+            linkage[row - n] = x + speed
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def joint_forces(force, acceleration, armature, coordinate, linkage, order, out):
+    """Forces (k,) of the engine's joints, in its order: the bodies' (1, k), the armature's, and the linkage's."""
+    for i in range(len(order)):
+        b = order[i]
+        out[i] = force[0, b] - linkage[b] + armature[b] * acceleration[0, coordinate[b]]
