@@ -143,7 +143,8 @@ class AlohaEnv(gym.Env, EzPickle):
         Raises: ValueError for an action of another shape, or one that is not finite.
         """
         self._check_started()
-        target = np.clip(vector("action", action, self.robot.n), self._joint_space.low, self._joint_space.high)
+        target = vector("action", action, self.robot.n)
+        target = np.minimum(np.maximum(target, self._joint_space.low), self._joint_space.high)
         self.engine.advance(target)
         self._command = target
         self._steps += 1
@@ -287,7 +288,7 @@ class AlohaEnv(gym.Env, EzPickle):
     def _assemble(self, position: np.ndarray, velocity: np.ndarray, now: Situation, target: np.ndarray) -> Any:
         """The observation of this obs_type."""
         if self.obs_type == "state":
-            tips = [self.engine.tip(arm).position for arm in range(len(SIDES))]
+            tips = [(now.tip if side == now.side else self.engine.tip(arm)).position for arm, side in enumerate(SIDES)]
             return observe.clipped(observe.state_vector(position, velocity, tips, now, target), self._state_space)
         pictures = {name: picture.copy() for name, picture in self._pictures.items()}  # observations share nothing
         pixels = pictures if len(pictures) > 1 else next(iter(pictures.values()))

@@ -58,4 +58,4 @@ def pixel_space(cameras: tuple[str, ...], size: tuple[int, int]) -> spaces.Space
 
 def clipped(vector: np.ndarray, box: spaces.Box) -> np.ndarray:
     """Single precision inside the space's bounds."""
-    return np.clip(vector, box.low, box.high).astype(np.float32)
+    return np.minimum(np.maximum(vector, box.low), box.high).astype(np.float32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,7 +13,7 @@ from embodiedreamer_gym.engines.prop import Prop
 from embodiedreamer_gym.engines.table import TABLE
 from embodiedreamer_gym.geometry.pose import Pose
 
-XYZW, WXYZ = [1, 2, 3, 0], [3, 0, 1, 2]  # quaternions: MuJoCo's begin with w, ours end with it
+XYZW, WXYZ = np.array([1, 2, 3, 0]), np.array([3, 0, 1, 2])  # quaternions: MuJoCo's begin with w, ours end with it
 
 
 class WorldState:
@@ -25,6 +26,9 @@ class WorldState:
         self.model, self.data = model, data
         self.names = [model.body(i).name for i in range(model.nbody)]
         self._ids = {name: i for i, name in enumerate(self.names)}
+        self._places, self._quaternions, self._rotations = data.xpos, data.xquat, data.xmat.reshape(-1, 3, 3)
+        self._centres, self._velocities, self._body_of_geom = data.xipos, data.qvel, model.geom_bodyid
+        self._first = model.body_dofadr.tolist()  # entry of a body's velocity
 
     def link_of(self, joint: str) -> str:
         """Name of the link that a joint moves."""
@@ -42,23 +46,24 @@ class WorldState:
     def pose(self, name: str) -> Pose:
         """Where the frame of a body is."""
         body = self._ids[name]
-        return Pose(self.data.xpos[body].copy(), self.data.xquat[body, XYZW])
+        return Pose(self._places[body].copy(), self._quaternions[body].take(XYZW))
 
     def rotation(self, name: str) -> np.ndarray:
         """Rotation matrix (3, 3) of a body's frame."""
-        return self.data.xmat[self._ids[name]].reshape(3, 3)
+        return self._rotations[self._ids[name]]
 
     def speed(self, prop: str) -> float:
         """Speed of a loose prop's centre of mass, m/s."""
-        body = self._ids[prop]
-        velocity = self.data.qvel[self.model.body_dofadr[body] :][:6]
-        (x, y, z), (a, b, c) = self.rotation(prop) @ velocity[3:], self.data.xipos[body] - self.data.xpos[body]
-        return float(np.linalg.norm(np.add(velocity[:3], (y * c - z * b, z * a - x * c, x * b - y * a))))
+        body, first = self._ids[prop], self._first[self._ids[prop]]
+        x, y, z = (self._rotations[body] @ self._velocities[first + 3 : first + 6]).tolist()
+        a, b, c = (self._centres[body] - self._places[body]).tolist()
+        u, v, w = self._velocities[first : first + 3].tolist()
+        return math.hypot(u + (y * c - z * b), v + (z * a - x * c), w + (x * b - y * a))
 
     def touching(self, name: str) -> set[str]:
         """Names of the bodies that a body touches."""
         body = self._ids[name]
-        pairs = self.model.geom_bodyid[self.data.contact.geom].tolist()
+        pairs = self._body_of_geom[self.data.contact.geom].tolist()
         return {self.names[b if a == body else a] for a, b in pairs if body in (a, b)}
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.envs.tasks.task import Situation, Task
+from embodiedreamer_gym.geometry.pose import length
 
 
 class Attempt:
@@ -24,7 +25,7 @@ class Attempt:
         if self.grasped:
             return
         self.grasped = bool(self.task.picked_up(now))
-        gap = float(np.linalg.norm(now.tip.position - self.task.handle(now)))
+        gap = length(now.tip.position - self.task.handle(now))
         self.nearest = 0.0 if self.grasped else min(self.nearest, gap)
 
     def info(self, now: Situation, target: np.ndarray, seconds: float) -> dict[str, Any]:
@@ -33,12 +34,12 @@ class Attempt:
         target (3,): of the end effector, as the task says it of this instant, m; seconds: since the reset.
         """
         done = bool(self.grasped and self.task.done(now))
-        off = float(np.linalg.norm(now.object.position - now.goal.position))
+        off = length(now.object.position - now.goal.position)
         return {
             "is_success": done,
             "task_success": done,
             "grasp_success": self.grasped,
-            "distance": float(np.linalg.norm(now.tip.position - target)),
+            "distance": length(now.tip.position - target),
             "object_distance": off,
             "remaining": 0.0 if done else self.nearest + off,
             "contacts": int(now.fingers),
