@@ -63,7 +63,8 @@ class Plant:
         self.model, self.dt, self._bodies = model, dt, bodies
         self._matrices = self._linkage()
         self._linked = np.empty(model.tree.bodies)  # that hold linked joints together
-        self._masses, self._armature = model.bodies.pack(bodies.mechanics), bodies.armature * model.tree.gain
+        rigid, masses = model.bodies, model.bodies.pack(bodies.mechanics)
+        self._rigid = rigid.links, rigid.frames, *masses, bodies.armature * model.tree.gain
         self.drive = Drive(model, dt=dt)
 
     def _linkage(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -99,11 +100,10 @@ class Plant:
 
     def step(self, command: np.ndarray) -> np.ndarray:
         """Advance by one step under the command (n,); return the acceleration (n,) that the drive asked for."""
-        model, drive, bodies = self.model, self.drive, self._bodies
+        drive, bodies = self.drive, self._bodies
         motion = self._read()
         acceleration = drive.accelerate(command[None])
-        force = model.bodies.inverse_dynamics(*motion, acceleration, self._masses)[1]
-        joint_forces(force, acceleration, self._armature, model.tree.coordinate, self._linked, bodies.order, bodies.force)
+        joint_forces(*motion, acceleration, *self._rigid, self._linked, bodies.order, bodies.force)
         bodies.advance()
         drive.time += self.dt
         return acceleration[0]

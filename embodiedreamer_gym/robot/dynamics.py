@@ -214,6 +214,11 @@ def run_dynamics(lanes, q, v, a, links, frames, bodies, gravity, matrix, bias, b
                             total[up, r, l] += total[i, r, l]
 
 
+def lanes(batch: int) -> tuple[int, ...]:
+    """The lanes that a batch of samples is worked on in."""
+    return ONE if batch == 1 else LANES
+
+
 class RigidBodies:
     """Dynamics of a tree; every call takes a batch (B, n) and mechanics whose leading axis divides B.
 
@@ -248,5 +253,5 @@ class RigidBodies:
     def _run(self, q, v, a, mechanics: Mechanics | Masses, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         masses = mechanics if isinstance(mechanics, tuple) else self.pack(mechanics)
         torque, force = np.empty(q.shape), np.empty((len(q), len(self.links)))
-        run_dynamics(ONE if len(q) == 1 else LANES, q, v, a, self.links, self.frames, *masses, matrix, torque, force)
+        run_dynamics(lanes(len(q)), q, v, a, self.links, self.frames, *masses, matrix, torque, force)
         return torque, force

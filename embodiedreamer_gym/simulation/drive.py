@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from operator import is_
 from types import SimpleNamespace
 from typing import Any
@@ -13,8 +14,8 @@ from embodiedreamer_gym.effects import JointState, SignalLaw, TorqueBudget
 from embodiedreamer_gym.effects.effect import STAGES
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.robot.data import SERVO_GROUPS
+from embodiedreamer_gym.robot.dynamics import lanes
 from embodiedreamer_gym.robot.parameters import by_key
-from embodiedreamer_gym.simulation.drive_limits import within_limits
 from embodiedreamer_gym.simulation.drive_setup import (
     arm_blocks,
     changed_mechanics,
@@ -23,7 +24,7 @@ from embodiedreamer_gym.simulation.drive_setup import (
     parameter_values,
     tile,
 )
-from embodiedreamer_gym.simulation.joint_solver import solve_step
+from embodiedreamer_gym.simulation.joint_solver import solve_step, step_joints, within_limits
 
 TIME_STEP = 1.0 / 240.0  # s, the environment's own
 UNLIMITED = 1e12  # N m or rad/s
@@ -32,6 +33,20 @@ PASSES = 2  # over a law of the drive that is no line
 NUDGE, STRAIGHT = 1e-4, 1e-6  # relative torque by which its slope is felt out, and by which it may differ from a line
 # group of parameters, or its text form ("stiffness", "payload.mass") -> values (P, joints or arms)
 Sets = Mapping[str, np.ndarray] | Mapping[ParameterKey, np.ndarray]
+
+
+@dataclass(slots=True)
+class Law:
+    """A signal law in a drive.
+
+    effect: whose law it is.
+    p: its parameters, arrays (B, joints or arms).
+    memory: what it keeps from step to step.
+    """
+
+    effect: SignalLaw
+    p: SimpleNamespace
+    memory: Any = None
 
 
 class Drive:
@@ -55,8 +70,10 @@ class Drive:
         servo["rotor_inertia"] = self.mechanics.rotor_inertia
         self._servo = np.stack([tile(v, rollouts) for v in servo.values()])
         tiled = [(e, SimpleNamespace(**{k: tile(v, rollouts) for k, v in p.items()})) for e, p in effects]
-        self.laws = {s: [(e, p) for e, p in tiled if isinstance(e, SignalLaw) and e.stage == s] for s in STAGES}
+        self.laws = {s: [Law(e, p) for e, p in tiled if isinstance(e, SignalLaw) and e.stage == s] for s in STAGES}
         self.budgets = [(e, p) for e, p in tiled if isinstance(e, TorqueBudget)]
+        self._limiting = [(e, p) for e, p in self.budgets if type(e).drive is not TorqueBudget.drive]
+        self._rubbing = [(e, p) for e, p in self.budgets if type(e).friction is not TorqueBudget.friction]
         self._gear = gear_parts(self.mechanics, self.sets, model.n, rollouts)
         self._gives = self._gear.shape[1] > 0
         self._loose = self._gear[0] + self._gear[2] > 0.0
@@ -73,11 +90,6 @@ class Drive:
         """Put the joints where the sensors (B, n) saw them, with all memories at rest at the first command."""
         self.velocity = np.array(velocity, float)
         self.time = 0.0
-        self._memory: list[Any] = [None] * sum(len(laws) for laws in self.laws.values())
-        self._index = {}
-        for stage in STAGES:
-            for law in self.laws[stage]:
-                self._index[id(law[0])] = len(self._index)
         self._joint = JointState(measured, self.velocity, np.zeros_like(self.velocity), self.dt, 0.0)
         self.measured = np.array(measured, float)
         self._joint.position = self.position = 2 * measured - self._begin("sensor", measured)  # exact for an offset
@@ -101,14 +113,17 @@ class Drive:
     def _begin(self, stage: str, signal: np.ndarray) -> np.ndarray:
         """Put a stage's memories at rest at its first signal (B, n); what the stage makes of that signal."""
         signal = np.array(signal, float)
-        for effect, p in self.laws[stage]:
-            self._memory[self._index[id(effect)]] = memory = effect.start(signal, p, self.dt)
-            signal, _ = effect.law(signal, self._joint, memory, p)
+        for law in self.laws[stage]:
+            law.memory = law.effect.start(signal, law.p, self.dt)
+            signal, _ = law.effect.law(signal, self._joint, law.memory, law.p)
         return signal
 
     def _neutral(self) -> None:
-        """Arrays of a drive without friction, limits and laws, and of what the budgets gave last: nothing."""
-        shape = self.position.shape
+        """Arrays of a drive without friction, limits and laws, of what the budgets gave last, nothing, and of the solver."""
+        shape, bodies = self.position.shape, self.model.bodies
+        self._rigid = lanes(self.batch), bodies.links, bodies.frames, *self._masses
+        self._inertia = np.empty((*shape, self.model.n)), np.empty(shape)  # mass matrix and bias of the last step
+        self._fixed = self._stops, self._gear, self._blocks, self.dt
         self._zero, self._no_friction = np.zeros(shape), np.zeros((2, *shape))
         self._unlimited, self._straight = np.full((5, *shape), UNLIMITED), np.stack([np.ones(shape), np.zeros(shape)])
         self._limited: tuple[list[Any], np.ndarray] = [], self._unlimited
@@ -126,23 +141,22 @@ class Drive:
         pull = self._servo[0] * self._pass("servo", heard - self.measured, motor)
         load = self._pass("load", self._zero, joint)
         limits, line, friction = self._unlimited, self._straight, self._no_friction
-        if self.budgets or self.laws["drive"]:
+        if self._limiting:
             limits = self._limits(motor)
+        if self._rubbing or self.laws["drive"]:
             wanted = within_limits(pull, self._servo[1], motor.velocity, limits)
             line = self._line(wanted, motor)
             friction = self._friction(joint, line[0] * wanted + line[1] if self.laws["drive"] else wanted)
-        mass, bias = self.model.bodies.mass_matrix_and_bias(joint.position, joint.velocity, self._masses)
         wound, spin = (motor.position - joint.position, self.spin) if self._gives else (self._zero, self.velocity)
-        state = joint.position, self.velocity, wound, spin
-        body = self._servo, limits, self._stops, self._gear, self._blocks, self.dt, self._impulse
-        acceleration, torque, impulse, turned = solve_step(mass, bias, pull, load, line, friction, *state, *body)
-        for _ in range(PASSES - 1):
-            if not self._bent(torque, motor, line):
+        state = joint.position, self.velocity, wound, spin, self._servo, limits, *self._fixed, self._impulse
+        solution = step_joints(joint.velocity, *self._rigid, *self._inertia, pull, load, line, friction, *state)
+        for _ in range(PASSES - 1 if self.laws["drive"] else 0):
+            if not self._bent(solution[1], motor, line):
                 break
-            line = self._line(torque, motor)
-            acceleration, torque, impulse, turned = solve_step(mass, bias, pull, load, line, friction, *state, *body)
-        self._pass("drive", torque, motor)
-        self._impulse, self.torque = impulse, torque
+            line = self._line(solution[1], motor)
+            solution = solve_step(*self._inertia, pull, load, line, friction, *state)
+        acceleration, self.torque, self._impulse, turned = solution
+        self._pass("drive", self.torque, motor)
         self._turn(turned, acceleration)
         return acceleration
 
@@ -178,8 +192,6 @@ class Drive:
 
     def _bent(self, torque: np.ndarray, joint: JointState, line: np.ndarray) -> bool:
         """Whether the drive's laws give something else at a torque (B, n) than their line."""
-        if not self.laws["drive"]:
-            return False
         given = self._try("drive", torque, joint)
         return bool(np.any(np.abs(given - line[0] * torque - line[1]) > STRAIGHT * (1.0 + np.abs(given))))
 
@@ -192,9 +204,9 @@ class Drive:
     def clock_jitter(self) -> np.ndarray:
         """Standard deviation (B, arms), s, of the errors of a log's time stamps."""
         jitter, rest = np.zeros((self.batch, self.model.tree.arms)), np.zeros((self.batch, self.model.n))
-        for effect, p in self.laws["clock"]:
+        for law in self.laws["clock"]:
             joint = JointState(rest, rest, rest, self.dt, 0.0)
-            jitter, _ = effect.law(jitter, joint, effect.start(jitter, p, self.dt), p)
+            jitter, _ = law.effect.law(jitter, joint, law.effect.start(jitter, law.p, self.dt), law.p)
         return jitter
 
     def advance(self, acceleration: np.ndarray) -> None:
@@ -214,26 +226,27 @@ class Drive:
         self._gear = np.ascontiguousarray(self._gear[:, :b])
         self._servo = np.ascontiguousarray(self._servo[:, :b])
         self._neutral()
-        for _, p in [*(law for laws in self.laws.values() for law in laws), *self.budgets]:
+        laws = [law for laws in self.laws.values() for law in laws]
+        for p in [*(law.p for law in laws), *(p for _, p in self.budgets)]:
             for key, value in vars(p).items():
                 setattr(p, key, value[:b])
-        self._memory = [cut_memory(m, b) for m in self._memory]
+        for law in laws:
+            law.memory = cut_memory(law.memory, b)
 
     def _pass(self, stage: str, signal: np.ndarray, joint: JointState) -> np.ndarray:
-        for effect, p in self.laws[stage]:
-            i = self._index[id(effect)]
-            signal, self._memory[i] = effect.law(signal, joint, self._memory[i], p)
+        for law in self.laws[stage]:
+            signal, law.memory = law.effect.law(signal, joint, law.memory, law.p)
         return signal
 
     def _try(self, stage: str, signal: np.ndarray, joint: JointState) -> np.ndarray:
         """What a stage makes of a signal (B, n); no memory moves on."""
-        for effect, p in self.laws[stage]:
-            signal, _ = effect.law(signal, joint, self._memory[self._index[id(effect)]], p)
+        for law in self.laws[stage]:
+            signal, _ = law.effect.law(signal, joint, law.memory, law.p)
         return signal
 
     def _limits(self, joint: JointState) -> np.ndarray:
         """The drive's limits (5, B, n) of all budgets together."""
-        given = [limit for effect, p in self.budgets for limit in effect.drive(joint, p) or ()]
+        given = [limit for effect, p in self._limiting for limit in effect.drive(joint, p) or ()]
         if not _same(given, self._limited[0]):
             limits = self._unlimited.copy()
             for k, limit in enumerate(given):
@@ -244,7 +257,7 @@ class Drive:
     def _friction(self, joint: JointState, torque: np.ndarray) -> np.ndarray:
         """Friction's torque forward and backward (2, B, n) of all budgets, the gears loaded by a torque (B, n)."""
         joint = JointState(joint.position, joint.velocity, torque, joint.dt, joint.time)
-        given = [taken for effect, p in self.budgets for taken in effect.friction(joint, p) or ()]
+        given = [taken for effect, p in self._rubbing for taken in effect.friction(joint, p) or ()]
         if not _same(given, self._rubbed[0]):
             friction = self._no_friction.copy()
             for k, taken in enumerate(given):

@@ -112,11 +112,11 @@ class _Track:
         if stage == "sensor":
             self.position = signal
         out = np.array(signal, float)
-        memory = [effect.start(out[:, 0], p, 1.0 / self.recording.hz) for effect, p in laws]
+        memory = [law.effect.start(out[:, 0], law.p, 1.0 / self.recording.hz) for law in laws]
         for k in range(out.shape[1]):
             joint, x = self._joint(k, torque), out[:, k]
-            for i, (effect, p) in enumerate(laws):
-                x, memory[i] = effect.law(x, joint, memory[i], p)
+            for i, law in enumerate(laws):
+                x, memory[i] = law.effect.law(x, joint, memory[i], law.p)
             out[:, k] = x
         return out
 
