@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from embodiedreamer_gym.robot.dynamics import COORDINATE, ONE, run_dynamics
+from embodiedreamer_gym.robot.dynamics import COORDINATE, run_dynamics
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -33,13 +33,16 @@ def read_joints(position, velocity, to_position, to_velocity, shift, motion, lin
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def joint_forces(position, velocity, acceleration, links, frames, masses, gravity, armature, linkage, order, out):
+def joint_forces(
+    lanes, position, velocity, acceleration, links, frames, masses, gravity, armature, linkage, order, out
+):
     """Forces (k,) of the engine's joints, in its order, under which the driven joints accelerate by (1, n).
 
     Inverse dynamics of the engine's own masses, plus the armature's inertia (k,), less the linkage's forces (k,).
+    lanes: ONE, an argument because its type as a constant would be another, for which all is compiled again.
     """
     torque, force, none = np.empty_like(position), np.empty((1, len(links))), np.empty((0, 0, 0))
-    run_dynamics(ONE, position, velocity, acceleration, links, frames, masses, gravity, none, torque, force)
+    run_dynamics(lanes, position, velocity, acceleration, links, frames, masses, gravity, none, torque, force)
     for i in range(len(order)):
         b = order[i]
         out[i] = force[0, b] - linkage[b] + armature[b] * acceleration[0, links[b, COORDINATE]]

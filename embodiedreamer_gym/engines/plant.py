@@ -11,6 +11,7 @@ from embodiedreamer_gym.engines.linkage import joint_forces, read_joints
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.dynamics import ONE
 from embodiedreamer_gym.simulation.drive import TIME_STEP, Drive, Sets
 from embodiedreamer_gym.simulation.rollout import (
     Rollout,
@@ -103,7 +104,7 @@ class Plant:
         drive, bodies = self.drive, self._bodies
         motion = self._read()
         acceleration = drive.accelerate(command[None])
-        joint_forces(*motion, acceleration, *self._rigid, self._linked, bodies.order, bodies.force)
+        joint_forces(ONE, *motion, acceleration, *self._rigid, self._linked, bodies.order, bodies.force)
         bodies.advance()
         drive.time += self.dt
         return acceleration[0]

@@ -22,9 +22,12 @@ Masses = tuple[np.ndarray, np.ndarray]  # of `RigidBodies.pack`
 UPPER = [0, 1, 2, 4, 5, 8]  # entries of an inertia (3, 3) that say all
 
 jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+inner = nb.njit(
+    nogil=True, error_model="numpy", fastmath={"contract"}, no_cpython_wrapper=True, no_cfunc_wrapper=True
+)  # called from compiled code only
 
 
-@jit
+@inner
 def _place(lanes, i, x, sin, cos, links, frames, turned, placed, screw):
     """World rotation (9, L) and origin (3, L) of body i at joint values x (L,), and its joint's screw (6, L)."""
     up, slides, frame = links[i, PARENT], links[i, SLIDES] > 0, frames[i]
@@ -62,7 +65,7 @@ def _place(lanes, i, x, sin, cos, links, frames, turned, placed, screw):
             screw[i, 3, l], screw[i, 4, l], screw[i, 5, l] = p1 * d2 - p2 * d1, p2 * d0 - p0 * d2, p0 * d1 - p1 * d0
 
 
-@jit
+@inner
 def _inertia(lanes, i, samples, bodies, turned, placed, total):
     """Mass, first moment and inertia (xx, xy, xz, yy, yz, zz) of body i at the world's origin, (10, L)."""
     for l in range(len(lanes)):
@@ -91,7 +94,7 @@ def _inertia(lanes, i, samples, bodies, turned, placed, total):
         total[i, 9, l] = w0 * t20 + w1 * t21 + w2 * t22 + trace - p2 * q2
 
 
-@jit
+@inner
 def _momentum(lanes, i, total, motion, out):
     """Spatial inertia (10, L) of body i times a motion (6, L), angular then linear."""
     for l in range(len(lanes)):
@@ -108,7 +111,7 @@ def _momentum(lanes, i, total, motion, out):
         out[5, l] = m * v2 - (m0 * w1 - m1 * w0)
 
 
-@jit
+@inner
 def _motion(lanes, i, up, rate, push, gravity, groups, arm, screw, speed, accel):
     """Velocity and acceleration (6, L) of body i from its parent's; gravity is an acceleration of the world."""
     for r in range(6):
@@ -130,7 +133,7 @@ def _motion(lanes, i, up, rate, push, gravity, groups, arm, screw, speed, accel)
         accel[i, 5, l] += x * (w0 * s4 - w1 * s3 + u0 * s1 - u1 * s0)
 
 
-@jit
+@inner
 def _force(lanes, i, total, speed, accel, momentum, force):
     """Force (6, L) that body i needs: inertia times acceleration, and velocity cross momentum."""
     _momentum(lanes, i, total, speed, momentum)
@@ -148,7 +151,7 @@ def _force(lanes, i, total, speed, accel, momentum, force):
         force[i, 5, l] += w0 * p4 - w1 * p3
 
 
-@jit
+@inner
 def _dot(lanes, a, b, out):
     """Sums (L,) of the products of two spatial vectors (6, L)."""
     for l in range(len(lanes)):

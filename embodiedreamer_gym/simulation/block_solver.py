@@ -8,10 +8,12 @@ import numpy as np
 SWEEPS = 60
 SPEED_TOLERANCE = 1e-8  # rad/s
 
-jit = nb.njit(cache=True, nogil=True, error_model="numpy")
+inner = nb.njit(
+    nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
+)  # called from compiled code only
 
 
-@jit
+@inner
 def factor(mass, diagonal, low, first, end):
     """Cholesky factor of one block of the mass matrix with this diagonal."""
     for i in range(first, end):
@@ -22,7 +24,7 @@ def factor(mass, diagonal, low, first, end):
             low[i, j] = np.sqrt(max(s, 1e-300)) if i == j else s / low[j, j]
 
 
-@jit
+@inner
 def substitute(low, right, out, work, first, end):
     """Solve low low^T out = right on one block."""
     for i in range(first, end):
@@ -37,7 +39,7 @@ def substitute(low, right, out, work, first, end):
         out[i] = s / low[i, i]
 
 
-@jit
+@inner
 def invert(low, inverse, column, first, end):
     """Inverse of low low^T on one block."""
     for c in range(first, end):
@@ -53,7 +55,7 @@ def invert(low, inverse, column, first, end):
             inverse[i, c] = s / low[i, i]
 
 
-@jit
+@inner
 def stop(inverse, speed, impulse, forward, backward, slowest, fastest, dt, first, end):
     """Projected Gauss-Seidel on the impulses: sticking, sliding or at an end stop, each joint in turn."""
     for i in range(first, end):

@@ -30,6 +30,9 @@ OPEN, AHEAD, BEHIND, MESHED = 0, 1, -1, 2
 GIVE, SLOPE, DRAG, SOFT, LATE, HEAVY, KNOWN, PUSH, HOLD = range(9)  # parts of a joint's drive
 
 jit = nb.njit(cache=True, nogil=True, error_model="numpy")
+inner = nb.njit(
+    nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
+)  # called from compiled code only
 
 
 @jit
@@ -170,7 +173,7 @@ def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound
     return solution
 
 
-@jit
+@inner
 def _drive(state, i, b, pull, damping, limits, parts):
     """The drive's torque as GIVE - SLOPE * mean velocity, in each of its states."""
     if state == FREE:
@@ -185,7 +188,7 @@ def _drive(state, i, b, pull, damping, limits, parts):
         parts[GIVE, i], parts[SLOPE, i] = -limits[4, b, i], limits[4, b, i] / limits[3, b, i]
 
 
-@jit
+@inner
 def _motor(state, i, base, gain, stiffness, dt, parts):
     """What a drive makes of the inertia that it moves; its share beyond what the step resolves as SOFT and LATE."""
     parts[DRAG, i] = drag = gain * parts[SLOPE, i]
@@ -196,7 +199,7 @@ def _motor(state, i, base, gain, stiffness, dt, parts):
     return heavy + soft
 
 
-@jit
+@inner
 def _limit_state(wanted, mean, i, b, limits):
     """Which limit of the drive a torque would break: the highest torque, or the line that falls with the speed."""
     ahead = limits[4, b, i] * (1.0 - mean / limits[2, b, i])
@@ -208,7 +211,7 @@ def _limit_state(wanted, mean, i, b, limits):
     return FREE
 
 
-@jit
+@inner
 def _at_first(gear, wound, mass, rotor, side, left, lone, low, inverse, work, first, end):
     """On which side teeth touch as a step begins, and a joint's inertia where all other joints follow it freely."""
     for i in range(first, end):
@@ -222,7 +225,7 @@ def _at_first(gear, wound, mass, rotor, side, left, lone, low, inverse, work, fi
         lone[i] = 1.0 / inverse[i, i]
 
 
-@jit
+@inner
 def _gear(side, compliance, settling, half, wound, slip, inertia, dt):
     """A gear's torque as still + grip * (the motor's new velocity less the joint's).
 
@@ -240,7 +243,7 @@ def _gear(side, compliance, settling, half, wound, slip, inertia, dt):
     return spring * away + 0.5 * mean * slip, grip
 
 
-@jit
+@inner
 def _eliminate(i, heavy, known, still, grip, parts):
     """A gear's torque as PUSH - HOLD * the joint's new velocity; the motor's is (KNOWN - that torque) / HEAVY."""
     parts[HEAVY, i], parts[KNOWN, i] = heavy, known
@@ -248,7 +251,7 @@ def _eliminate(i, heavy, known, still, grip, parts):
     parts[HOLD, i] = heavy * grip / (heavy + grip)
 
 
-@jit
+@inner
 def _turned(i, half, wound, joint, dt, parts, side, left, spin):
     """Find a motor's new velocity from its joint's; whether its gear's teeth must touch on another side.
 
