@@ -19,17 +19,21 @@ class CommandDelay(SignalLaw):
 
     @staticmethod
     def start(signal, p, dt):
-        """The last k commands (B, n, k), the latest last; in that array the place of each delay's later neighbour; its share."""
+        """The last k commands (B, n, k), the latest last.
+
+        In that array the places (B, 2, n) of each delay's two neighbours, the later one first; the earlier one's share.
+        """
         steps = np.array(np.broadcast_to(p.seconds / dt, signal.shape))
         slots = int(np.ceil(np.max(steps))) + 2
         whole = np.floor(steps).astype(np.intp)
         place = np.arange(slots - 1, signal.size * slots, slots).reshape(signal.shape) - whole
-        return np.repeat(signal[..., None], slots, axis=-1), place, steps - whole
+        return np.repeat(signal[..., None], slots, axis=-1), np.stack([place, place - 1], axis=1), steps - whole
 
     @staticmethod
     def law(signal, joint, memory, p):
         """Linear interpolation between the two neighbours on the line."""
-        line, place, share = memory
+        line, places, share = memory
         line = np.concatenate([line[..., 1:], signal[..., None]], axis=-1)
-        later, earlier = line.take(place), line.take(place - 1)
-        return later + share * (earlier - later), (line, place, share)
+        pairs = line.take(places)
+        later = pairs[:, 0]
+        return later + share * (pairs[:, 1] - later), (line, places, share)

@@ -83,8 +83,8 @@ class Plant:
         shift = np.concatenate([mean @ tree.offset, weight * LINKAGE**2 * (apart @ tree.offset)])
         spring, damper = weight[:, None] * LINKAGE**2 * apart, weight[:, None] * 2 * LINKAGE * apart
         columns = self._bodies.order
-        matrices = (np.ascontiguousarray(np.vstack([mean, rows])[:, columns]) for rows in (spring, damper))
-        return *matrices, shift
+        springs, dampers = (np.ascontiguousarray(np.vstack([mean, rows])[:, columns]) for rows in (spring, damper))
+        return springs, dampers, shift
 
     def reset(self, measured: np.ndarray, velocity: np.ndarray, command: np.ndarray, sets: Sets | None = None) -> None:
         """Put the joints (n,) where the sensors saw them; memories rest at the first command (n,).
@@ -104,7 +104,7 @@ class Plant:
         drive, bodies = self.drive, self._bodies
         motion = self._read()
         acceleration = drive.accelerate(command[None])
-        joint_forces(ONE, *motion, acceleration, *self._rigid, self._linked, bodies.order, bodies.force)
+        joint_forces(ONE, motion[0], motion[1], acceleration, *self._rigid, self._linked, bodies.order, bodies.force)
         bodies.advance()
         drive.time += self.dt
         return acceleration[0]

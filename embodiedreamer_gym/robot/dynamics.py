@@ -6,6 +6,8 @@ chapters 5 and 6), with every spatial vector taken at the world's origin, so tha
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba as nb
 import numpy as np
 
@@ -21,10 +23,9 @@ NO_MATRIX = np.empty((0, 0, 0))
 Masses = tuple[np.ndarray, np.ndarray]  # of `RigidBodies.pack`
 UPPER = [0, 1, 2, 4, 5, 8]  # entries of an inertia (3, 3) that say all
 
+UNWRAPPED: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # for calls from compiled code only
 jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-inner = nb.njit(
-    nogil=True, error_model="numpy", fastmath={"contract"}, no_cpython_wrapper=True, no_cfunc_wrapper=True
-)  # called from compiled code only
+inner = nb.njit(nogil=True, error_model="numpy", fastmath={"contract"}, **UNWRAPPED)
 
 
 @inner

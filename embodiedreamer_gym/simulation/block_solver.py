@@ -5,12 +5,12 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from embodiedreamer_gym.robot.dynamics import UNWRAPPED
+
 SWEEPS = 60
 SPEED_TOLERANCE = 1e-8  # rad/s
 
-inner = nb.njit(
-    nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
-)  # called from compiled code only
+inner = nb.njit(nogil=True, error_model="numpy", **UNWRAPPED)
 
 
 @inner

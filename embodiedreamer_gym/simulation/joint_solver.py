@@ -16,7 +16,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from embodiedreamer_gym.robot.dynamics import run_dynamics
+from embodiedreamer_gym.robot.dynamics import UNWRAPPED, run_dynamics
 from embodiedreamer_gym.simulation.block_solver import factor, invert, stop, substitute
 
 RINGING = 3.0  # damping at the mean speed turns a velocity by (1 - x) / (1 + x) per step, x = dt slope / 2 inertia
@@ -30,9 +30,7 @@ OPEN, AHEAD, BEHIND, MESHED = 0, 1, -1, 2
 GIVE, SLOPE, DRAG, SOFT, LATE, HEAVY, KNOWN, PUSH, HOLD = range(9)  # parts of a joint's drive
 
 jit = nb.njit(cache=True, nogil=True, error_model="numpy")
-inner = nb.njit(
-    nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
-)  # called from compiled code only
+inner = nb.njit(nogil=True, error_model="numpy", **UNWRAPPED)
 
 
 @jit
