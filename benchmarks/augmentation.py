@@ -3,7 +3,7 @@
 python -m benchmarks augmentation --out DIR [--task PutCupOnMat] [--demos 50] [--copies 1] [--steps N] [--episodes 100]
                                   [--seed 0] [--jobs 1]
 
-The original bench is the dreamed one (`embodiedreamer augment` without an edit); of each of its episodes as many copies are
+The original bench is the generated one (`embodiedreamer augment` without an edit); of each of its episodes as many copies are
 generated with object colours drawn at random as with a table and a sheet of A4 drawn at random. Evaluated in the generated world on
 unseen scenes: as it is, with the object in a colour of its own, and on another table with a sheet. Everything is kept in DIR:
 an interrupted run goes on where it was.

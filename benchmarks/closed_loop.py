@@ -6,7 +6,7 @@ python -m benchmarks closed_loop --out DIR [--task NAME ...] [--kind NAME ...] [
 
 The world is `make_stand_in`: MuJoCo, a robot with friction, weak and uneven drives and a delay that the nominal model has not,
 a path-traced camera. plain: demonstrations of the nominal simulator; calibrated: of a model fitted to ten logs of the
-robot; dreamed: the same, seen through VisAligner; preferred: dreamed, then cycles of preferences in the dreamed world.
+robot; dreamed: the same, with VisAligner's generated pictures; preferred: dreamed, then cycles of preferences with generated pictures.
 Beside them repainted, which is plain seen through VisAligner: what calibration adds where the pictures are right.
 Seeds are those of training; the demonstrations of a task and kind are the same for all of them.
 Everything is kept in DIR: an interrupted run goes on where it was, and two processes may share it by --task.
@@ -101,7 +101,7 @@ def trained(a: argparse.Namespace, task: str, kind: str, seed: int) -> Path:
 
 
 def preferred(a: argparse.Namespace, task: str, seed: int, folder: Path) -> Path:
-    """The dreamed policy after cycles of preferences in the calibrated, dreamed world."""
+    """The dreamed policy after cycles of preferences in the calibrated simulator with generated pictures."""
     from embodiedreamer_gym.cli.command import main as embodiedreamer
 
     start, study = trained(a, task, "dreamed", seed), a.out / f"study_{task}_{seed}"

@@ -1,4 +1,4 @@
-"""What a dreamed frame costs beside the simulated one: one core, eight frames, at 128 x 96 and 320 x 240.
+"""What a generated frame costs beside the simulated one: one core, eight frames, at 128 x 96 and 320 x 240.
 
 python -m benchmarks.vis_speed [--gpu]
 
@@ -29,7 +29,7 @@ FRAMES, REPEATS, STEPS = 8, 9, 201
 def on_processor() -> None:
     """Print the table."""
     torch.set_num_threads(1)
-    print(f"{FRAMES} frames of an expert's episode, ms of one core\n{'':<12}{'physics':>10}{'and render':>12}{'dream, median':>15}"
+    print(f"{FRAMES} frames of an expert's episode, ms of one core\n{'':<12}{'physics':>10}{'and render':>12}{'video, median':>15}"
           f"{'mean':>8}{'slowest':>10}")  # fmt: skip
     for size in ((128, 96), (320, 240)):
         physics, _ = episode(None)

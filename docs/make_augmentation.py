@@ -16,7 +16,7 @@ from embodiedreamer_gym.vis_aligner.editing import Background, Chain, PaperSheet
 OUT = Path(__file__).parent / "images" / "vis" / "augmentation.jpg"
 BLUE = Recolour(("cup",), colour=(40, 70, 220))
 EDITS = {
-    "dreamed": None, "blue cup": BLUE, "sheet of A4": PaperSheet(CAMERAS["head"], pose=(0.58, 0.0, 0.4)),
+    "generated": None, "blue cup": BLUE, "sheet of A4": PaperSheet(CAMERAS["head"], pose=(0.58, 0.0, 0.4)),
     "background": Background(), "all": Chain([Background(("table",)), PaperSheet(CAMERAS["head"]), Recolour()]),
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Simulated frames become real-looking video inside `env.step`; writes frames.png: simulated above, dreamed below."""
+"""Simulated frames become real-looking video inside `env.step`; writes frames.png: simulated above, generated below."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ env = VisAlignerObservationWrapper(gym.make("EmbodieDreamer/PutCupOnMat-v0", ima
 observation, info = env.reset(seed=0)
 here = env.unwrapped.joint_positions()
 goal = here + np.where(np.isin(np.arange(14), (1, 8)), 0.8, 0.0)  # both arms lean forward
-simulated, dreamed = [env.unwrapped.capture().rgb], [observation["pixels"]]
+simulated, generated = [env.unwrapped.capture().rgb], [observation["pixels"]]
 for share in np.linspace(0.2, 1.0, 5):
     actions = np.repeat((here + share * (goal - here))[None], 8, axis=0)
     observation, reward, terminated, truncated, info = env.step(actions.astype(np.float32))
     simulated.append(env.unwrapped.capture().rgb)
-    dreamed.append(observation["pixels"])
+    generated.append(observation["pixels"])
 env.close()
-picture = metrics.strip({"simulated": np.stack(simulated), "dreamed": np.stack(dreamed)}, columns=6)
+picture = metrics.strip({"simulated": np.stack(simulated), "generated": np.stack(generated)}, columns=6)
 cv2.imwrite("frames.png", picture[..., ::-1])
 print("frames.png")

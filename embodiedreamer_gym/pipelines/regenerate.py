@@ -155,7 +155,7 @@ def _painted(work: _Work, played: Played) -> References:
 
 
 def _write(work: _Work, source: Source, copy: int, played: Played, start: References) -> None:
-    """Edit, dream and write one copy."""
+    """Edit, generate and write one copy."""
     about: dict[str, Any] = {**work.settings, "source": source.name, "copy": copy}
     if work.editor is not None:
         own, prompt = work.edit_seed(source, copy), work.settings["prompt"]

@@ -63,9 +63,9 @@ def test_fine_tuning_goes_on_from_the_model(bench: Path, tmp_path: Path, capsys)
 
 def test_an_episode_becomes_a_video(bench: Path, tmp_path: Path, capsys) -> None:
     code, out, _ = run(capsys, "vis", "render", bench / "held_out.hdf5", "--aligner", bench / "model/lean.pt",
-                       "--out", tmp_path / "dream.mp4")  # fmt: skip
-    video = cv2.VideoCapture(str(tmp_path / "dream.mp4"))
-    assert code == 0 and "dream.mp4" in out
+                       "--out", tmp_path / "generated.mp4")  # fmt: skip
+    video = cv2.VideoCapture(str(tmp_path / "generated.mp4"))
+    assert code == 0 and "generated.mp4" in out
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 17
 
 

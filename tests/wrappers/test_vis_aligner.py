@@ -1,4 +1,4 @@
-"""Dreamed pictures around an environment: physics untouched, the references passed on."""
+"""Generated pictures around an environment: physics untouched, the references passed on."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_gymnasium_is_content(files, obs_type: str) -> None:
 
 
 def test_benches_can_be_edited(files) -> None:
-    """The first frame, the plate and what is dreamed from them; another seed draws another edit."""
+    """The first frame, the plate and what is generated from them; another seed draws another edit."""
 
     def tinted(image, masks, rng, prompt):
         level = int(rng.integers(1, 255))

@@ -14,8 +14,8 @@ from embodiedreamer_gym.recordings.episodes import AlohaWriter, JoinedEpisodes, 
 
 def test_it_is_its_parts(aloha: Callable[..., Path], seen) -> None:
     parts = [open_episodes(aloha((5, 7), "a")), open_episodes(aloha((4,), "b"))]
-    joined = JoinedEpisodes(parts, ["real", "dreamed"])
-    assert joined.names == ("real/episode_0", "real/episode_1", "dreamed/episode_0")
+    joined = JoinedEpisodes(parts, ["real", "generated"])
+    assert joined.names == ("real/episode_0", "real/episode_1", "generated/episode_0")
     assert joined.lengths == (5, 7, 4) and len(joined) == 3 and joined.hz == 30
     assert joined.cameras == parts[0].cameras and (joined.state_size, joined.action_size) == (14, 14)
     assert "3 episodes, 16 steps" in repr(joined) and joined.frame_size("head") == (16, 12)
@@ -28,7 +28,7 @@ def test_it_is_its_parts(aloha: Callable[..., Path], seen) -> None:
             assert joined.task(number) == part.task(i) == f"task {i}"
             number += 1
     assert seen(joined.frames(2, "head", 1, 3)) == [1, 2]
-    with pytest.raises(RecordingError, match=r"dreamed/episode_0 has the steps 0 \.\. 3"):
+    with pytest.raises(RecordingError, match=r"generated/episode_0 has the steps 0 \.\. 3"):
         joined.frames(2, "head", 0, 5)
 
 

@@ -1,4 +1,4 @@
-"""Draw docs/images/vis/<task>.jpg, an expert's episode simulated and dreamed: python docs/make_dreams.py."""
+"""Draw docs/images/vis/<task>.jpg, an expert's episode simulated and generated: python docs/make_generated.py."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SIZE, CHUNKS, SEED = (128, 96), 25, 1
 
 
 def draw(task: str) -> np.ndarray:
-    """A strip (h, w, 3) of six moments, each chunk's reference what was dreamed before."""
+    """A strip (h, w, 3) of six moments, each chunk's reference what was generated before."""
     plain = gym.make(f"EmbodieDreamer/{task}-v0", obs_type="state")
     plain.reset(seed=SEED)
     expert, actions, simulated = ScriptedExpert(plain.unwrapped), [], []
@@ -30,10 +30,10 @@ def draw(task: str) -> np.ndarray:
     env = VisAlignerObservationWrapper(gym.make(f"EmbodieDreamer/{task}-v0", image_size=SIZE))
     env.reset(seed=SEED)
     chunks = np.array(actions, np.float32).reshape(CHUNKS, 8, -1)
-    dreamed = np.concatenate([env.step(chunk)[4]["frames"] for chunk in chunks])
+    generated = np.concatenate([env.step(chunk)[4]["frames"] for chunk in chunks])
     plain.close()
     env.close()
-    return metrics.strip({"simulated": np.stack(simulated), "dreamed": dreamed}, columns=6)
+    return metrics.strip({"simulated": np.stack(simulated), "generated": generated}, columns=6)
 
 
 if __name__ == "__main__":
