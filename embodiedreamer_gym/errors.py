@@ -7,8 +7,8 @@ class EmbodieDreamerError(ValueError):
     """Base of every error that a user's input can cause."""
 
     def __str__(self) -> str:
-        """The message; where it quotes so much of a file that it is longer than MOST characters, its middle is left out."""
-        text = super().__str__()
+        """The message on one line; where it quotes so much of a file that it is longer than MOST characters, its middle is left out."""
+        text = " ".join(super().__str__().splitlines())
         return text if len(text) <= MOST else f"{text[: MOST // 2]} ... {text[-MOST // 3 :]}"
 
 

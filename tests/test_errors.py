@@ -17,6 +17,7 @@ def test_a_long_message_keeps_its_beginning_and_end(kind: type[Exception]) -> No
     assert str(error).startswith("log.csv: aaa") and str(error).endswith("aaa; give another name")
     assert len(str(error)) < MOST and str(copy.copy(error)) == str(error)
     assert str(kind("log.csv: short")) == "log.csv: short"
+    assert str(kind("log.csv: joint '\n' is missing")) == "log.csv: joint ' ' is missing"
 
 
 def test_a_long_value_of_a_log_is_not_quoted_whole() -> None:

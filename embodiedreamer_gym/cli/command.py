@@ -90,21 +90,28 @@ def main(argv: Sequence[str] | None = None) -> int:
     except EmbodieDreamerError as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    except (KeyboardInterrupt, SystemError) as error:
-        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
-            raise  # else: an interrupt inside compiled code
-        print("interrupted", file=sys.stderr)
-        return interrupted
     except BrokenPipeError:  # the reader of a pipe has enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:  # a file of the user's that no verb has checked: too long a name, no permission
         print(f"error: {error.filename or 'a file'}: {error.strerror or error}", file=sys.stderr)
         return 2
+    except BaseException as error:
+        if not _interrupted(error):
+            raise
+        print("interrupted", file=sys.stderr)
+        return interrupted
     finally:
         if before is not None:
             signal.signal(signal.SIGTERM, before)
     return 0
+
+
+def _interrupted(error: BaseException | None) -> bool:
+    """Whether an error is an interrupt, or what compiled code made of one: a SystemError or ImportError that it caused."""
+    while isinstance(error, SystemError | ImportError):
+        error = error.__cause__ or error.__context__
+    return isinstance(error, KeyboardInterrupt)
 
 
 def execute(argv: Sequence[str]) -> None:

@@ -231,7 +231,10 @@ def test_a_log_whose_sign_is_flipped_is_no_food_for_a_fit(work, logs, capsys) ->
 def test_interrupted(compiled: bool, work, logs, capsys, monkeypatch) -> None:
     def stop(*_args, **_options):
         if compiled:  # an interrupt while numba's compiled code runs
-            raise SystemError("solve_step returned a result with an exception set") from KeyboardInterrupt()
+            try:
+                raise SystemError("solve_step returned a result with an exception set") from KeyboardInterrupt()
+            except SystemError as error:
+                raise SystemError("solve_step returned a result with an exception set") from error
         raise KeyboardInterrupt
 
     monkeypatch.setattr("embodiedreamer_gym.diagnosis.compare", stop)
