@@ -27,19 +27,26 @@ def ended_workers() -> Iterator[None]:
             started.terminate(kill_workers=True)  # its folder of temporary files too
 
 
+def each(function: Callable[..., T], calls: Sequence[tuple[Any, ...]], jobs: int = 1) -> Iterator[T]:
+    """Results of a function for many tuples of arguments, in their order, as they come.
+
+    jobs: processes on this machine, at most one for each call, unless `joblib.parallel_config` names another backend:
+    threads, or Dask or Ray on a cluster. The results are the same.
+    """
+    work: Any = Parallel(n_jobs=min(jobs, max(len(calls), 1)), prefer="processes", return_as="generator")
+    yield from work(delayed(function)(*c) for c in calls)
+
+
 def many(
     function: Callable[..., T], calls: Sequence[tuple[Any, ...]], jobs: int = 1,
     done: Callable[[int, T], None] | None = None,
 ) -> list[T]:  # fmt: skip
-    """Results of a function for many tuples of arguments, in their order.
+    """Results of a function for many tuples of arguments, in their order; see `each`.
 
-    jobs: processes on this machine, unless `joblib.parallel_config` names another backend: threads, or Dask or Ray on a
-    cluster. The results are the same.
     done: is called with the number of finished calls and the result, as each comes.
     """
     results: list[T] = []
-    work: Any = Parallel(n_jobs=jobs, prefer="processes", return_as="generator")
-    for result in work(delayed(function)(*c) for c in calls):
+    for result in each(function, calls, jobs):
         results.append(result)
         if done is not None:
             done(len(results), result)

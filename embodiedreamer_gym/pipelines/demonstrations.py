@@ -5,13 +5,12 @@ from __future__ import annotations
 import shutil
 import tempfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts import ScriptedExpert
@@ -20,6 +19,7 @@ from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.errors import RecordingError, SimulationError
 from embodiedreamer_gym.io.files import read_json
 from embodiedreamer_gym.io.fingerprint import check_settings
+from embodiedreamer_gym.io.parallel import each
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.recordings.episodes import LeRobotWriter, copy_episodes, open_episodes, write_aloha_episode
 from embodiedreamer_gym.recordings.episodes.lerobot_writer import ABOUT
@@ -90,7 +90,8 @@ def record_demonstrations(wanted: Demonstrations, episodes: int, folder: str | P
                 f"the expert has succeeded in {done} of {attempt} attempts at {wanted.task} with robot {wanted.robot}; "
                 "it is given up: the robot may be too far from the one it plans with."
             )
-        for path in _attempts(wanted, range(attempt, attempt + episodes - done), folder, jobs):
+        calls = [(wanted, number, folder) for number in range(attempt, attempt + episodes - done)]
+        for path in each(_attempt, calls, jobs):
             attempt += 1
             if path is not None:
                 path.replace(folder / f"episode_{done}.hdf5")
@@ -152,16 +153,6 @@ def _there(wanted: Demonstrations, folder: Path) -> tuple[int, int]:
         attempts = int(there.pop("attempt", 0)) + 1
         check_settings(path, there, wanted.settings())
     return len(paths), attempts
-
-
-def _attempts(wanted: Demonstrations, numbers: Sequence[int], folder: Path, jobs: int) -> Iterator[Path | None]:
-    """Files of attempts in their order, None where one failed."""
-    if jobs == 1 or len(numbers) == 1:
-        for number in numbers:
-            yield _attempt(wanted, number, folder)
-    else:
-        work: Any = Parallel(n_jobs=min(jobs, len(numbers)), prefer="processes", return_as="generator")
-        yield from work(delayed(_attempt)(wanted, number, folder) for number in numbers)
 
 
 def _attempt(wanted: Demonstrations, number: int, folder: Path) -> Path | None:

@@ -17,7 +17,7 @@ from embodiedreamer_gym.wrappers.vis_aligner import VisAlignerObservationWrapper
 
 def policy_world(
     policy: Any, task: str, robot: str = "aloha", execute: int | None = None, vis_aligner: str | None = None,
-    bank: str = "lab", every: int = 1, envs: int = 1, size: tuple[int, int] | None = None,
+    bank: str = "lab", every: int = 1, envs: int = 1, size: tuple[int, int] | None = None, chunks: bool = True,
 ) -> Any:  # fmt: skip
     """A task with the cameras of a policy, that takes `execute` actions at once (None: all of a chunk).
 
@@ -30,6 +30,7 @@ def policy_world(
     every: actions from one generated picture to the next; the last action of a chunk always has one.
     envs: 1, or the number of environments of a vector.
     size: width and height of the simulator's pictures, None for those that the policy learnt from.
+    chunks: False for one environment with the simulator's pictures that takes single actions.
     Raises: PolicyError for a policy with other cameras than `head` where an aligner is given, or too many actions.
     """
     (cameras, learnt), filmed = picture_inputs(policy), {}
@@ -46,7 +47,8 @@ def policy_world(
 
     options = {"cameras": cameras, "image_size": size, "robot": robot}
     if envs == 1:
-        env = chunked(gymnasium.make(task_id(task), **options))
+        env = gymnasium.make(task_id(task), **options)
+        env = chunked(env) if chunks else env
         return env if vis_aligner is None else VisAlignerObservationWrapper(env, vis_aligner, bank)
     vector = gymnasium.make_vec(task_id(task), envs, "sync", wrappers=[chunked], **options)
     return vector if vis_aligner is None else VisAlignerVectorWrapper(vector, vis_aligner, bank)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import gymnasium
 import numpy as np
 
 from embodiedreamer_gym.envs import task_id
@@ -18,7 +17,6 @@ from embodiedreamer_gym.pipelines import FRAME_INTERVAL
 from embodiedreamer_gym.pipelines.settings import EvaluationSettings
 from embodiedreamer_gym.policies import load_policy
 from embodiedreamer_gym.policies.evaluation import EpisodeResult, Evaluation, evaluate, executed
-from embodiedreamer_gym.policies.protocol import picture_inputs
 
 
 def play(run: EvaluationSettings, progress: ProgressCallback | None = None) -> Evaluation:
@@ -95,19 +93,13 @@ def policy_of(run: EvaluationSettings) -> Any:
 
 def _environment(run: EvaluationSettings, policy: Any) -> Any:
     """The task with the policy's cameras, its pictures as large as those it learnt from, or from the video model."""
-    if run.vis_aligner is not None:
-        from embodiedreamer_gym.pipelines.policy_env import policy_world
+    from embodiedreamer_gym.pipelines.policy_env import policy_world
 
-        every = run.every or (1 if run.video else FRAME_INTERVAL)
-        return policy_world(policy, run.task, run.robot, run.execute, run.vis_aligner, run.bank, every)
-    cameras, learnt = picture_inputs(policy)
-    size = learnt if run.size is None else read_size(run.size)
-    env = gymnasium.make(task_id(run.task), cameras=cameras, image_size=size, robot=run.robot)
-    if run.video is not None or run.ensemble is not None:  # every picture is looked at
-        return env
-    from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
-
-    return ActionChunk(env, executed(policy, run.execute))  # draws only what the policy sees
+    every = run.every or (1 if run.video else FRAME_INTERVAL)
+    size = None if run.size is None else read_size(run.size)
+    chunks = run.vis_aligner is not None or (run.video is None and run.ensemble is None)  # else each picture is needed
+    given = run.task, run.robot, run.execute, run.vis_aligner, run.bank, every
+    return policy_world(policy, *given, size=size, chunks=chunks)
 
 
 def _pictures(observation: Any, info: Any) -> Any:

@@ -14,6 +14,7 @@ import numpy as np
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.io.files import atomic_file, read_json, write_json
 from embodiedreamer_gym.io.fingerprint import check_settings
+from embodiedreamer_gym.io.parallel import many
 from embodiedreamer_gym.pipelines.settings import PREFERENCES, RENAMED, StudySettings
 from embodiedreamer_gym.policies.evaluation import check_fit
 
@@ -96,18 +97,16 @@ class Study:
 
     def _rolled(self, seeds: range, tries: int, noise: float, folder: Path | None = None) -> list[Any]:
         """What `rolled` gives, in the order of the seeds, of as many processes as there may be."""
-        from joblib import Parallel, delayed
-
         if self.a.jobs == 1:
             return rolled(self.a, self.policy, self.env, seeds, tries, noise, folder, self.said)
         parts = [seeds[k :: self.a.jobs] for k in range(self.a.jobs)]
-        found = Parallel(self.a.jobs, prefer="processes", return_as="generator_unordered")(
-            delayed(_numbered)(k, self.a, self.policy, part, tries, noise, folder) for k, part in enumerate(parts)
-        )
-        done: dict[int, list[Any]] = {}
-        for k, results in found:  # pyright: ignore[reportGeneralTypeIssues]
-            done[k] = results
-            self.said("rollouts", sum(map(len, done.values())), len(seeds), processes=f"{len(done)} of {len(parts)}")
+
+        def show(number: int, _: list[Any]) -> None:
+            count = sum(map(len, parts[:number]))
+            self.said("rollouts", count, len(seeds), processes=f"{number} of {len(parts)}")
+
+        calls = [(self.a, self.policy, part, tries, noise, folder) for part in parts]
+        done = many(_rolled_alone, calls, self.a.jobs, show)
         return [done[k % self.a.jobs][k // self.a.jobs] for k in range(len(seeds))]
 
     def _judge(self) -> dict[str, Any]:
@@ -169,14 +168,14 @@ def rolled(a: StudySettings, policy: Any, env: Any, seeds: range, tries: int, no
     return [one.outcome for one in player.rollouts(policy, seeds, progress=said)]
 
 
-def _numbered(number: int, a: StudySettings, policy: Any, *given: Any) -> tuple[int, list[Any]]:
+def _rolled_alone(a: StudySettings, policy: Any, *given: Any) -> list[Any]:
     """The same in a process of its own."""
     import torch
 
     torch.set_num_threads(1)
     env = environment(a, policy)
     try:
-        return number, rolled(a, policy, env, *given)
+        return rolled(a, policy, env, *given)
     finally:
         env.close()
 

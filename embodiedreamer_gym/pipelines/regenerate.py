@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.io.fingerprint import check_settings
+from embodiedreamer_gym.io.parallel import each
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.pipelines.replay_episodes import Played, Source, play, read_source, source_files
 from embodiedreamer_gym.recordings.episodes import frames_of, write_aloha_episode
@@ -95,23 +95,14 @@ def regenerate(
     )  # fmt: skip
     _check_folder(work.folder, settings)
     written, kept, failed, shown = 0, 0, [], progress_or_silence(progress)
-    for number, (source, made) in enumerate(_all(work, sources, copies, jobs), 1):
+    results = each(_episode, [(work, source, copies) for source in sources], jobs)
+    for number, (source, made) in enumerate(zip(sources, results, strict=True), 1):
         if made is None:
             failed.append(source.name)
         else:
             written, kept = written + made, kept + copies - made
         shown("replaying episodes", number, len(sources), failed=len(failed))
     return Regenerated(written, kept, tuple(failed))
-
-
-def _all(work: _Work, sources: list[Source], copies: int, jobs: int) -> Iterator[tuple[Source, int | None]]:
-    """Each episode, and how many files were made of it; None where its replay failed."""
-    if jobs == 1 or len(sources) == 1:
-        made: Any = (_episode(work, source, copies) for source in sources)
-    else:
-        many: Any = Parallel(n_jobs=min(jobs, len(sources)), prefer="processes", return_as="generator")
-        made = many(delayed(_episode)(work, source, copies) for source in sources)
-    yield from zip(sources, made, strict=True)
 
 
 def _episode(work: _Work, source: Source, copies: int) -> int | None:

@@ -1,7 +1,8 @@
 """Recordings as ALOHA and AgileX HDF5 files.
 
 Beside the published layout (`recordings.hdf5`) there may be `/timestamps` (T,) s, `/observations/usable` (T, n) and root
-attributes `rate` or `fps` (Hz), `joint_names`, `units`, `noise`, `quantum`, `command_hold`, `kind`.
+attributes `rate` or `fps` (Hz), `joint_names`, `units`, `noise`, `quantum`, `command_hold`, `kind`, `effort_unit`
+("N m", or "A" of a motor's current).
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ def read_aloha_hdf5(
             raise file.error(f"{len(names)} joint names for {position.shape[1]} columns of /{hdf5.POSITION}")
         attributes = file.file.attrs
         optional: dict[str, Any] = {
-            name: hdf5.text(attributes[name]) for name in ("command_hold", "kind") if name in attributes
+            name: hdf5.text(attributes[name]) for name in ("command_hold", "kind", "effort_unit") if name in attributes
         }
         optional |= {name: np.asarray(attributes[name], float) for name in ("noise", "quantum") if name in attributes}
         if USABLE in file:
@@ -136,4 +137,5 @@ def write_aloha_hdf5(recording: Recording, path: str | Path) -> None:
         file.attrs["joint_names"] = list(recording.joints)
         file.attrs["units"] = list(recording.units)
         file.attrs["noise"], file.attrs["quantum"] = recording.noise, recording.quantum
-        file.attrs["command_hold"], file.attrs["kind"] = recording.command_hold, recording.kind
+        for name in ("command_hold", "kind", "effort_unit"):
+            file.attrs[name] = getattr(recording, name)

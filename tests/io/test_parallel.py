@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from joblib import parallel_config
+from joblib import Parallel, parallel_config
 
+from embodiedreamer_gym.io import parallel
 from embodiedreamer_gym.io.parallel import many
 
 CALLS = [(7, 2), (9, 4), (3, 5)]
@@ -21,6 +22,13 @@ def test_every_scheduler_gives_the_results_in_order(backend: str) -> None:
         results = many(fake_refit, CALLS, 2, lambda count, result: reported.append((count, result)))
     assert results == [divmod(*call) for call in CALLS]
     assert reported == list(enumerate(results, 1))
+
+
+@pytest.mark.parametrize(("jobs", "used"), [(64, 3), (2, 2), (-1, -1)])
+def test_no_more_processes_than_calls(jobs: int, used: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    monkeypatch.setattr(parallel, "Parallel", lambda n_jobs, **options: asked.append(n_jobs) or Parallel(1, **options))
+    assert many(fake_refit, CALLS, jobs) == [divmod(*call) for call in CALLS] and asked == [used]
 
 
 def test_a_cluster_gives_the_results_in_order() -> None:

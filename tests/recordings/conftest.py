@@ -55,7 +55,7 @@ def make() -> Callable[..., Recording]:
 
 def equal(a: Recording, b: Recording) -> None:
     """Assert that two recordings hold the same, to the last bit, frames apart."""
-    for name in ("name", "joints", "units", "command_hold", "kind"):
+    for name in ("name", "joints", "units", "command_hold", "kind", "effort_unit"):
         assert getattr(a, name) == getattr(b, name), name
     for name in ("time", "position", "command", "velocity", "effort", "noise", "quantum", "usable"):
         x, y = getattr(a, name), getattr(b, name)

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 
-from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.errors import PolicyError, RecordingError
 from embodiedreamer_gym.io.files import atomic_file
 from embodiedreamer_gym.policies.preferences.trajectory import Trajectory
+from embodiedreamer_gym.recordings.hdf5 import Hdf5File, open_hdf5
 
 KIND, VERSION = "embodiedreamer trajectories", 1
 ARRAYS = ("actions", "means", "counts")
@@ -41,14 +41,15 @@ def load_trajectories(path: str | Path) -> tuple[list[Trajectory], dict[str, Any
     if not path.is_file():
         raise PolicyError(f"{path} does not exist; give a file of rollouts or of a preference set.")
     try:
-        with h5py.File(path, "r") as file:
-            about: dict[str, Any] = dict(file.attrs)
+        with open_hdf5(path) as file:
+            about: dict[str, Any] = dict(file.file.attrs)
             if about.get("kind") != KIND or about["version"] != VERSION:
                 raise PolicyError(f"{path} holds no trajectories of this version.")
-            return [_read(file[f"{number:06d}"]) for number in range(about["count"])], json.loads(about["about"])
-    except PolicyError:
-        raise
-    except Exception as error:  # whatever a damaged or foreign file raises
+            rows = [_read(Hdf5File(file.file, path), f"{number:06d}") for number in range(about["count"])]
+            return rows, json.loads(about["about"])
+    except RecordingError as error:  # whatever a damaged or foreign file raises
+        if isinstance(error.__cause__, PolicyError):
+            raise error.__cause__ from None
         raise PolicyError(f"{path} holds no trajectories: damaged, or another file.") from error
 
 
@@ -64,15 +65,13 @@ def _write(one: Trajectory, group: h5py.Group) -> None:
         group.attrs[f"outcome.{name}"] = float(value)
 
 
-def _read(group: Any) -> Trajectory:
-    observations: dict[str, np.ndarray] = {}
-
-    def keep(name: str, node: Any) -> None:
-        if isinstance(node, h5py.Dataset):
-            observations[name] = node[()]
-
-    group["observations"].visititems(keep)
+def _read(file: Hdf5File, name: str) -> Trajectory:
+    """One trajectory; sizes are checked before they are read."""
+    group: Any = file.file[name]
+    datasets: list[str] = []
+    group["observations"].visititems(lambda key, node: datasets.append(key) if isinstance(node, h5py.Dataset) else None)
+    observations = {key: file.read(f"{name}/observations/{key}") for key in datasets}
     outcome = {k.removeprefix("outcome."): float(v) for k, v in group.attrs.items() if k.startswith("outcome.")}
-    arrays = {name: group[name][()] for name in ARRAYS}
+    arrays = {key: file.read(f"{name}/{key}") for key in ARRAYS}
     return Trajectory(observations, **arrays, seed=int(group.attrs["seed"]), attempt=int(group.attrs["attempt"]),
                       outcome=outcome)  # fmt: skip

@@ -79,6 +79,17 @@ def test_a_damaged_file_is_one_sentence(roll, tmp_path: Path) -> None:
         load_trajectories(path)
 
 
+def test_a_file_that_claims_more_than_fits_into_memory_is_refused(roll, tmp_path: Path) -> None:
+    path = save_trajectories([roll(0)], tmp_path / "huge.hdf5")
+    for name in ("means", "observations/agent_pos"):
+        with h5py.File(path, "a") as file:
+            del file["000000"][name]
+            file["000000"].create_dataset(name, (10**9, 14), "f4", chunks=(64, 14))  # a few kB
+        with pytest.raises(PolicyError, match="damaged, or another file") as caught:
+            load_trajectories(path)
+        assert f"{name} claims" in str(caught.value.__cause__)
+
+
 def test_nothing_half_written_is_left(roll, tmp_path: Path) -> None:
     path = save_trajectories([roll(0)], tmp_path / "kept.hdf5")
     before = path.read_bytes()
