@@ -108,10 +108,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _interrupted(error: BaseException | None) -> bool:
-    """Whether an error is an interrupt, or what compiled code made of one: a SystemError or ImportError that it caused."""
-    while isinstance(error, SystemError | ImportError):
+    """Whether an error is an interrupt, or what compiled code or a library made of one."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
-    return isinstance(error, KeyboardInterrupt)
+    return error is not None
 
 
 def execute(argv: Sequence[str]) -> None:
@@ -119,6 +119,9 @@ def execute(argv: Sequence[str]) -> None:
 
     Raises: EmbodieDreamerError in one sentence for whatever the user can mend.
     """
+    for word in argv:
+        if word.startswith("--") and word.endswith("=--"):  # argparse makes an empty list of it
+            raise EmbodieDreamerError(f"{word}: '--' cannot be a value.")
     a = build_parser().parse_args(renamed(list(argv)))
     outputs = {kind: [getattr(a, name) for name in a.verb.outputs(kind)] for kind in (o.output_file, o.output_folder)}
     check_outputs(*outputs[o.output_file], folders=outputs[o.output_folder])

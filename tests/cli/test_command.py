@@ -227,6 +227,23 @@ def test_a_log_whose_sign_is_flipped_is_no_food_for_a_fit(work, logs, capsys) ->
     assert code == 0 and "shoulder" in err
 
 
+def test_dashes_are_no_value(work, capsys) -> None:
+    code, _, err = run(capsys, "compare", "--model", "two.json", "log.csv", "--json=--")
+    assert code == 2 and err == "error: --json=--: '--' cannot be a value.\n"
+
+
+def test_what_a_library_makes_of_an_interrupt(work, logs, capsys, monkeypatch) -> None:
+    def stop(*_args, **_options):
+        try:
+            raise KeyboardInterrupt
+        finally:
+            raise RuntimeError("unexpected pos 724608")  # as torch.save does
+
+    monkeypatch.setattr("embodiedreamer_gym.diagnosis.compare", stop)
+    code, _, err = run(capsys, "compare", "--model", "two.json", logs / "test")
+    assert code == 130 and err.endswith("interrupted\n")
+
+
 @pytest.mark.parametrize("compiled", [False, True], ids=["python", "compiled"])
 def test_interrupted(compiled: bool, work, logs, capsys, monkeypatch) -> None:
     def stop(*_args, **_options):

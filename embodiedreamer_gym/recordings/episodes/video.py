@@ -127,6 +127,8 @@ class _Decoder:
         self._container = load_extra("av").open(str(path), format="mp4")  # not a playlist, which could name other files
         self._stream = self._container.streams.video[0]
         codec = self._stream.codec_context
+        if codec is None:
+            raise RecordingError(f"{path}: its video has no codec that can be read; copy it again")
         self._check_size(codec)
         codec.options = {"max_pixels": str(MAX_EDGE**2)}
         self._tick = float(self._stream.time_base or 0) or 1.0
