@@ -17,7 +17,7 @@ from embodiedreamer_gym.effects import find_effect
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.io.tables import milli
 from embodiedreamer_gym.phys_aligner import Calibration
-from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
+from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares, with_nuisances
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
@@ -66,9 +66,10 @@ def add_effect(
     """
     progress = progress_or_silence(progress)
     kind = find_effect(name, model.catalogue)
-    richer = model.with_effect(kind)
+    model.with_effect(kind)
     logs = with_effort_unit(model, [*train, *test])
     train, test = thin(logs[: len(train)], MAX_SECONDS), logs[len(train) :]
+    model = with_nuisances(model, train)
     begun = time.perf_counter()
     problem, fit = fit_least_squares(model, train, progress=progress)
     before = finish(problem, fit, time.perf_counter() - begun)

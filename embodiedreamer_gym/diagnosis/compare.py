@@ -13,8 +13,9 @@ import numpy as np
 from embodiedreamer_gym.diagnosis.comparison import Comparison, Row, measured_less_simulated
 from embodiedreamer_gym.diagnosis.regimes import REGIMES, regimes
 from embodiedreamer_gym.diagnosis.trajectory_error import trajectory_losses
+from embodiedreamer_gym.effects import NUISANCES
 from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.phys_aligner.signals import Signals, effort_scales, with_effort_unit
+from embodiedreamer_gym.phys_aligner.signals import Signals, effort_scales, with_effort_sensor, with_effort_unit
 from embodiedreamer_gym.recordings import Recording, noise_floor, sensor_sd
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Rollout
@@ -39,6 +40,8 @@ def compare(
     if not models or not recordings:
         raise RecordingError("there is nothing to compare; give at least one model and one recording.")
     recordings = with_effort_unit(models[0], recordings)
+    if any(r.command is None and r.effort_unit != "N m" for r in recordings):
+        models = tuple(with_effort_sensor(model, recordings) for model in models)
     if not any(r.usable.any() for r in recordings):
         raise RecordingError("no usable sample is left to compare: all of it is contact or faulty.")
     rollouts = tuple(free_runs(model, recordings) for model in models)
@@ -132,6 +135,7 @@ def _rows(label: str, model: RobotModel, signal: _Signal, masks: Sequence[dict[s
 
 def _labels(models: Sequence[RobotModel]) -> tuple[str, ...]:
     """Names of the models; of those that share a name, also the effects that the first of that name lacks."""
+    models = [m.with_(effects=tuple(e for e in m.effects if e.name not in NUISANCES)) for m in models]
     names = [m.name for m in models]
     labels: list[str] = []
     for i, model in enumerate(models):

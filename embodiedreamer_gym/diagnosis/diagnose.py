@@ -8,22 +8,29 @@ from pathlib import Path
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, summarise
+from embodiedreamer_gym.diagnosis.diagnosis import Attempt, Diagnosis, summarise
+from embodiedreamer_gym.diagnosis.explainable import explainable_chi2
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
 from embodiedreamer_gym.diagnosis.search import Search, SearchState, screen_all, search_effects
 from embodiedreamer_gym.diagnosis.verdict import ALARM, is_convincing
 from embodiedreamer_gym.effects import Effect
+from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.io.parallel import ended_workers
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
-from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
-from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
+from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares, with_nuisances
+from embodiedreamer_gym.phys_aligner.evidence import log_evidence
+from embodiedreamer_gym.phys_aligner.least_squares import minimise
+from embodiedreamer_gym.phys_aligner.linear_baseline import least_squares_rms
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.signals import with_effort_sensor, with_effort_unit
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
+ODDS = 3.0  # to one, at which an effect is named rather than errors of the URDF
 MAX_SECONDS = 80.0  # of motion to learn from, and as much to judge by
 
 
@@ -59,37 +66,74 @@ def diagnose(
         raise CalibrationError("diagnose needs recordings to learn from and others, held out, to judge by.")
     logs = with_effort_unit(model, [*train, *test])
     train, test = logs[: len(train)], logs[len(train) :]
+    if any(r.command is None and r.effort_unit != "N m" for r in train):
+        model = with_effort_sensor(model, train)
     all_test, train, test = test, thin(train, max_seconds), thin(test, max_seconds)
     both = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in train)
     catalogue = catalogue or model.catalogue
     search = Search(model, train, test, catalogue, jobs, progress_or_silence(progress), both,
                     np.random.default_rng(0 if seed is None else seed), RefitCache(refit_cache, model, [*train, *test], catalogue))  # fmt: skip
     with ended_workers():
-        problem, fit = fit_least_squares(model, train, progress=search.progress)
-        search.unit = problem.signals.unit or "rad"
-        calibrated = finish(problem, fit, 0.0)
-        search.rollouts += problem.rollouts
-        base = evaluate(calibrated.model, test)
-        search.progress("drawing faultless robots", 0, held_out_error=search.milli(base.error))
-        null = draw_null(calibrated.model, fit, problem, test, search.rng)
-        search.rollouts += null.rollouts
-        p_value = null.p_value(base.chi2)
-        screened = screen_all(search, problem, fit, null, first=True)
-        state = SearchState((calibrated.model, problem, fit), base, null)
-        if p_value < ALARM:
-            state = search_effects(search, state, screened, max_effects)
-    final = finish(state.current[1], state.current[2], 0.0, state.null.parameter_sd)
+        result = _attempt(search, model, max_effects)
+        looser = with_nuisances(model, train)
+        if looser is not model and not _stands(search, result):
+            search.progress("estimating the URDF's masses", 0)
+            other = _attempt(search, looser, max_effects)
+            if not (result.verdict != "unknown" and len(result.state.steps) > 1 and other.verdict == "unknown"):
+                result = other
+    baseline = None
+    if result.state.start[1].signals.by_effort:
+        baseline = float(np.nanmean(least_squares_rms(model, train, all_test)))
     return summarise(
-        verdict=_verdict(p_value, state), model=model, calibrated=calibrated, final=final, steps=state.steps,
-        tie=state.tie, closest=state.closest, base=base, held=state.held, null=state.null, p_value=p_value,
-        ranking=search.ranking, unobservable=search.unobservable, catalogue=catalogue, test=all_test, rollouts=search.rollouts,
-        seconds=time.perf_counter() - begun,
+        result, model=model, ranking=search.ranking, unobservable=search.unobservable, catalogue=catalogue, test=all_test,
+        rollouts=search.rollouts, seconds=time.perf_counter() - begun, baseline=baseline,
     )  # fmt: skip
 
 
-def _verdict(p_value: float, state: SearchState) -> str:
-    if p_value >= ALARM:
-        return "nothing_missing"
-    if not state.steps or not is_convincing(state.base, state.held, state.null.chi2):
-        return "unknown"
-    return "ambiguous" if state.tie else "missing"
+def _stands(search: Search, result: Attempt) -> bool:
+    """Whether a verdict on the URDF's own masses stands: it names one effect, which remains more probable than none where the
+    masses are estimated too, or it says that nothing is missing.
+    """
+    if result.verdict == "nothing_missing":
+        return True
+    if result.verdict == "unknown" or len(result.state.steps) > 1:
+        return False
+    evidence = []
+    for model in (result.calibrated.model, result.final.model):
+        model = model.with_effect(InertialError)
+        problem = Problem(model, search.train)
+        fit = minimise(problem, problem.start, progress=search.progress)
+        search.rollouts += problem.rollouts
+        evidence.append(log_evidence(problem, fit))
+    return evidence[1] > evidence[0] + np.log(ODDS)
+
+
+def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:
+    """Calibrate a model, test whether it is wrong, and search for the effects that it lacks.
+
+    Where efforts are compared, an effect is named on the URDF's own masses (2 % off) only if it leaves nothing to explain.
+    """
+    search.ranking = []
+    problem, fit = fit_least_squares(model, search.train, progress=search.progress)
+    search.unit = problem.signals.unit or "rad"
+    calibrated = finish(problem, fit, 0.0)
+    search.rollouts += problem.rollouts
+    base = evaluate(calibrated.model, search.test)
+    search.progress("drawing faultless robots", 0, held_out_error=search.milli(base.error))
+    null = draw_null(calibrated.model, fit, problem, search.test, search.rng)
+    search.rollouts += null.rollouts
+    p_value = null.p_value(base.chi2)
+    screened = screen_all(search, problem, fit, null, first=True)
+    state = SearchState((calibrated.model, problem, fit), base, null)
+    verdict = "nothing_missing"
+    if p_value < ALARM:
+        state = search_effects(search, state, screened, max_effects)
+        estimated = any(effect.name == InertialError.name for effect in model.effects)
+        if problem.signals.by_effort and not estimated:
+            convincing = state.is_exact
+        else:
+            explainable = explainable_chi2(calibrated.model, search.train, search.test) if estimated else None
+            convincing = is_convincing(base, state.held, state.null.chi2, explainable)
+        verdict = "unknown" if not state.steps or not convincing else "ambiguous" if state.tie else "missing"
+    final = finish(state.current[1], state.current[2], 0.0, state.null.parameter_sd)
+    return Attempt(verdict, calibrated, final, state, p_value)

@@ -13,34 +13,18 @@ from embodiedreamer_gym.diagnosis.compare import compare
 from embodiedreamer_gym.diagnosis.comparison import GUESSED, gains_are_guessed
 from embodiedreamer_gym.diagnosis.held_out import HeldOut
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution
+from embodiedreamer_gym.diagnosis.search import Ranked, SearchState
 from embodiedreamer_gym.diagnosis.trajectory_error import trajectory_losses
 from embodiedreamer_gym.diagnosis.verdict import explained, rank_notes, total_explained
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.io.tables import MILLI, finite
 from embodiedreamer_gym.phys_aligner import Calibration
+from embodiedreamer_gym.phys_aligner.linear_baseline import TERMS
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Rollout
 
 LABELS = ("nominal", "calibrated", "with_effect", "noise")
-
-
-@dataclass(frozen=True)
-class Ranked:
-    """One effect that was refitted alone.
-
-    held_out_chi2: mean over joints of the held-out chi2.
-    gain, gain_error: fall of the held-out score, and its standard error.
-    screening: fall of the log residual in the linear screening.
-    note: why the effect is not named although it ranks before one that is, else "".
-    """
-
-    effect: str
-    held_out_chi2: float
-    gain: float
-    gain_error: float
-    screening: float
-    note: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +33,12 @@ class Diagnosis:
 
     verdict: "nothing_missing", "missing", "ambiguous" or "unknown"; sentence: the same in words.
     effects: names in the order of the search (both of a tie).
+    closest: where the verdict is "unknown", the effects that lower the held-out error most; not to be relied on.
     joints: effect -> joints or arms it acts on.
     parameters: effect -> joint -> value, low, high, unit.
     ranking: the effects that were refitted, best first.
-    error, end_effector_mm: nominal, calibrated, with_effect (None where none is named) and noise; error in `unit`.
+    error, end_effector_mm: nominal, calibrated, with_effect (None where no effect helps), noise and, of recordings without a
+        command, least_squares (see `least_squares_rms`); error in `unit`.
     unobservable: effects that these recordings cannot show.
     unexplained: joint -> share of its excess error that is left.
     steps: (label, held-out error) from nominal over calibrated to each added effect.
@@ -79,6 +65,7 @@ class Diagnosis:
     seconds: float
     unit: str
     chi2: dict[str, list[float]]
+    closest: tuple[str, ...]
     nominal: RobotModel
     calibrated: RobotModel
     model: RobotModel
@@ -96,8 +83,8 @@ class Diagnosis:
     def models_by_label(self) -> dict[str, RobotModel]:
         """Nominal and calibrated model, and the one with the named effects."""
         models = {"nominal": self.nominal, "calibrated": self.calibrated}
-        if self.effects:
-            models[f"with {', '.join(self.effects)}".replace("_", " ")] = self.model
+        if self.effects or self.closest:
+            models[f"with {', '.join(self.effects or self.closest)}".replace("_", " ")] = self.model
         return models
 
     def as_dict(self) -> dict[str, Any]:
@@ -106,6 +93,7 @@ class Diagnosis:
             "verdict": self.verdict,
             "sentence": self.sentence,
             "effects": list(self.effects),
+            "closest": list(self.closest),
             "joints": {k: list(v) for k, v in self.joints.items()},
             "parameters": self.parameters,
             "ranking": [{k: v for k, v in asdict(r).items() if k != "screening"} for r in self.ranking],
@@ -126,6 +114,8 @@ class Diagnosis:
         for label, error in self.steps:
             note = f" ({GUESSED})" if label == "nominal" and self.gains_guessed else ""
             lines.append(f"  {label + note:<32} {error * 1e3:>10.3f}")
+        if self.error["least_squares"] is not None:
+            lines.append(f"  {'plain least squares':<32} {self.error['least_squares'] * 1e3:>10.3f}  ({TERMS})")
         lines.append(f"  {'noise floor':<32} {(self.error['noise'] or 0) * 1e3:>10.3f}")
         if self.ranking:
             lines += ["", f"{'rank  effect':<36} {'held-out chi2/n':>16} {'gain (log)':>18}"]
@@ -146,49 +136,69 @@ class Diagnosis:
         return "\n".join(lines)
 
 
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What a search ended with.
+
+    verdict: as of a `Diagnosis`.
+    calibrated, final: the model's calibration without and with the effects found.
+    state: the effects found, and errors on held-out recordings.
+    p_value: share of faultless robots that do as badly as the calibrated model.
+    """
+
+    verdict: str
+    calibrated: Calibration
+    final: Calibration
+    state: SearchState
+    p_value: float
+
+
 def summarise(
-    *, verdict: str, model: RobotModel, calibrated: Calibration, final: Calibration, steps: Sequence[Candidate],
-    tie: Sequence[Candidate], closest: Candidate | None, base: HeldOut, held: HeldOut, null: NullDistribution,
-    p_value: float, ranking: Sequence[Ranked], unobservable: tuple[str, ...], catalogue: Mapping[str, type[Effect]], test: Sequence[Recording],
-    rollouts: int, seconds: float,
+    attempt: Attempt, *, model: RobotModel, ranking: Sequence[Ranked], unobservable: tuple[str, ...],
+    catalogue: Mapping[str, type[Effect]], test: Sequence[Recording], rollouts: int, seconds: float, baseline: float | None,
 ) -> Diagnosis:  # fmt: skip
     """Put a search's results into a Diagnosis."""
-    named = verdict in ("missing", "ambiguous")
-    better = final.model if named else calibrated.model
+    verdict, calibrated, final, p_value = attempt.verdict, attempt.calibrated, attempt.final, attempt.p_value
+    state = attempt.state
+    steps, tie, closest, base, held, null = state.steps, state.tie, state.closest, state.base, state.held, state.null
+    named, kept = verdict in ("missing", "ambiguous"), bool(steps)
+    better = final.model if kept else calibrated.model
     chain = [*tie, *steps[1:]] if verdict == "ambiguous" else steps
     effects = tuple(c.kind.name for c in chain) if named else ()
     models = {"nominal": model, "calibrated": calibrated.model}
-    if named:
+    if kept:
         models["with_effect"] = better
     comparison = compare(list(models.values()), test, labels=list(models))
     errors: dict[str, float] = dict(zip(models, comparison.error.tolist(), strict=True))
-    error: dict[str, float | None] = {label: errors.get(label) for label in LABELS} | {"noise": comparison.noise}
+    error: dict[str, float | None] = {label: errors.get(label) for label in LABELS}
+    error |= {"noise": comparison.noise, "least_squares": baseline}
     millimetres: dict[str, float] = dict(zip(models, comparison.end_effector_mm.tolist(), strict=True))
     millimetres["noise"] = np.nan if comparison.signals.by_effort else _noise_mm(model, test)
-    share = explained(base, held if named else base, null.chi2)
+    share = explained(base, held, null.chi2)
     unexplained = {
         joint: float(1.0 - s) for joint, s in zip(model.joints, share, strict=True) if np.isfinite(s) and 1.0 - s > 0.1
     }
     stages = [("nominal", errors["nominal"]), ("calibrated", errors["calibrated"])]
-    if named:
+    if kept:
         between = compare([c.model for c in steps[:-1]], test).error.tolist() if len(steps) > 1 else []
         stages += [(f"+ {c.kind.name}", e) for c, e in zip(steps, [*between, errors["with_effect"]], strict=True)]
-    parameters = {c.kind.name: _parameters(better, c.kind.name) for c in steps} if named else {}
+    parameters = {c.kind.name: _parameters(better, c.kind.name) for c in steps}
     notes = rank_notes([r.effect for r in ranking], [r.gain for r in ranking], effects, catalogue)
     return Diagnosis(
-        verdict=verdict, sentence=_sentence(verdict, effects, parameters, closest, base, null, p_value),
+        verdict=verdict, sentence=_sentence(verdict, effects, parameters, closest, base, held, null, p_value),
         effects=effects, joints={e: _places(rows) for e, rows in parameters.items()}, parameters=parameters,
         ranking=tuple(replace(r, note=note) for r, note in zip(ranking, notes, strict=True)), error=error,
         end_effector_mm={label: finite(millimetres.get(label, np.nan)) for label in LABELS}, unobservable=unobservable,
         unexplained=unexplained, steps=tuple(stages), p_value=p_value, rollouts=rollouts, seconds=seconds,
-        unit=comparison.unit, chi2=_chi2(base, held, null, named), nominal=model, calibrated=calibrated.model, model=better,
+        unit=comparison.unit, chi2=_chi2(base, held, null, kept),
+        closest=() if named else tuple(c.kind.name for c in steps), nominal=model, calibrated=calibrated.model, model=better,
     )  # fmt: skip
 
 
-def _chi2(base: HeldOut, held: HeldOut, null: NullDistribution, named: bool) -> dict[str, list[float]]:
+def _chi2(base: HeldOut, held: HeldOut, null: NullDistribution, kept: bool) -> dict[str, list[float]]:
     """Held-out chi2 per joint, and what faultless robots have: their median and their 95th percentile."""
     usual, most = np.quantile(null.chi2, (0.5, 0.95), axis=0)
-    chi2 = {"calibrated": base.chi2, "usual": usual, "most": most} | ({"with_effect": held.chi2} if named else {})
+    chi2 = {"calibrated": base.chi2, "usual": usual, "most": most} | ({"with_effect": held.chi2} if kept else {})
     return {label: [float(x) for x in values] for label, values in chi2.items()}
 
 
@@ -218,7 +228,10 @@ def _places(rows: dict[str, dict[str, Any]]) -> tuple[str, ...]:
     return tuple(k for k in rows if "." not in k)
 
 
-def _sentence(verdict, effects, parameters, closest, base: HeldOut, null: NullDistribution, p_value: float) -> str:
+def _sentence(
+    verdict: str, effects: Sequence[str], parameters: Mapping[str, dict[str, dict[str, Any]]], closest: Candidate | None,
+    base: HeldOut, held: HeldOut, null: NullDistribution, p_value: float,
+) -> str:  # fmt: skip
     usual = f"a faultless robot whose masses are 2 % off scores as badly with p = {p_value:.3f}"
     if verdict == "nothing_missing":
         return f"Nothing is missing that these recordings could show ({usual})."
@@ -229,5 +242,7 @@ def _sentence(verdict, effects, parameters, closest, base: HeldOut, null: NullDi
         return f"Ambiguous: {' or '.join(effects)}; this motion does not distinguish them."
     if closest is None:
         return f"Unknown: the model is wrong ({usual}), but no known effect lowers the held-out error."
-    share = max(total_explained(base, closest.held_out, null.chi2), 0.0)
-    return f"Unknown: the model is wrong ({usual}); the closest, {closest.kind.name}, explains {100 * share:.0f} %."
+    names = " and ".join(parameters) or closest.kind.name
+    share = max(total_explained(base, held if parameters else closest.held_out, null.chi2), 0.0)
+    verb = "explain" if len(parameters) > 1 else "explains"
+    return f"Unknown: the model is wrong ({usual}); the closest, {names}, {verb} {100 * share:.0f} %."

@@ -14,15 +14,17 @@ import numpy as np
 
 from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
-from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.problem import CORRELATED, Problem
 from embodiedreamer_gym.recordings import Recording
-from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
 MASS = 0.02  # relative standard deviation of a link's mass
 CENTRE = 0.0025  # m, of each coordinate of its centre of mass
 SENSOR = 0.15  # relative sd of the sensor's variance as it is estimated from a log
+COMMON = 0.15  # the like, shared by all joints: of efforts, whose noise is that of a smoothed motion's acceleration
 FIRST_STATE = 0.02  # of a sensor's variance: the first state of a run is measured, not known
 DRAWS = 2000
+GROUPS = tuple(ParameterKey(name, InertialError.name) for name in ("mass", "x", "y", "z"))
 LEAST_SPREAD = 0.3  # of a joint's log chi2: the accuracy to which a sensor's noise is known
 
 
@@ -58,30 +60,58 @@ def draw_null(
     model: RobotModel, fit: Fit, problem: Problem, test: Sequence[Recording], rng: np.random.Generator
 ) -> NullDistribution:  # fmt: skip
     """Draw faultless robots like a calibrated model and score them on the held-out recordings."""
+    if any(effect.name == InertialError.name for effect in model.effects):
+        return _estimated_masses(model, fit, problem, test, rng)
     perturbed = model.with_effect(InertialError)
     hold = problem.hold
-    train_problem = Problem(perturbed, problem.recordings, ("inertial_error",), hold)
+    train_problem = Problem(perturbed, problem.recordings, GROUPS, hold)
     mass_train = train_problem.jacobian(train_problem.start)[1]
-    test_problem = Problem(perturbed, test, ("inertial_error",), hold)
+    test_problem = Problem(perturbed, test, GROUPS, hold)
     mass_test = test_problem.jacobian(test_problem.start)[1]
     calibrated = Problem(model, test, tuple({row.key.group for row in problem.rows}), hold)
     response_test = calibrated.jacobian(np.clip(fit.x, calibrated.lower, calibrated.upper))[1]
-    size = np.array(
-        [(MASS / 0.02) if row.key.parameter.endswith("mass") else CENTRE / 0.002 for row in train_problem.rows]
-    )
+    sd = {"mass": MASS / model.urdf_error.mass}  # in scaled units
+    size = np.array([sd.get(row.key.parameter, CENTRE / model.urdf_error.centre) for row in train_problem.rows])
     weight = fit.weight[:, None]
     response = np.linalg.lstsq(fit.jacobian * weight, -mass_train * weight, rcond=1e-6)[0]
     residual = mass_test + response_test @ response
     draws = rng.standard_normal((DRAWS, len(size))) * size
-    chi2 = np.zeros((DRAWS, model.n))
-    for j in range(model.n):
-        own = residual[test_problem.joint_of == j]
+    chi2 = _left(draws, residual, test_problem)
+    parameter_sd = np.sqrt(np.sum((response * size) ** 2, axis=1))
+    rollouts = train_problem.rollouts + test_problem.rollouts + calibrated.rollouts
+    return _null(chi2, test_problem, rollouts, parameter_sd, rng)
+
+
+def _estimated_masses(
+    model: RobotModel, fit: Fit, problem: Problem, test: Sequence[Recording], rng: np.random.Generator
+) -> NullDistribution:  # fmt: skip
+    """Robots whose masses the fit has estimated: what is left is how well the training motion determines all parameters."""
+    judged = Problem(model, test, tuple({row.key.group for row in problem.rows}), problem.hold)
+    response = judged.jacobian(np.clip(fit.x, judged.lower, judged.upper))[1]
+    independent = problem.seconds / CORRELATED * problem.model.n / problem.samples  # share of the samples
+    information = independent * fit.jacobian.T @ fit.jacobian + np.diag(problem.prior)
+    size = np.sqrt(np.maximum(np.diag(information), 1e-12))
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    root = vectors / np.sqrt(np.maximum(values, 1e-8)) / size[:, None]
+    draws = rng.standard_normal((DRAWS, len(size))) @ root.T
+    return _null(_left(draws, response, judged), judged, judged.rollouts, np.zeros(len(size)), rng)
+
+
+def _left(draws: np.ndarray, response: np.ndarray, problem: Problem) -> np.ndarray:
+    """Mean square residual (draws, n) of each joint that changes (draws, m) of parameters leave."""
+    chi2 = np.zeros((len(draws), problem.model.n))
+    for j in range(problem.model.n):
+        own = response[problem.joint_of == j]
         if len(own):
             chi2[:, j] = np.sum(draws @ (own.T @ own / len(own)) * draws, axis=1)
-    counts = np.maximum(test_problem.joint_counts, 1)
-    sd = np.sqrt(2.0 / counts + SENSOR**2)
-    noise = FIRST_STATE + np.exp(sd * rng.standard_normal(chi2.shape))
-    parameter_sd = np.sqrt(np.sum((response * size) ** 2, axis=1))
-    return NullDistribution(
-        noise + chi2, train_problem.rollouts + test_problem.rollouts + calibrated.rollouts, parameter_sd
-    )
+    return chi2
+
+
+def _null(
+    chi2: np.ndarray, problem: Problem, rollouts: int, parameter_sd: np.ndarray, rng: np.random.Generator
+) -> NullDistribution:  # fmt: skip
+    """The distribution of what masses leave (draws, n), with the sensors' noise added."""
+    sd = np.sqrt(2.0 / np.maximum(problem.joint_counts, 1) + SENSOR**2)
+    common = COMMON * rng.standard_normal((len(chi2), 1)) if problem.signals.by_effort else 0.0
+    noise = FIRST_STATE + np.exp(sd * rng.standard_normal(chi2.shape) + common)
+    return NullDistribution(noise + chi2, rollouts, parameter_sd)

@@ -9,7 +9,6 @@ import numpy as np
 
 from embodiedreamer_gym.diagnosis.backward_elimination import drop_redundant, prune_all, resolve_tie
 from embodiedreamer_gym.diagnosis.candidates import Candidate, polish, refit
-from embodiedreamer_gym.diagnosis.diagnosis import Ranked
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, gain
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution, draw_null
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
@@ -23,6 +22,7 @@ from embodiedreamer_gym.diagnosis.verdict import (
     leaves_excess,
 )
 from embodiedreamer_gym.effects import Effect
+from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.io.parallel import many
 from embodiedreamer_gym.io.progress import ProgressCallback
 from embodiedreamer_gym.io.tables import milli
@@ -33,6 +33,24 @@ from embodiedreamer_gym.robot import RobotModel
 
 REFITS = 5  # best of the screening that are refitted
 LEADERS = 2  # of them that are refitted to the end
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One effect that was refitted alone.
+
+    held_out_chi2: mean over joints of the held-out chi2.
+    gain, gain_error: fall of the held-out score, and its standard error.
+    screening: fall of the log residual in the linear screening.
+    note: why the effect is not named although it ranks before one that is, else "".
+    """
+
+    effect: str
+    held_out_chi2: float
+    gain: float
+    gain_error: float
+    screening: float
+    note: str = ""
 
 
 @dataclass
@@ -90,6 +108,11 @@ class SearchState:
         return alarm or (bool(self.steps) and leaves_excess(self.held, self.null.chi2))
 
     @property
+    def is_exact(self) -> bool:
+        """Whether no joint is worse than those of faultless robots usually are."""
+        return bool(self.steps) and not leaves_excess(self.held, self.null.chi2)
+
+    @property
     def held(self) -> HeldOut:
         """Held-out error of the model so far."""
         return self.steps[-1].held_out if self.steps else self.base
@@ -102,8 +125,8 @@ def search_effects(
     again = replace(state, steps=[], tie=[])
     add_effects(search, state, screened, max_effects)
     eliminate(search, state)
-    if is_convincing(state.base, state.held, state.null.chi2):
-        return state
+    if is_convincing(state.base, state.held, state.null.chi2) or state.start[1].signals.by_effort:
+        return state  # inverse runs have no pieces that are easier to fit
     first = search.ranking
     search.by_pieces, search.ranking = True, []
     add_effects(search, again, screened, max_effects)
@@ -182,7 +205,9 @@ def _candidates(
     search: Search, screened: Sequence[Screened], model: RobotModel, problem: Problem, fit: Fit, held: HeldOut
 ) -> list[Candidate]:  # fmt: skip
     """Refit the best of the screening and the effects that they may be confused with."""
-    chosen, step = _shortlist(screened), f"{len(model.effects)} effects{', by pieces' * search.by_pieces}"
+    estimated = any(effect.name == InertialError.name for effect in model.effects)
+    notes = ", by pieces" * search.by_pieces + ", masses estimated" * estimated
+    chosen, step = _shortlist(screened), f"{len(model.effects)} effects{notes}"
     candidates: list[Candidate] = []
     for part in (chosen[:LEADERS], chosen[LEADERS:]):  # refits of the second part stop when far behind the first
         rival = min((c.fit.cost for c in candidates), default=fit.cost)

@@ -83,12 +83,13 @@ def _worse(before: HeldOut, best: Candidate, other: Candidate) -> bool:
     return fall > 0.0 and trained > 3.0 * TIE
 
 
-def is_convincing(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
+def is_convincing(before: HeldOut, after: HeldOut, null: np.ndarray, explainable: np.ndarray | None = None) -> bool:
     """Whether the effects explain the excess error so well that they, and not similar ones, are what is missing.
 
     Right effects leave what faultless robots have, or little more and nearly nothing of the former excess. Where no joint
     comes near its noise, the sensors resolve more than such models predict anyway, and effects that explain most of the
-    excess are enough.
+    excess are enough; so are effects that explain nearly all that a general regression explains (explainable (n,): the
+    chi2 that it leaves, see `explainable_chi2`).
     """
     if total_explained(before, after, null) < EXPLAINED:
         return False
@@ -99,8 +100,19 @@ def is_convincing(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
     was, rest = (np.maximum(h.chi2 - usual, 0.0).sum() for h in (before, after))
     if beyond.min() > FAR:
         return bool(rest <= (1 - EXPLAINED) * was)
+    if explainable is not None and share_of_explainable(before, after, null, explainable) >= MOSTLY:
+        return True
     was_log, rest_log = (np.log(np.maximum(h.chi2 / usual, 1.0)).sum() for h in (before, after))
     return bool(beyond.max() <= FAR and rest <= (1 - NEARLY) * was and rest_log <= (1 - MOSTLY) * was_log)
+
+
+def share_of_explainable(before: HeldOut, after: HeldOut, null: np.ndarray, explainable: np.ndarray) -> float:
+    """Fall of the log chi2 by the effects over that by them or a general regression, whichever is more at each joint."""
+    usual = np.median(null, axis=0)
+    was, rest = np.maximum(before.chi2, usual), np.maximum(after.chi2, usual)
+    least = np.minimum(rest, np.maximum(explainable, usual))
+    most = float(np.sum(np.log(was / least)))
+    return float(np.sum(np.log(was / rest))) / most if most > 0 else 0.0
 
 
 def leaves_excess(held: HeldOut, null: np.ndarray) -> bool:

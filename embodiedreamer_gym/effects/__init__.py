@@ -1,6 +1,6 @@
 """Physical effects: one small file each, and the catalogue that lists them."""
 
-from embodiedreamer_gym.effects.catalogue import CATALOGUE, find_effect, load_effects
+from embodiedreamer_gym.effects.catalogue import CATALOGUE, NUISANCES, find_effect, load_effects
 from embodiedreamer_gym.effects.effect import (
     Effect,
     JointState,
@@ -13,6 +13,7 @@ from embodiedreamer_gym.effects.effect import (
 
 __all__ = [
     "CATALOGUE",
+    "NUISANCES",
     "Effect",
     "JointState",
     "Mechanics",

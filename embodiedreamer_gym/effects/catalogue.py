@@ -15,8 +15,10 @@ from embodiedreamer_gym.effects.command_rate_limit import CommandRateLimit
 from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
 from embodiedreamer_gym.effects.direction_dependent_friction import DirectionDependentFriction
 from embodiedreamer_gym.effects.effect import Effect, MechanicsChange, SignalLaw, TorqueBudget
+from embodiedreamer_gym.effects.effort_sensor import EffortSensor
 from embodiedreamer_gym.effects.encoder_offset import EncoderOffset
 from embodiedreamer_gym.effects.hysteresis import Hysteresis
+from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.effects.joint_elasticity import JointElasticity
 from embodiedreamer_gym.effects.joint_spring import JointSpring
 from embodiedreamer_gym.effects.laws import check_laws
@@ -67,12 +69,17 @@ CATALOGUE: Catalogue = {
     )
 }
 
+NUISANCES: Catalogue = {kind.name: kind for kind in (EffortSensor, InertialError)}
+"""What fits estimate beside the effects, and no diagnosis names."""
+
 
 def find_effect(name: str, catalogue: Catalogue = CATALOGUE) -> type[Effect]:
     """Return the effect of that name.
 
     Raises: EffectError that lists the known names.
     """
+    if name in NUISANCES:
+        return NUISANCES[name]
     if name not in catalogue:
         raise EffectError(f"there is no effect '{name}'; known effects: {', '.join(catalogue)}.")
     return catalogue[name]
@@ -104,7 +111,7 @@ def load_effects(path: str | Path, catalogue: Catalogue = CATALOGUE) -> Catalogu
             continue  # what several effects of the file share
         name = getattr(kind, "name", None)
         name = name if isinstance(name, str) else kind.__name__
-        if name in catalogue or name in own_effects:
+        if name in catalogue or name in NUISANCES or name in own_effects:
             raise EffectError(f"effects file {path} defines '{name}', a name that is taken.")
         own_effects[name] = kind
     if not own_effects:

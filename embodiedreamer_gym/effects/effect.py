@@ -16,7 +16,7 @@ import numpy as np
 from embodiedreamer_gym.errors import EffectError
 
 Array = np.ndarray
-STAGES = ("command", "servo", "drive", "load", "sensor", "clock")
+STAGES = ("command", "servo", "drive", "load", "sensor", "effort", "clock")
 PER = {"clock": "arm"}  # whose signal a stage has: (B, arms), else that of the joints, (B, n)
 
 
@@ -27,7 +27,7 @@ class Parameter:
     off: the value at which the effect vanishes, inside [low, high]; typical: a size that is plainly visible.
     A limit, whose off value is its upper bound, reaches the law as infinity when off.
     scale: "torque" multiplies low, high and typical by a torque typical of the joint [N m], "1/torque" divides them by
-    it, "" takes them as they are; per: one value for each joint or for each arm; starts: values of a shape parameter from which a fit has to
+    it, "" takes them as they are, "urdf_..." multiplies by a standard deviation of the model's `urdf_error`; per: one value for each joint or for each arm; starts: values of a shape parameter from which a fit has to
     begin to find the right one, where a few sizes do not reach all.
     """
 
@@ -37,7 +37,7 @@ class Parameter:
     low: float
     high: float
     typical: float
-    scale: Literal["", "torque", "1/torque"] = ""
+    scale: Literal["", "torque", "1/torque", "urdf_mass", "urdf_centre", "urdf_stretch"] = ""
     per: Literal["joint", "arm"] = "joint"
     shape: bool = False  # a shape parameter: has no influence while the effect's other parameters are off
     starts: tuple[float, ...] = ()
@@ -135,6 +135,7 @@ class SignalLaw(Effect):
     stage "command": the commanded position; "servo": the position error; "drive": the servo's torque, of which the
     law says what arrives at the joint (a log's effort is what goes in: a current says no more); "load": an extra
     torque on the joint (the law adds to it); "sensor": the measured position. These signals are (B, n).
+    "effort": the drive's torque as a log's effort shows it; only comparisons of efforts pass through this stage.
     "clock": the standard deviation of the errors of a log's time stamps, (B, arms), s. The robot does not feel it: only the
     comparison of a run with a log passes through this stage.
     """

@@ -1,28 +1,45 @@
-"""Errors of the URDF's masses: not an effect to be named, but what no verdict may be blamed on."""
+"""Errors of the URDF's masses: not an effect to be named, but what a fit estimates beside the effects."""
+
+import numpy as np
 
 from embodiedreamer_gym.effects.effect import MechanicsChange, Parameter
 
 
 class InertialError(MechanicsChange):
-    """Relative error of each moving body's mass and an offset of its centre of mass; joint names stand for bodies."""
+    """Errors of each moving body's mass, centre of mass and inertia; joint names stand for bodies.
+
+    Every value of these parameters is a body that can exist: the mass is multiplied by exp(mass), and the second moments
+    about the centre of mass are those of the body stretched along its axes by exp(stretch), so that they stay positive
+    definite and the principal inertias keep the triangle inequality.
+    Source: Rucker and Wensing, IEEE Robotics and Automation Letters 7(2), 2022 (the log-Cholesky form, without shear).
+    """
 
     name = "inertial_error"
     parameters = (
-        Parameter("mass", "1", off=0.0, low=-0.5, high=0.5, typical=0.02),
-        Parameter("x", "m", off=0.0, low=-0.05, high=0.05, typical=0.002),
-        Parameter("y", "m", off=0.0, low=-0.05, high=0.05, typical=0.002),
-        Parameter("z", "m", off=0.0, low=-0.05, high=0.05, typical=0.002),
-    )
+        Parameter("mass", "1", off=0.0, low=-3.0, high=3.0, typical=1.0, scale="urdf_mass"),
+        *(Parameter(axis, "m", off=0.0, low=-3.0, high=3.0, typical=1.0, scale="urdf_centre") for axis in "xyz"),
+        *(Parameter(f"stretch_{axis}", "1", off=0.0, low=-3.0, high=3.0, typical=1.0, scale="urdf_stretch") for axis in "xyz"),
+    )  # fmt: skip
     symptom = "every joint errs a little, in no pattern that a servo or a friction law has"
     reveals = "weighing the links"
 
     @staticmethod
     def change(mechanics, p):
-        """Scale mass and inertia of body j, and move its centre of mass (B, n); the first n bodies are meant."""
+        """Change mass, centre and inertia of body j by column j of the parameters (B, n); the first n bodies are meant."""
+        stretch = np.exp(np.stack([p.stretch_x, p.stretch_y, p.stretch_z], axis=-1))
+        shift = np.stack([p.x, p.y, p.z], axis=-1)
         for j in range(p.mass.shape[1]):
-            factor = 1.0 + p.mass[:, j]
-            mechanics.mass[:, j] *= factor
-            mechanics.first_moment[:, j] *= factor[:, None]
-            mechanics.inertia[:, j] *= factor[:, None, None]
-            for axis, shift in enumerate((p.x, p.y, p.z)):
-                mechanics.first_moment[:, j, axis] += mechanics.mass[:, j] * shift[:, j]
+            mass = mechanics.mass[:, j, None]
+            centre = mechanics.first_moment[:, j] / np.maximum(mass, 1e-12)
+            spread = _second_moment(mechanics.inertia[:, j]) - (mass * centre)[:, :, None] * centre[:, None, :]
+            spread = spread * stretch[:, j, :, None] * stretch[:, j, None, :]
+            factor, centre = np.exp(p.mass[:, j, None]), centre + shift[:, j]
+            moment = factor[:, :, None] * (spread + (mass * centre)[:, :, None] * centre[:, None, :])
+            mechanics.mass[:, j] *= factor[:, 0]
+            mechanics.first_moment[:, j] = factor * mass * centre
+            mechanics.inertia[:, j] = np.trace(moment, axis1=1, axis2=2)[:, None, None] * np.eye(3) - moment
+
+
+def _second_moment(inertia):
+    """Second moments (B, 3, 3) kg m^2, the integral of r r^T, of inertias (B, 3, 3) about the same point."""
+    return 0.5 * np.trace(inertia, axis1=1, axis2=2)[:, None, None] * np.eye(3) - inertia

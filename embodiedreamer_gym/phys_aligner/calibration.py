@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence, silent
 from embodiedreamer_gym.phys_aligner.intervals import NORMAL_95, spread
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
-from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
+from embodiedreamer_gym.phys_aligner.signals import with_effort_sensor, with_effort_unit
 from embodiedreamer_gym.phys_aligner.starts import scan_starts
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
@@ -53,7 +54,7 @@ class Calibration:
         lines.append(
             f"{self.method}: {self.error * 1e3:.3f} {milli} after {self.rollouts} rollouts, {self.seconds:.1f} s"
         )
-        if self.model.command_hold != "unknown":
+        if self.model.command_hold != "unknown" and self.unit == "rad":
             lines.append(f"between two commands the controller's rule is: {self.model.command_hold}")
         if self.undetermined:
             lines.append(f"this motion does not determine: {', '.join(self.undetermined)}")
@@ -118,6 +119,7 @@ def calibrate(
         raise CalibrationError(f"method '{method}' is none of {', '.join(METHODS)}.")
     begun, progress = time.perf_counter(), progress_or_silence(progress)
     recordings = with_effort_unit(model, thin(recordings, max_seconds))
+    model = with_nuisances(model, recordings)
     if method != "least-squares":
         problem, x = _search(model, recordings, method, groups, rng or np.random.default_rng(0), progress, options)
         residuals = problem.residuals(x)[0]
@@ -126,6 +128,17 @@ def calibrate(
                            time.perf_counter() - begun, method, True, None, problem)  # fmt: skip
     problem, fit = fit_least_squares(model, recordings, groups, progress=progress, **options)
     return finish(problem, fit, time.perf_counter() - begun)
+
+
+def with_nuisances(model: RobotModel, recordings: Sequence[Recording]) -> RobotModel:
+    """The model with what its logs have to be fitted with beside the effects: the effort's sensor, the URDF's errors.
+
+    Logs with commands are fitted without: their servo's gains answer most errors of the URDF.
+    """
+    model = with_effort_sensor(model, recordings)
+    if any(r.command is not None for r in recordings) or any(e.name == InertialError.name for e in model.effects):
+        return model
+    return model.with_effect(InertialError)
 
 
 def finish(problem: Problem, fit: Fit, seconds: float, sway: np.ndarray | None = None) -> Calibration:

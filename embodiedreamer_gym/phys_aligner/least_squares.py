@@ -2,7 +2,8 @@
 
 The cost is the mean over joints of log(1 + chi2 of the joint), the likelihood of residuals whose size is unknown joint
 by joint but never below the sensor's noise: a joint with an effect that the model lacks does not rule the others, and
-a joint that is nearly right is still worth getting right.
+a joint that is nearly right is still worth getting right. Errors of the URDF add the squares of their distance from zero
+in standard deviations, as their prior's likelihood does.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def minimise(
     converged = False
     for iteration in range(iterations):
         limit = huber_limit(problem, r)
-        cost = robust_cost(problem, r, limit)
+        cost = robust_cost(problem, r, limit) + problem.prior_cost(x)
         progress("least squares", iteration, iterations, error=f"{np.sqrt(np.expm1(cost)):.3g} sensor noises")
         weight = robust_weight(problem, r, limit)
         tried = _descend(problem, x, r, jacobian, weight, limit, cost, damping)
@@ -72,14 +73,21 @@ def fit_at(problem: Problem, x: np.ndarray) -> Fit:
     return _fit(problem, x, *problem.jacobian(x), True)
 
 
-def cost_of(problem: Problem, r: np.ndarray) -> float:
-    """Mean over joints of log(1 + chi2) of residuals (N,), outliers counting less."""
-    return robust_cost(problem, r, huber_limit(problem, r))
+def cost_of(problem: Problem, x: np.ndarray, r: np.ndarray) -> float:
+    """Mean over joints of log(1 + chi2) of residuals (N,) at scaled parameters (m,), outliers counting less."""
+    return robust_cost(problem, r, huber_limit(problem, r)) + problem.prior_cost(x)
 
 
 def _fit(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray, converged: bool) -> Fit:
     limit = huber_limit(problem, r)
-    return Fit(x, robust_cost(problem, r, limit), r, jacobian, robust_weight(problem, r, limit), converged)
+    return Fit(
+        x,
+        robust_cost(problem, r, limit) + problem.prior_cost(x),
+        r,
+        jacobian,
+        robust_weight(problem, r, limit),
+        converged,
+    )
 
 
 def _descend(problem, x, r, jacobian, weight, limit, cost, damping):
@@ -87,7 +95,9 @@ def _descend(problem, x, r, jacobian, weight, limit, cost, damping):
     for _ in range(4):
         trials = np.stack([damped_step(problem, x, r, jacobian, weight, d * damping) for d in DAMPINGS])
         residuals = problem.residuals(trials)
-        costs = [robust_cost(problem, row, limit) for row in residuals]
+        costs = [
+            robust_cost(problem, row, limit) + problem.prior_cost(t) for row, t in zip(residuals, trials, strict=True)
+        ]
         best = int(np.argmin(costs))
         if costs[best] < cost:
             return trials[best], costs[best], float(np.clip(damping * DAMPINGS[best], 1e-8, 1e8))
@@ -100,7 +110,8 @@ def damped_step(
 ) -> np.ndarray:  # fmt: skip
     """A damped Gauss-Newton step kept inside the bounds: parameters that would leave are fixed there, one pass each."""
     j, e = jacobian * w[:, None], r * w
-    normal, gradient = j.T @ j, j.T @ e
+    prior = 2.0 * problem.samples * problem.prior_weight * problem.prior
+    normal, gradient = j.T @ j + np.diag(prior), j.T @ e + prior * x
     diagonal = np.maximum(np.diag(normal), 1e-12 * max(np.diag(normal).max(), 1e-300))
     free = np.ones(len(x), bool)
     step = np.zeros(len(x))

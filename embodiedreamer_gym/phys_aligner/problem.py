@@ -6,11 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from embodiedreamer_gym.effects.effort_sensor import EffortSensor
+from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.signals import Signals
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import ParameterKey, ParameterRow, RobotModel
 from embodiedreamer_gym.simulation.rollout import check_names
+
+CORRELATED = 0.05  # s over which residuals are about the same
+SLIGHT = 0.05  # of a joint's typical torque, that viscous friction takes at 1 rad/s where it is slight
 
 
 def free_rows(
@@ -27,7 +32,9 @@ def free_rows(
     servo = {"viscous_friction"} if by_effort else {"stiffness", "damping"}
     if "rotor_inertia" not in model.given:
         servo.add("rotor_inertia")
-    return tuple(row for row in table if row.key.effect or row.key.parameter in servo)
+    free = [row for row in table if row.key.effect or row.key.parameter in servo]
+    fixed = set(table.select(*model.fixed).rows) if model.fixed else set()
+    return tuple(row for row in free if row not in fixed)
 
 
 class Problem:
@@ -64,11 +71,17 @@ class Problem:
         self.lower = self.scale(np.array([row.low for row in self.rows]))
         self.upper = self.scale(np.array([row.high for row in self.rows]))
         self.start = np.clip(self.scale(np.array([row.value for row in self.rows])), self.lower, self.upper)
+        self.prior = np.array([row.key.effect == InertialError.name for row in self.rows], float)
+        self._inertial: np.ndarray | None = None
         self.sigma, usable = self.signals.sigma, self.signals.usable
         self.rollouts = 0
         self.joint_of = np.concatenate([np.nonzero(u)[1] for u in usable])
         self.seconds = sum(r.duration for r in recordings)
         self.joint_counts = np.bincount(self.joint_of, minlength=model.n)
+        independent = max(self.seconds / CORRELATED, 1.0)
+        joints = max(np.count_nonzero(self.joint_counts), 1)
+        self.prior_weight = 1.0 / (independent * joints)
+        self.samples = len(self.joint_of)
         self.run_of = np.concatenate([np.full(int(u.sum()), i) for i, u in enumerate(usable)])
         if len(self.joint_of) < len(self.rows) + 1:
             raise CalibrationError(
@@ -116,6 +129,10 @@ class Problem:
         self.rollouts += len(x)
         return self.signals.residuals(self.model, self.sets(x), self.hold)
 
+    def prior_cost(self, x: np.ndarray) -> float:
+        """Cost of the distance of scaled parameters (m,) from what is known beforehand, on the scale of the fit's cost."""
+        return float(self.prior_weight * np.sum(self.prior * x**2))
+
     def joint_rms(self, residuals: np.ndarray) -> np.ndarray:
         """Root mean square (P, n) of residuals (P, N), in sensor noises."""
         return np.sqrt(np.stack([self.joint_mean(row**2) for row in np.atleast_2d(residuals)]))
@@ -127,10 +144,12 @@ class Problem:
     def jacobian(self, x: np.ndarray, step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (N,) and their derivatives (N, m) by one-sided differences, away from the nearer bound.
 
-        Parameters of different arms share a rollout: one arm's motion does not feel the other's.
+        Parameters of different arms share a rollout: one arm's motion does not feel the other's. The derivatives by the
+        URDF's errors, which are many and nearly constant, are those of the first call.
         """
         sign = np.where(x + step <= self.upper, 1.0, -1.0)
-        colours = self._colours()
+        inertial = self.prior > 0
+        colours = self._colours(np.flatnonzero(~inertial if self._inertial is not None else inertial | True))
         points = np.repeat(x[None], len(colours) + 1, axis=0)
         for p, members in enumerate(colours):
             points[p + 1, members] += step * sign[members]
@@ -142,20 +161,28 @@ class Problem:
             for m in members:
                 own = arm_of_sample == self.arm_of_row[m]
                 jacobian[own, m] = change[own] * sign[m]
+        if self._inertial is None:
+            self._inertial = jacobian[:, inertial]
+        jacobian[:, inertial] = self._inertial
         return r[0], jacobian
 
-    def _colours(self) -> list[list[int]]:
-        """Groups of parameters with one of each arm."""
-        columns = [np.flatnonzero(self.arm_of_row == a).tolist() for a in range(self.model.tree.arms)]
+    def _colours(self, rows: np.ndarray) -> list[list[int]]:
+        """Groups of these parameters (rows) with one of each arm."""
+        columns = [rows[self.arm_of_row[rows] == a].tolist() for a in range(self.model.tree.arms)]
         longest = max(len(c) for c in columns)
         return [[c[i] for c in columns if i < len(c)] for i in range(longest)]
 
 
 def _typical(model: RobotModel, row: ParameterRow) -> float:
-    """The size of a parameter that may be zero."""
+    """The size of a parameter that may be zero or have either sign."""
     if not row.key.effect:
+        if row.key.parameter == "viscous_friction":
+            return max(row.value, SLIGHT * float(model.torque_scale[row.index]))
         rotor = row.key.parameter == "rotor_inertia"
         return float(model.inertia_scale[row.index]) if rotor else max(row.value, 1e-3)
     _, parameter = model.find_parameter(row.key)
+    if row.key.effect == EffortSensor.name:
+        scale = model.group_values(ParameterKey("scale", EffortSensor.name))[row.index]
+        return max(abs(scale), 1e-9) * (1.0 if parameter.name == "scale" else float(model.torque_scale[row.index]))
     span = row.high - row.low
     return span * parameter.typical / (parameter.high - parameter.low)

@@ -1,8 +1,8 @@
 """What a model is held against: the measured signals of recordings, each with its noise.
 
 A channel is one joint's signal: its position in a free run, or, where no log holds a command, its effort in an inverse
-run. Where a log's effort is not in N m, each joint's is compared with the model's torque times a scale, fitted by least
-squares.
+run. What a log's effort shows of a torque is the model's `EffortSensor`: an offset of each joint, and where the effort
+is not in N m, a scale.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from embodiedreamer_gym.effects import Effect
+from embodiedreamer_gym.effects.effort_sensor import EffortSensor
 from embodiedreamer_gym.recordings import (
     Recording,
     noise_floor,
@@ -36,35 +37,33 @@ class Signals:
     """The channels (n,) of recordings and how far runs of a model are from them.
 
     unit: "" for positions in the joints' own units, else the effort's, "N m" or "A"; sigma (n,): noise of a channel, in its
-    unit; usable: per recording, samples (T, n) that are compared.
+    unit; usable: per recording, samples (T, n) that are compared; measured: per recording, the smoothed effort (T, n), where
+    efforts are compared.
     """
 
     def __init__(self, model: RobotModel, recordings: Sequence[Recording]) -> None:
         self.recordings = tuple(recordings)
         self.by_effort = any(r.command is None for r in recordings)
         self.unit, self._arm = "", model.tree.arm
+        self.measured: list[np.ndarray] = []
         if not self.by_effort:
             self.sigma = noise_floor([r.sigma for r in recordings])
             self.usable = [r.usable for r in recordings]
             return
         self.recordings = with_effort_unit(model, recordings)
         self.unit = self.recordings[0].effort_unit
-        self._measured = [_smoothed_effort(r) for r in self.recordings]
+        self.measured = [_smoothed_effort(r) for r in self.recordings]
         self.usable = [r.usable & ~_unknown(r) for r in self.recordings]
-        scale = np.ones(model.n)
-        if self.unit == "A":
-            runs = [run.torque for run in run_sets(model, self.recordings)]
-            scale = effort_scales(self._measured, runs, self.usable)[0, 0]
-        self.sigma = _effort_noise(model, self.recordings, scale)
+        scale = {e.name: e.values["scale"] for e in model.effects if e.name == EffortSensor.name}
+        scale = scale.get(EffortSensor.name, {})
+        self.sigma = _effort_noise(model, self.recordings, np.array([scale.get(j, 1.0) for j in model.joints]))
 
     def errors(self, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
         """Measured less simulated (P, T, n) of runs (P, T, n), in the channels' units."""
         pairs = list(zip(self.recordings, rollouts, strict=True))
         if not self.by_effort:
             return [r.position - run.position for r, run in pairs]
-        runs = [run.torque for run in rollouts]
-        scale = effort_scales(self._measured, runs, self.usable) if self.unit == "A" else 1.0
-        return [e - scale * run for e, run in zip(self._measured, runs, strict=True)]
+        return [e - run.torque for e, run in zip(self.measured, rollouts, strict=True)]
 
     def runs(
         self, model: RobotModel, sets: Sets | None = None, hold: str | None = None, dt: float = TIME_STEP
@@ -126,11 +125,44 @@ def with_effort_unit(model: RobotModel, recordings: Sequence[Recording]) -> tupl
     """
     if not any(r.command is None and r.effort_unit == "unknown" for r in recordings):
         return tuple(recordings)
-    runs = [run.torque for run in run_sets(model, recordings)]
-    usable = [r.usable & ~_unknown(r) for r in recordings]
-    scale = float(np.median(effort_scales([_smoothed_effort(r) for r in recordings], runs, usable)))
+    scaled = any(e.name == EffortSensor.name and e.values["scale"] for e in model.effects)
+    scale = np.inf if scaled else float(np.median(np.abs(_effort_lines(model, recordings)[0])))
     unit = "N m" if 1 / PLAUSIBLE < scale < PLAUSIBLE else "A"
     return tuple(r.with_(effort_unit=unit) for r in recordings)
+
+
+def with_effort_sensor(model: RobotModel, recordings: Sequence[Recording]) -> RobotModel:
+    """The model with an `EffortSensor` where its logs have no command: least squares of effort on the model's torque.
+
+    A model that has one keeps it; so does a model whose logs hold commands. The scale of efforts in N m is one.
+    """
+    if all(r.command is not None for r in recordings) or any(e.name == EffortSensor.name for e in model.effects):
+        return model
+    recordings = with_effort_unit(model, recordings)
+    scale, offset = _effort_lines(model, recordings)
+    if recordings[0].effort_unit == "N m":
+        return model.with_effect(EffortSensor(offset=dict.fromkeys(model.joints, 0.0)))
+    values = {
+        name: dict(zip(model.joints, x.tolist(), strict=True)) for name, x in (("scale", scale), ("offset", offset))
+    }
+    return model.with_effect(EffortSensor(**values))
+
+
+def _effort_lines(model: RobotModel, recordings: Sequence[Recording]) -> tuple[np.ndarray, np.ndarray]:
+    """Scale (n,) and offset (n,) of each joint's effort against the model's torque, by least squares."""
+    runs = [run.torque[0] for run in run_sets(model, recordings)]
+    lines = []
+    for j in range(model.n):
+        keep = [r.usable[:, j] & ~_unknown(r)[:, j] for r in recordings]
+        x, y = (np.concatenate([s[k, j] for s, k in zip(signal, keep, strict=True)])
+                for signal in (runs, [_smoothed_effort(r) for r in recordings]))  # fmt: skip
+        if len(x) < 3 or np.ptp(x) <= 0:
+            lines.append((1.0, 0.0))
+            continue
+        slope = float(np.cov(x, y)[0, 1] / np.var(x, ddof=1))
+        lines.append((slope, float(np.mean(y) - slope * np.mean(x))))
+    scale, offset = np.array(lines).T
+    return scale, offset
 
 
 def _between(a: Rollout, b: Rollout, share: np.ndarray) -> Rollout:

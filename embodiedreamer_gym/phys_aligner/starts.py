@@ -60,6 +60,6 @@ def piecewise_start(problem: Problem, starts: Sequence[np.ndarray]) -> np.ndarra
         ends.append(fit.x)
         rival = min(rival, fit.cost)
     choices = np.stack([*starts, *ends])
-    costs = [cost_of(problem, r) for r in problem.residuals(choices)]
+    costs = [cost_of(problem, x, r) for x, r in zip(choices, problem.residuals(choices), strict=True)]
     problem.rollouts += short.rollouts
     return choices[int(np.argmin(costs))]

@@ -21,6 +21,31 @@ FINGER_FORCE = 10.0  # N, of a sliding joint too light to show what drives it
 HOLDS = ("linear", "hold", "unknown")
 
 
+@dataclass(frozen=True)
+class UrdfError:
+    """Standard deviations of what a URDF says of each link.
+
+    mass: relative, of the mass.
+    centre: m, of each coordinate of the centre of mass.
+    inertia: relative, of the inertia about the centre of mass.
+    Raises: ModelError for a number that is not positive, or a relative one above 1.
+    """
+
+    mass: float = 0.10
+    centre: float = 0.010
+    inertia: float = 0.20
+
+    def __post_init__(self) -> None:
+        for name, most in (("mass", 1.0), ("centre", 1.0), ("inertia", 1.0)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= most:
+                raise ModelError(f"urdf_error: {name} must be a number above 0, at most {most:g}, not {value!r}.")
+
+    def scale(self, name: str) -> float:
+        """Factor of an effect's parameters whose scale is "urdf_..."; a body's inertia grows with twice its stretch."""
+        return {"urdf_mass": self.mass, "urdf_centre": self.centre, "urdf_stretch": self.inertia / 2}[name]
+
+
 @dataclass(frozen=True, eq=False)
 class RobotData:
     """Fields of a robot model, frozen; n is the number of driven joints.
@@ -37,6 +62,8 @@ class RobotData:
     given: the servo groups that the user stated; a calibration estimates the others;
     intervals: text form of a `ParameterKey` -> 95 % interval of the last calibration;
     normalised: joint -> its value in the URDF, m or rad, at 0 and at 1;
+    urdf_error: how far the URDF's masses, centres and inertias may be off;
+    fixed: groups of parameters and effects that no fit changes, as text ("stiffness", "coulomb_friction");
     end_effectors: links whose pose is compared; () takes the last link of each arm;
     catalogue: effects that `RobotModel.with_effect` finds by name.
     Raises: ModelError when a value is out of place.
@@ -56,6 +83,8 @@ class RobotData:
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict, repr=False)
     normalised: Mapping[str, tuple[float, float]] = field(default_factory=dict, repr=False)
     end_effectors: tuple[str, ...] = field(default=(), repr=False)
+    urdf_error: UrdfError = UrdfError()
+    fixed: frozenset[str] = frozenset()
     catalogue: Mapping[str, type[Effect]] = field(default_factory=lambda: CATALOGUE, repr=False)
 
     def __post_init__(self) -> None:
@@ -204,6 +233,8 @@ class RobotData:
     def _parameter_scale(self, parameter: Parameter) -> np.ndarray:
         if parameter.per == "arm" or not parameter.scale:
             return np.ones(len(self.places(parameter)))
+        if parameter.scale.startswith("urdf"):
+            return np.full(self.n, self.urdf_error.scale(parameter.scale))
         return self.torque_scale if parameter.scale == "torque" else 1.0 / self.torque_scale
 
     def servo_bounds(self, group: str) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from embodiedreamer_gym.effects import CATALOGUE, Effect, find_effect
+from embodiedreamer_gym.effects import CATALOGUE, NUISANCES, Effect, find_effect
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.robot import model_file
 from embodiedreamer_gym.robot.data import SERVO_GROUPS, RobotData
@@ -56,7 +56,8 @@ class RobotModel(RobotData):
                 keep = joints if joints is not None and p.per == "joint" else self.places(p)
                 values[p.name] = {place: float(value) for place, value in off if place in keep}
             effect = kind(**values)
-        return replace(self, effects=(*self.effects, effect), catalogue={**self.catalogue, effect.name: type(effect)})
+        catalogue = self.catalogue if effect.name in NUISANCES else {**self.catalogue, effect.name: type(effect)}
+        return replace(self, effects=(*self.effects, effect), catalogue=catalogue)
 
     def without_effect(self, name: str) -> RobotModel:
         """Return a copy without the effect of that name, and without its intervals.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,7 +13,7 @@ from embodiedreamer_gym.effects import Effect, find_effect
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.io.files import write_json
 from embodiedreamer_gym.robot import files
-from embodiedreamer_gym.robot.data import SERVO_GROUPS, RobotData
+from embodiedreamer_gym.robot.data import SERVO_GROUPS, RobotData, UrdfError
 from embodiedreamer_gym.robot.parameters import ParameterKey
 from embodiedreamer_gym.robot.tree import build_tree
 
@@ -48,7 +49,8 @@ def read_model(source: str | Path, catalogue: Mapping[str, type[Effect]], kind: 
         "name": data.get("name", path.stem), "urdf": urdf, "joints": joints, "tree": tree,
         **dict.fromkeys(SERVO_GROUPS, np.zeros(len(joints))), **given, "given": frozenset(given),
         "command_hold": data.get("command_hold", "unknown"), "catalogue": catalogue, "intervals": intervals,
-        "normalised": normalised, "end_effectors": tips,
+        "normalised": normalised, "end_effectors": tips, "fixed": frozenset(files.names(data.get("fixed", []), "fixed", path)),
+        "urdf_error": UrdfError(**files.table(data, "urdf_error", ("mass", "centre", "inertia"), path)),
     }  # fmt: skip
     fields |= {group: values for group, values in kind(**fields).first_guess().items() if group not in given}
     if not isinstance(data.get("effects", []), list):
@@ -87,5 +89,7 @@ def write_model(model: RobotData, path: Path) -> None:
         "command_hold": model.command_hold,
         "effects": [{"name": e.name, **e.values} for e in model.effects],
         "intervals": {k: list(v) for k, v in model.intervals.items()},
+        **({"fixed": sorted(model.fixed)} if model.fixed else {}),
+        **({"urdf_error": asdict(model.urdf_error)} if model.urdf_error != UrdfError() else {}),
     }
     write_json(data, path, ModelError)

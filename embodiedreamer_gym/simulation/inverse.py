@@ -9,6 +9,8 @@ Control Systems 27, 2007), and their memories run through the log.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -44,7 +46,7 @@ def run_sets(
 
 
 def inverse_sets(model: RobotModel, recording: Recording, sets: Sets | None = None) -> Rollout:
-    """Effort (P, T, n) N m that a recording's motion takes under P parameter sets; position and velocity smoothed.
+    """Effort (P, T, n), in the log's unit, that a recording's motion takes under P parameter sets; the rest smoothed.
 
     Raises: SimulationError when the recording is not of this robot or has no effort to compare with.
     """
@@ -80,25 +82,46 @@ class _Track:
         self.position = 2 * seen - self._laws("sensor", seen, seen)  # exact for an offset
 
     def effort(self) -> np.ndarray:
-        """Effort (P, T, n) N m that the drive has to be asked for."""
+        """Effort (P, T, n) that the drive has to be asked for, as the log shows it."""
         rigid = self._rigid_bodies()
         carried = rigid - self._smoothed(self._laws("load", np.zeros_like(rigid), rigid))
         torque = carried
         for _ in range(LOOPS if self.drive.budgets else 0):
             torque = carried + self._smoothed(self._friction(torque))
-        return self._asked(torque)
+        return self._read(self._asked(torque))
+
+    def _read(self, torque: np.ndarray) -> np.ndarray:
+        """What the log's effort shows of torques (P, T, n); these laws have no memory."""
+        for effect, p in self.drive.laws["effort"]:
+            values = SimpleNamespace(**{name: value[:, None] for name, value in vars(p).items()})
+            torque, _ = effect.law(torque, self._joint(0, torque), None, values)
+        return torque
 
     def _rigid_bodies(self) -> np.ndarray:
-        shape, n = self.position.shape, self.position.shape[2]
+        first, place = self._different_bodies()
+        samples, n = self.position.shape[1:]
         q, v, a = (  # sample-major, so that sample b belongs to parameter set b mod P
-            np.ascontiguousarray(np.swapaxes(x, 0, 1).reshape(-1, n))
+            np.ascontiguousarray(np.swapaxes(x[first], 0, 1).reshape(-1, n))
             for x in (self.position, self.velocity, self.acceleration)
         )
-        torque = self.drive.model.bodies.inverse_dynamics(q, v, a, self.drive.mechanics)[0]
-        torque = np.swapaxes(torque.reshape(shape[1], shape[0], n), 0, 1)
+        mechanics = self.drive.mechanics
+        if len(mechanics.mass) > 1:
+            parts = ("mass", "first_moment", "inertia", "gravity")
+            mechanics = replace(mechanics, **{name: getattr(mechanics, name)[first] for name in parts})
+        torque = self.drive.model.bodies.inverse_dynamics(q, v, a, mechanics)[0]
+        torque = np.swapaxes(torque.reshape(samples, len(first), n), 0, 1)[place]
         servo = self.drive.servo
         rotor, viscous = servo["rotor_inertia"][:, None], servo["viscous_friction"][:, None]
         return torque + rotor * self.acceleration + viscous * self.velocity
+
+    def _different_bodies(self) -> tuple[np.ndarray, np.ndarray]:
+        """Parameter sets (k,) whose bodies or positions differ, and for each set (P,) which of those it equals."""
+        if self.drive.laws["sensor"]:
+            return np.arange(self.count), np.arange(self.count)
+        m = self.drive.mechanics
+        values = np.column_stack([x.reshape(len(x), -1) for x in (m.mass, m.first_moment, m.inertia, m.gravity)])
+        first, place = np.unique(values, axis=0, return_index=True, return_inverse=True)[1:]
+        return first, np.broadcast_to(place.reshape(-1), self.count)
 
     def _joint(self, k: int, torque: np.ndarray) -> JointState:
         time = float(self.recording.time[k] - self.recording.time[0])

@@ -39,10 +39,10 @@ def test_a_start_by_pieces_is_nearer(arm) -> None:
     problem = Problem(arm, [record(arm, noise=1e-4)])
     groups = np.array([str(row.key.group) for row in problem.rows])
     poor = problem.start - np.where(groups == "stiffness", np.log(10.0), 0.0)
-    given = [cost_of(problem, problem.residuals(x)[0]) for x in (poor, problem.start)]
+    given = [cost_of(problem, x, problem.residuals(x)[0]) for x in (poor, problem.start)]
     spent = problem.rollouts
     found = piecewise_start(problem, [poor])
-    assert cost_of(problem, problem.residuals(found)[0]) < 0.2 * given[0]
+    assert cost_of(problem, found, problem.residuals(found)[0]) < 0.2 * given[0]
     assert problem.rollouts > spent + 2  # the pieces are counted
     best = piecewise_start(problem, [poor, problem.start])
-    assert cost_of(problem, problem.residuals(best)[0]) <= min(given)
+    assert cost_of(problem, best, problem.residuals(best)[0]) <= min(given)
