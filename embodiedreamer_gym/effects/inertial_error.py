@@ -29,7 +29,7 @@ class InertialError(MechanicsChange):
         stretch = np.exp(np.stack([p.stretch_x, p.stretch_y, p.stretch_z], axis=-1))
         shift = np.stack([p.x, p.y, p.z], axis=-1)
         for j in range(p.mass.shape[1]):
-            mass = mechanics.mass[:, j, None]
+            mass = mechanics.mass[:, j, None].copy()
             centre = mechanics.first_moment[:, j] / np.maximum(mass, 1e-12)
             spread = _second_moment(mechanics.inertia[:, j]) - (mass * centre)[:, :, None] * centre[:, None, :]
             spread = spread * stretch[:, j, :, None] * stretch[:, j, None, :]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from embodiedreamer_gym.effects import CATALOGUE, Effect, Mechanics, Parameter
+from embodiedreamer_gym.effects import CATALOGUE, NUISANCES, Effect, Mechanics, Parameter
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.robot.dynamics import RigidBodies
 from embodiedreamer_gym.robot.parameters import ParameterKey
@@ -106,6 +106,10 @@ class RobotData:
         for effect in self.effects:
             for parameter in effect.parameters:
                 self._check_names(effect, parameter)
+        for text in self.fixed:
+            key = ParameterKey.of(text)
+            if key.parameter not in SERVO_GROUPS and not {key.effect, key.parameter} & {*self.catalogue, *NUISANCES}:
+                raise ModelError(f"model {self.name}: fixed names '{text}', which is no servo parameter and no effect.")
 
     def _check_names(self, effect: Effect, parameter: Parameter) -> None:
         """Every joint (or arm) an effect names is one of the model's, and its value lies inside the bounds."""

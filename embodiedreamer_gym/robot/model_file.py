@@ -80,6 +80,9 @@ def write_model(model: RobotData, path: Path) -> None:
         robot["end_effectors"] = list(model.end_effectors)
     if model.normalised:
         robot["normalised"] = {k: list(v) for k, v in model.normalised.items()}
+    fixed = sorted(
+        model.fixed | {f"{e.name}.scale" for e in model.effects if e.name == "effort_sensor" and e.values["scale"]}
+    )
     data = {
         "name": model.name,
         "robot": robot,
@@ -89,7 +92,7 @@ def write_model(model: RobotData, path: Path) -> None:
         "command_hold": model.command_hold,
         "effects": [{"name": e.name, **e.values} for e in model.effects],
         "intervals": {k: list(v) for k, v in model.intervals.items()},
-        **({"fixed": sorted(model.fixed)} if model.fixed else {}),
+        **({"fixed": fixed} if fixed else {}),
         **({"urdf_error": asdict(model.urdf_error)} if model.urdf_error != UrdfError() else {}),
     }
     write_json(data, path, ModelError)

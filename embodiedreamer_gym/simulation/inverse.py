@@ -92,9 +92,9 @@ class _Track:
 
     def _read(self, torque: np.ndarray) -> np.ndarray:
         """What the log's effort shows of torques (P, T, n); these laws have no memory."""
-        for effect, p in self.drive.laws["effort"]:
-            values = SimpleNamespace(**{name: value[:, None] for name, value in vars(p).items()})
-            torque, _ = effect.law(torque, self._joint(0, torque), None, values)
+        for law in self.drive.laws["effort"]:
+            values = SimpleNamespace(**{name: value[:, None] for name, value in vars(law.p).items()})
+            torque, _ = law.effect.law(torque, self._joint(0, torque), None, values)
         return torque
 
     def _rigid_bodies(self) -> np.ndarray:

@@ -90,7 +90,7 @@ def logs(delayed):
 
 
 def answer(arm, delayed, verdict: str = "missing", effects: tuple[str, ...] = ("command_delay",)) -> Diagnosis:
-    error = {"nominal": 0.03, "calibrated": 0.02, "with_effect": 0.0007, "noise": 0.0005}
+    error = {"nominal": 0.03, "calibrated": 0.02, "with_effect": 0.0007, "noise": 0.0005, "least_squares": None}
     return Diagnosis(
         verdict=verdict, sentence="Missing: command_delay on shoulder.", effects=effects,
         joints={e: ("shoulder",) for e in effects}, parameters={},
@@ -98,7 +98,7 @@ def answer(arm, delayed, verdict: str = "missing", effects: tuple[str, ...] = ("
         error=error, end_effector_mm={"nominal": 9.0, "calibrated": 4.0, "with_effect": 0.2, "noise": 0.1},
         unobservable=("torque_saturation",), unexplained={"elbow": 0.4},
         steps=(("nominal", 0.03), ("calibrated", 0.02), ("+ command_delay", 0.0007)), p_value=0.001,
-        rollouts=100, seconds=5.0, unit="rad", chi2={}, nominal=arm, calibrated=arm, model=delayed,
+        rollouts=100, seconds=5.0, unit="rad", chi2={}, closest=(), nominal=arm, calibrated=arm, model=delayed,
     )  # fmt: skip
 
 

@@ -14,6 +14,8 @@ from embodiedreamer_gym.effects.payload import Payload
 from embodiedreamer_gym.effects.rotor_inertia import RotorInertia
 from embodiedreamer_gym.effects.torque_bias import TorqueBias
 from embodiedreamer_gym.effects.torque_ripple import TorqueRipple
+from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.robot.data import UrdfError
 from embodiedreamer_gym.simulation import Drive, simulate
 from tests.bank import fast, log, robot
 
@@ -100,5 +102,32 @@ def test_an_encoder_offset_starts_where_the_sensor_said() -> None:
 
 
 def test_errors_of_mass_and_centre() -> None:
-    q, torque = hold(InertialError(mass={"joint1": 0.1}, z={"joint1": -0.02}))
+    q, torque = hold(InertialError(mass={"joint1": np.log(1.1)}, z={"joint1": -0.02}))
     assert torque == pytest.approx(9.81 * 1.1 * 0.17 * np.sin(q), abs=1e-4)
+
+
+def test_errors_of_inertia_leave_a_body_that_can_exist() -> None:
+    """Any stretch keeps second moments positive definite, the centre of mass and the mass; a stretch of 2 % is 4 %."""
+    model = robot("pendulum1").with_(urdf_error=UrdfError(mass=0.5, centre=0.05, inertia=1.0))
+    rng = np.random.default_rng(0)
+    nominal = model.nominal_mechanics
+    for _ in range(20):
+        values = {
+            f"stretch_{axis}": {"joint1": float(x)} for axis, x in zip("xyz", rng.uniform(-1.4, 1.4, 3), strict=True)
+        }
+        mechanics = Drive(model.with_effect(InertialError(**values))).mechanics
+        assert mechanics.mass == pytest.approx(nominal.mass)
+        assert mechanics.first_moment == pytest.approx(nominal.first_moment)
+        mass, moment, inertia = mechanics.mass[0, 0], mechanics.first_moment[0, 0], mechanics.inertia[0, 0]
+        centre = moment / mass
+        central = inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+        small, middle, large = np.linalg.eigvalsh(central)
+        assert small > 0 and large <= small + middle + 1e-12
+
+
+def test_the_errors_of_a_urdf_are_bounded_by_the_trust_in_it() -> None:
+    """Three standard deviations of the model's own; an error of the urdf that is none is refused."""
+    model = robot("pendulum1").with_(urdf_error=UrdfError(mass=0.05)).with_effect(InertialError)
+    assert model.parameters()["inertial_error.mass[joint1]"].high == pytest.approx(0.15)
+    with pytest.raises(ModelError, match="mass must be a number above 0"):
+        UrdfError(mass=0.0)

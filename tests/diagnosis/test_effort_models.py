@@ -1,0 +1,145 @@
+"""What logs without commands are fitted with beside the effects, and what their verdicts are held against."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from embodiedreamer_gym.diagnosis import diagnose
+from embodiedreamer_gym.diagnosis.explainable import explainable_chi2
+from embodiedreamer_gym.diagnosis.held_out import evaluate
+from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
+from embodiedreamer_gym.effects.direction_dependent_friction import DirectionDependentFriction
+from embodiedreamer_gym.effects.quadratic_drag import QuadraticDrag
+from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.phys_aligner import calibrate
+from embodiedreamer_gym.phys_aligner.calibration import fit_least_squares, with_nuisances
+from embodiedreamer_gym.phys_aligner.evidence import log_evidence
+from embodiedreamer_gym.phys_aligner.linear_baseline import least_squares_rms
+from embodiedreamer_gym.recordings import Recordings, load_recordings
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.standin import cases
+from embodiedreamer_gym.standin.cases import draw_case
+
+SCALE, OFFSET = np.array([0.3, 0.5, 0.2, 0.7, 0.9, 2.0]), np.array([0.5, -0.4, 0.3, 0.2, -0.1, 0.05])
+
+
+def case(effect: str | None, folder, seed: int = 1):
+    """A stand-in arm's model, and its logs without commands."""
+    drawn = draw_case(effect, "arm6", np.random.default_rng([seed, 7]), with_command=False)
+    model = RobotModel.load(drawn.write(folder))
+    return model, *(Recordings(load_recordings(folder / part)) for part in ("train", "test"))
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return case(None, tmp_path_factory.mktemp("plain"))
+
+
+@pytest.fixture(scope="module")
+def rubbing(tmp_path_factory):
+    return case("coulomb_friction", tmp_path_factory.mktemp("rubbing"))
+
+
+def test_scale_and_offset_of_an_effort_are_learnt_once(plain, tmp_path) -> None:
+    """Learnt on the training logs, saved, and not fitted again on other logs; the offset is."""
+    model, train, test = plain
+    torques = calibrate(model, train).model
+    train, test = ([r.with_(effort=np.asarray(r.effort) * SCALE + OFFSET, effort_unit="A") for r in logs]
+                   for logs in (train, test))  # fmt: skip
+    learnt = calibrate(model, train).model
+    rows = learnt.parameters()
+    scale = np.array([rows[f"effort_sensor.scale[{j}]"].value for j in model.joints])
+    offset = np.array([rows[f"effort_sensor.offset[{j}]"].value for j in model.joints])
+    before = np.array([torques.parameters()[f"effort_sensor.offset[{j}]"].value for j in model.joints])
+    assert scale[:4] == pytest.approx(SCALE[:4], rel=0.05)
+    assert offset == pytest.approx(OFFSET + SCALE * before, abs=0.1)
+    learnt.save(tmp_path / "learnt.json")
+    again = RobotModel.load(tmp_path / "learnt.json")
+    assert "effort_sensor.scale" in again.fixed
+    refitted = calibrate(again, test).model.parameters()
+    assert [refitted[f"effort_sensor.scale[{j}]"].value for j in model.joints] == pytest.approx(scale.tolist())
+    assert any(refitted[f"effort_sensor.offset[{j}]"].value != o for j, o in zip(model.joints, offset, strict=True))
+
+
+def test_what_is_fixed_must_exist(plain, tmp_path) -> None:
+    model = plain[0]
+    model.with_(fixed=frozenset({"viscous_friction", "coulomb_friction"}))
+    with pytest.raises(ModelError, match="fixed names 'weather'"):
+        model.with_(fixed=frozenset({"weather"}))
+    model.save(tmp_path / "m.json")
+    data = json.loads((tmp_path / "m.json").read_text()) | {"urdf_error": {"mass": "much"}}
+    (tmp_path / "m.json").write_text(json.dumps(data))
+    with pytest.raises(ModelError, match="urdf_error: mass must be a number"):
+        RobotModel.load(tmp_path / "m.json")
+
+
+def test_viscous_friction_is_found_from_zero(plain) -> None:
+    """A start of zero does not keep it there."""
+    model, train, _ = plain
+    found = calibrate(model.with_(viscous_friction=np.zeros(model.n)), train, groups=("viscous_friction",)).model
+    assert found.viscous_friction[:3] == pytest.approx(model.viscous_friction[:3], rel=0.5)
+
+
+def test_never_worse_than_plain_least_squares(rubbing) -> None:
+    """With the same terms, Coulomb friction among them, on the same split; and with wrong masses far better."""
+    model, train, test = rubbing
+    baseline = np.mean(least_squares_rms(model, train, test))
+    terms = with_nuisances(model, train).with_effect(CoulombFriction)
+    problem, fit = fit_least_squares(terms, list(train))
+    assert evaluate(problem.model_at(fit.x), list(test)).error < 1.02 * baseline
+
+
+def test_a_diagnosis_shows_the_baseline(rubbing) -> None:
+    model, train, test = rubbing
+    found = diagnose(model, train, test, jobs=1)
+    assert found.error["least_squares"] == pytest.approx(np.mean(least_squares_rms(model, train, test)))
+    assert "plain least squares" in str(found)
+    assert found.as_dict()["error"]["with_effect"] <= 1.02 * found.error["least_squares"]
+
+
+def test_unknown_keeps_the_closest_effect(rubbing) -> None:
+    """With friction out of the catalogue something close is found: kept with its values, and not named."""
+    model, train, test = rubbing
+    found = diagnose(model, train, test, catalogue={"quadratic_drag": QuadraticDrag}, jobs=1)
+    assert (found.verdict, found.effects, found.closest) == ("unknown", (), ("quadratic_drag",))
+    assert found.parameters["quadratic_drag"]
+    assert found.error["with_effect"] < found.error["calibrated"]
+    assert "quadratic_drag" in [e.name for e in found.model.effects]
+    assert "quadratic_drag, explains" in found.sentence
+    assert max(found.unexplained.values()) < 1.0
+
+
+def test_a_regression_tells_how_much_is_explainable(rubbing, plain) -> None:
+    """Friction is explainable nearly whole; of sensor noise nothing is."""
+    model, train, test = rubbing
+    base = evaluate(model, list(test)).chi2
+    left = explainable_chi2(model, list(train), list(test))
+    assert np.all(left <= base * (1 + 1e-9))
+    assert left[1] < 0.2 * base[1]
+    model, train, test = plain
+    calibrated = calibrate(model, train).model
+    base = evaluate(calibrated, list(test)).chi2
+    assert np.all(explainable_chi2(calibrated, list(train), list(test)) > 0.6 * base)
+
+
+def test_evidence_prefers_the_true_effect_and_none_too_many(rubbing) -> None:
+    """Friction is far more probable than none, and direction-dependent friction no more so than its special case."""
+    model, train, _ = rubbing
+    evidence = {}
+    for kind in (None, CoulombFriction, DirectionDependentFriction):
+        trial = with_nuisances(model, train)
+        evidence[kind] = log_evidence(*fit_least_squares(trial.with_effect(kind) if kind else trial, list(train)))
+    assert evidence[CoulombFriction] > evidence[None] + 100
+    assert evidence[CoulombFriction] > evidence[DirectionDependentFriction]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3, 5])
+def test_an_arm_whose_urdf_is_ten_percent_off_is_not_accused(seed: int, tmp_path, monkeypatch) -> None:
+    """Masses 10 %, centres 10 mm off: they are estimated, and nothing is named."""
+    monkeypatch.setitem(cases.IMPERFECT, "mass_error", 0.1)
+    monkeypatch.setitem(cases.IMPERFECT, "com_error", 0.01)
+    assert diagnose(*case(None, tmp_path, seed), jobs=1).verdict == "nothing_missing"
