@@ -30,7 +30,7 @@ from embodiedreamer_gym.phys_aligner.signals import with_effort_sensor, with_eff
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
-ODDS = 3.0  # to one, at which an effect is named rather than errors of the URDF
+ODDS = 10.0  # to one, at which an effect is named rather than errors of the URDF
 MAX_SECONDS = 80.0  # of motion to learn from, and as much to judge by
 
 
@@ -91,8 +91,9 @@ def diagnose(
 
 
 def _stands(search: Search, result: Attempt) -> bool:
-    """Whether a verdict on the URDF's own masses stands: it names one effect, which remains more probable than none where the
-    masses are estimated too, or it says that nothing is missing.
+    """Whether a verdict on the URDF's own masses stands: nothing is missing, or one effect is that outlasts wrong masses.
+
+    It has to be more probable than none where masses and rotor inertias are estimated beside it.
     """
     if result.verdict == "nothing_missing":
         return True
@@ -100,7 +101,7 @@ def _stands(search: Search, result: Attempt) -> bool:
         return False
     evidence = []
     for model in (result.calibrated.model, result.final.model):
-        model = model.with_effect(InertialError)
+        model = model.with_(given=model.given - {"rotor_inertia"}).with_effect(InertialError)
         problem = Problem(model, search.train)
         fit = minimise(problem, problem.start, progress=search.progress)
         search.rollouts += problem.rollouts

@@ -19,6 +19,7 @@ RICHER = 0.05  # share of the whole gain that a richer law must bring beyond its
 EXPLAINED = 0.5  # share of the excess error that the effects together must explain, else "unknown"
 USUAL = 1.25  # times the chi2 of all but 5 % of faultless robots, up to which nothing is left to explain
 FAR = 3.0  # the like, beyond which a joint is nowhere near its noise
+BEYOND_NOISE = 2.0  # the like, in the median over joints, beyond which a log shows more than any law explains
 NEARLY = 0.95  # share of the excess mean square, of all joints together, above which the rest does not count against the effects
 MOSTLY = 0.8  # share of the excess error in logarithms, the like
 
@@ -88,8 +89,8 @@ def is_convincing(before: HeldOut, after: HeldOut, null: np.ndarray, explainable
 
     Right effects leave what faultless robots have, or little more and nearly nothing of the former excess. Where no joint
     comes near its noise, the sensors resolve more than such models predict anyway, and effects that explain most of the
-    excess are enough; so are effects that explain nearly all that a general regression explains (explainable (n,): the
-    chi2 that it leaves, see `explainable_chi2`).
+    excess are enough; so are effects that explain nearly all that a general regression explains, where that too leaves most
+    joints far from their noise (explainable (n,): the chi2 that it leaves, see `explainable_chi2`).
     """
     if total_explained(before, after, null) < EXPLAINED:
         return False
@@ -100,8 +101,8 @@ def is_convincing(before: HeldOut, after: HeldOut, null: np.ndarray, explainable
     was, rest = (np.maximum(h.chi2 - usual, 0.0).sum() for h in (before, after))
     if beyond.min() > FAR:
         return bool(rest <= (1 - EXPLAINED) * was)
-    if explainable is not None and share_of_explainable(before, after, null, explainable) >= MOSTLY:
-        return True
+    if explainable is not None and np.median(explainable / np.quantile(null, 0.95, axis=0)) > BEYOND_NOISE:
+        return share_of_explainable(before, after, null, explainable) >= MOSTLY
     was_log, rest_log = (np.log(np.maximum(h.chi2 / usual, 1.0)).sum() for h in (before, after))
     return bool(beyond.max() <= FAR and rest <= (1 - NEARLY) * was and rest_log <= (1 - MOSTLY) * was_log)
 

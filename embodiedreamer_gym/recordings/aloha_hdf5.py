@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from embodiedreamer_gym.recordings import hdf5
-from embodiedreamer_gym.recordings.recording import Recording
+from embodiedreamer_gym.recordings.recording import EFFORT_UNITS, Recording
 from embodiedreamer_gym.recordings.time_axis import check_hz
 
 ALOHA_JOINTS = tuple(
@@ -72,8 +72,10 @@ def read_aloha_hdf5(
             raise file.error(f"{len(names)} joint names for {position.shape[1]} columns of /{hdf5.POSITION}")
         attributes = file.file.attrs
         optional: dict[str, Any] = {
-            name: hdf5.text(attributes[name]) for name in ("command_hold", "kind", "effort_unit") if name in attributes
+            name: hdf5.text(attributes[name]) for name in ("command_hold", "kind") if name in attributes
         }
+        effort_unit = hdf5.text(attributes.get("effort_unit", "unknown"))
+        optional["effort_unit"] = effort_unit if effort_unit in EFFORT_UNITS else "unknown"  # others write free text
         optional |= {name: np.asarray(attributes[name], float) for name in ("noise", "quantum") if name in attributes}
         if USABLE in file:
             optional["usable"] = file.read(USABLE).astype(bool)

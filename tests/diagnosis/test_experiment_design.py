@@ -45,7 +45,7 @@ def test_slow_motion_tells_stiction_from_coulomb_friction(proposal) -> None:
 
 
 def test_a_table_in_the_way_leaves_no_motion() -> None:
-    with pytest.raises(ModelError, match="keeps 30 mm"):
+    with pytest.raises(ModelError, match="clearance of 30 mm"):
         propose_motion(robot("arm6"), PAIR, seconds=3.0, table=0.5)
 
 

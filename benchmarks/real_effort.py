@@ -1,0 +1,44 @@
+"""Real arm without commands: position and measured torque of a Franka arm; is its friction named, and how well is it predicted?
+
+python -m benchmarks.real_effort [--data ../shared/data/franka_effort] [--swap] [--out FILE.json]
+
+Plain least squares of each joint's torque on the same terms stands beside it, fitted and judged on the same halves.
+Data: github.com/marcocognetti/FrankaEmikaPandaDynModel, not shipped.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from benchmarks.common import data_folder, folder, pin_threads, save
+from embodiedreamer_gym.diagnosis import diagnose
+from embodiedreamer_gym.phys_aligner.linear_baseline import least_squares_rms
+from embodiedreamer_gym.recordings import load_recordings
+from embodiedreamer_gym.robot import RobotModel
+
+
+def main() -> None:
+    """Print the diagnosis, and each joint's held-out error beside that of least squares."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=folder, default=str(data_folder("franka_effort")))
+    parser.add_argument("--swap", action="store_true", help="exchange the training and the held-out half")
+    parser.add_argument("--out", type=Path)
+    arguments = parser.parse_args()
+    pin_threads()
+    model = RobotModel.load(arguments.data / "model.json")
+    halves = [
+        load_recordings(arguments.data / name, joints=model.joints) for name in ("exciteA_1.csv", "exciteB_2.csv")
+    ]
+    train, test = halves[::-1] if arguments.swap else halves
+    found = diagnose(model, train, test)
+    print(found)
+    baseline = least_squares_rms(model, train, test)
+    print(
+        f"\nleast squares by joint: {', '.join(f'{1e3 * x:.0f}' for x in baseline)} mN m, mean {1e3 * baseline.mean():.0f}"
+    )
+    save(arguments.out, found.as_dict() | {"least_squares_by_joint": baseline.tolist()})
+
+
+if __name__ == "__main__":
+    main()
