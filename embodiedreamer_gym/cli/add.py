@@ -9,6 +9,7 @@ from embodiedreamer_gym.cli.logs import load_model, load_split
     o.MODEL,
     *o.SPLIT,
     o.out_file("FILE.json", "model with the effect"),
+    *o.FIT,
     *o.LOGS,
 )
 def run(a, progress):

@@ -13,6 +13,7 @@ METHODS = ("least-squares", "surrogate", "surrogate-trajectory", "annealing", "a
     o.MODEL,
     o.out_file("FILE.json", "calibrated model"),
     o.option("--method", None, "of the fit", METHODS[0], choices=METHODS),
+    *o.FIT,
     *o.LOGS,
 )
 def run(a, progress):

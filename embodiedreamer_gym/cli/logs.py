@@ -19,7 +19,23 @@ def load_model(a: argparse.Namespace, source: str) -> Any:
     from embodiedreamer_gym.robot import RobotModel
 
     catalogue = load_effects(a.effects) if a.effects else CATALOGUE
-    return readable(f"model {source}", lambda: RobotModel.load(source, catalogue))
+    model = readable(f"model {source}", lambda: RobotModel.load(source, catalogue))
+    if getattr(a, "fix", None):
+        model = model.with_fixed(*(name.strip() for name in a.fix.split(",")))
+    if getattr(a, "urdf_trust", None):
+        model = model.with_(urdf_error=_urdf_error(a.urdf_trust))
+    return model
+
+
+def _urdf_error(text: str) -> Any:
+    """Standard deviations from "10,10,20": masses in %, centres in mm, inertias in %."""
+    from embodiedreamer_gym.robot.data import UrdfError
+
+    try:
+        mass, centre, inertia = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise EmbodieDreamerError(f"--urdf-trust {text} is not three numbers such as 10,10,20.") from error
+    return UrdfError(mass / 100, centre / 1000, inertia / 100)
 
 
 def load_split(a: argparse.Namespace, model: Any) -> tuple[Any, Any]:

@@ -199,6 +199,12 @@ LOGS = (
     JSON,
     option("--report", "DIR", "write the result as a page, DIR/index.html", None, output_folder),
 )
+FIT = (
+    option("--fix", "NAMES", "parameters that the fit does not change, such as gains,friction,payload"),
+    option(
+        "--urdf-trust", "M,C,I", "how far the URDF may be off: masses %, centres mm, inertias % (default: 10,10,20)"
+    ),
+)
 SPLIT = tuple(option(name, "REC", FILES, REQUIRED, nargs="+") for name in ("--train", "--test"))
 
 

@@ -57,7 +57,7 @@ def linearise(problem: Problem, fit: Fit, nominal: RobotModel | None) -> tuple[P
     for i in gains:
         values[i] = nominal.group_values(problem.rows[i].key)[problem.rows[i].index]
     x = np.clip(problem.scale(values), problem.lower, problem.upper)
-    if np.abs(x - fit.x).max() > 0.3:
+    if np.abs(x - fit.x).max(initial=0.0) > 0.3:
         points.append(LinearisationPoint(problem.model_at(x), x, *problem.jacobian(x)))
     return problem, points
 

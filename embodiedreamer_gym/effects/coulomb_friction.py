@@ -7,6 +7,7 @@ class CoulombFriction(TorqueBudget):
     """Dry friction of constant size; the joint sticks while less torque than that acts on it."""
 
     name = "coulomb_friction"
+    family = "friction"
     parameters = (Parameter("torque", "N m", off=0.0, low=0.0, high=6.0, typical=0.1, scale="torque"),)
     symptom = "the joint sticks at reversals and stops short of its target, by the same torque at every speed"
     reveals = "slow sweeps in both directions"

@@ -7,6 +7,7 @@ class DirectionDependentFriction(TorqueBudget):
     """Dry friction with one level for positive and one for negative motion."""
 
     name = "direction_dependent_friction"
+    family = "friction"
     parameters = (
         Parameter("forward", "N m", off=0.0, low=0.0, high=6.0, typical=0.15, scale="torque"),
         Parameter("backward", "N m", off=0.0, low=0.0, high=6.0, typical=0.05, scale="torque"),

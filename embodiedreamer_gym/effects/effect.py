@@ -101,6 +101,7 @@ class Effect:
     reveals: ClassVar[str]
     confused_with: ClassVar[tuple[str, ...]] = ()
     generalises: ClassVar[tuple[str, ...]] = ()  # effects that are special cases of this one
+    family: ClassVar[str] = ""  # effects of one family are hard to tell apart: "friction", say
     kind: ClassVar[str]
     stage: ClassVar[str]
     passive: ClassVar[bool] = False  # never adds energy, which the laws check

@@ -9,6 +9,7 @@ class Hysteresis(SignalLaw):
     """Presliding friction: a torque that builds up over a small travel after each reversal and never sticks hard."""
 
     name = "hysteresis"
+    family = "friction"
     stage = "load"
     passive = True
     parameters = (

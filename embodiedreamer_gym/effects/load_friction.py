@@ -9,6 +9,7 @@ class LoadFriction(TorqueBudget):
     """Gear friction in proportion to the transmitted torque."""
 
     name = "load_friction"
+    family = "friction"
     parameters = (Parameter("coefficient", "1", off=0.0, low=0.0, high=0.9, typical=0.1),)
     symptom = "friction that grows with the torque the joint carries, so it differs from pose to pose"
     reveals = "the same slow motion in poses of high and of low gravity torque"

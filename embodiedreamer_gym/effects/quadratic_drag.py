@@ -7,6 +7,7 @@ class QuadraticDrag(TorqueBudget):
     """Drag c v|v|, as of churned grease or air; a budget, so that it brakes at any size and never turns a motion."""
 
     name = "quadratic_drag"
+    family = "friction"
     parameters = (Parameter("coefficient", "N m s^2/rad^2", off=0.0, low=0.0, high=6.0, typical=0.05, scale="torque"),)
     symptom = "fast moves fall behind more than in proportion to their speed"
     reveals = "the same move at several speeds"

@@ -9,6 +9,7 @@ class StribeckFriction(TorqueBudget):
     """Dry friction that falls from a static to a sliding level, c + (s - c) exp(-(v/vs)^2)."""
 
     name = "stribeck_friction"
+    family = "friction"
     parameters = (
         Parameter("sliding", "N m", off=0.0, low=0.0, high=6.0, typical=0.05, scale="torque"),
         Parameter("extra_static", "N m", off=0.0, low=0.0, high=6.0, typical=0.1, scale="torque"),

@@ -36,7 +36,7 @@ def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray)
     """
     m = len(x)
     free = (x > problem.lower + 1e-9) & (x < problem.upper - 1e-9)
-    sensitive = np.sum(jacobian**2, axis=0) > 1e-12 * max(np.sum(jacobian**2, axis=0).max(), 1e-300)
+    sensitive = np.sum(jacobian**2, axis=0) > 1e-12 * np.sum(jacobian**2, axis=0).max(initial=1e-300)
     keep = np.flatnonzero(free & sensitive)
     covariance = np.full((m, m), np.nan)
     half = np.full(m, np.inf)

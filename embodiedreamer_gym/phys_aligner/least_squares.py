@@ -48,7 +48,7 @@ def minimise(
     """
     x, damping = np.clip(start, problem.lower, problem.upper), 1e-2
     r, jacobian = problem.jacobian(x)
-    converged = False
+    converged, iterations = not len(x), iterations if len(x) else 0  # all may be fixed
     for iteration in range(iterations):
         limit = huber_limit(problem, r)
         cost = robust_cost(problem, r, limit) + problem.prior_cost(x)

@@ -28,7 +28,7 @@ def free_rows(
     """
     table = model.parameters()
     if groups is not None:
-        return table.select(*groups).rows
+        return table.select(*groups).rows if groups else ()
     servo = {"viscous_friction"} if by_effort else {"stiffness", "damping"}
     if "rotor_inertia" not in model.given:
         servo.add("rotor_inertia")
@@ -56,7 +56,7 @@ class Problem:
         self.signals = Signals(model, recordings)
         self.model, self.recordings, self.hold = model, self.signals.recordings, hold
         self.rows = free_rows(model, groups, self.signals.by_effort)
-        if not self.rows:
+        if not self.rows and groups:
             raise CalibrationError(f"model {model.name} has no free parameter in {groups}.")
         for row in self.rows:
             slack = 1e-9 * (row.high - row.low)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from embodiedreamer_gym.effects import CATALOGUE, NUISANCES, Effect, find_effect
+from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.robot import model_file
 from embodiedreamer_gym.robot.data import SERVO_GROUPS, RobotData
@@ -68,6 +69,19 @@ class RobotModel(RobotData):
             raise ModelError(f"model {self.name} has no effect '{name}'.")
         intervals = {text: ends for text, ends in self.intervals.items() if ParameterKey.of(text).effect != name}
         return replace(self, effects=tuple(e for e in self.effects if e.name != name), intervals=intervals)
+
+    def with_fixed(self, *names: str) -> RobotModel:
+        """Return a copy in which fits change less: no parameter of these names.
+
+        names: servo parameters, effects, "gains" (stiffness and damping), "urdf" (the errors of its masses) or a family of effects,
+            such as "friction" (with viscous friction).
+        Raises: ModelError for any other name.
+        """
+        groups = {"gains": {"stiffness", "damping"}, "urdf": {InertialError.name}, "friction": {"viscous_friction"}}
+        for effect in self.effects:
+            if effect.family:
+                groups.setdefault(effect.family, set()).add(effect.name)
+        return replace(self, fixed=self.fixed.union(*(groups.get(name, {name}) for name in names)))
 
     def parameters(self) -> ParameterTable:
         """Every number of the model as a table: servo, rotor inertia, viscous friction, then the effects'."""

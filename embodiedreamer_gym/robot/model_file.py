@@ -41,13 +41,14 @@ def read_model(source: str | Path, catalogue: Mapping[str, type[Effect]], kind: 
     tree = build_tree(urdf, joints, normalised, tips)
     stated = {**{group: data.get(group) for group in SERVO_GROUPS[2:]}, **servo}
     given = {k: np.array(files.numbers(v, len(joints), k, path)) for k, v in stated.items() if v is not None}
+    estimated = frozenset(files.names(data.get("estimated", []), "estimated", path))
     intervals = {
         str(ParameterKey.of(text)): files.pair(ends, f"interval of {text}", path)
         for text, ends in files.table(data, "intervals", None, path).items()
     }
     fields: dict[str, Any] = {
         "name": data.get("name", path.stem), "urdf": urdf, "joints": joints, "tree": tree,
-        **dict.fromkeys(SERVO_GROUPS, np.zeros(len(joints))), **given, "given": frozenset(given),
+        **dict.fromkeys(SERVO_GROUPS, np.zeros(len(joints))), **given, "given": frozenset(given) - estimated,
         "command_hold": data.get("command_hold", "unknown"), "catalogue": catalogue, "intervals": intervals,
         "normalised": normalised, "end_effectors": tips, "fixed": frozenset(files.names(data.get("fixed", []), "fixed", path)),
         "urdf_error": UrdfError(**files.table(data, "urdf_error", ("mass", "centre", "inertia"), path)),
@@ -83,6 +84,7 @@ def write_model(model: RobotData, path: Path) -> None:
     fixed = sorted(
         model.fixed | {f"{e.name}.scale" for e in model.effects if e.name == "effort_sensor" and e.values["scale"]}
     )
+    estimated = sorted(set(SERVO_GROUPS) - model.given)
     data = {
         "name": model.name,
         "robot": robot,
@@ -92,6 +94,7 @@ def write_model(model: RobotData, path: Path) -> None:
         "command_hold": model.command_hold,
         "effects": [{"name": e.name, **e.values} for e in model.effects],
         "intervals": {k: list(v) for k, v in model.intervals.items()},
+        **({"estimated": estimated} if estimated else {}),
         **({"fixed": fixed} if fixed else {}),
         **({"urdf_error": asdict(model.urdf_error)} if model.urdf_error != UrdfError() else {}),
     }

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from embodiedreamer_gym.cli.command import main
 from embodiedreamer_gym.diagnosis import diagnose
 from embodiedreamer_gym.diagnosis.explainable import explainable_chi2
 from embodiedreamer_gym.diagnosis.held_out import evaluate
@@ -136,6 +137,26 @@ def test_evidence_prefers_the_true_effect_and_none_too_many(rubbing, plain) -> N
             log_evidence(*fit_least_squares(trial, list(train))) for trial in (none.with_effect(kind), none)
         )
         assert least < with_effect - without < most
+
+
+def test_what_is_known_is_held_fixed(tmp_path, capsys) -> None:
+    """A payload is found with gains and friction that an earlier test gave; nothing else changes."""
+    rng = np.random.default_rng([1, 5])
+    drawn = draw_case("payload", "arm6", rng, seconds=3.0)
+    source = drawn.write(tmp_path)
+    options = ["--model", str(source), "--train", str(tmp_path / "train"), "--test", str(tmp_path / "test"), "--quiet",
+               "--fix", "gains, friction", "--jobs", "1", "--out", str(tmp_path / "better.json")]  # fmt: skip
+    assert main(["add", "payload", *options]) == 0
+    before, after = RobotModel.load(source), RobotModel.load(tmp_path / "better.json")
+    assert after.stiffness.tolist() == before.stiffness.tolist() and after.damping.tolist() == before.damping.tolist()
+    assert after.fixed == {"stiffness", "damping", "viscous_friction"}
+    (truth,) = drawn.truth["values"]["mass"].values()
+    assert after.parameters()["payload.mass[tip]"].value == pytest.approx(truth, rel=0.2)
+    assert main(["add", "payload", *options[:-4], "--fix", "weather", "--out", str(tmp_path / "c.json")]) == 2
+    assert "fixed names 'weather'" in capsys.readouterr().err
+    for text, reason in (("1,2", "is not three numbers"), ("0,10,20", "mass must be a number above 0")):
+        assert main(["add", "payload", *options, "--urdf-trust", text]) == 2
+        assert reason in capsys.readouterr().err
 
 
 @pytest.mark.slow

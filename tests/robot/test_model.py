@@ -56,11 +56,24 @@ def test_what_is_saved_comes_back(name: str, tmp_path: Path) -> None:
     assert (back.name, back.joints, back.command_hold) == ("mine", model.joints, "hold")
     assert (back.urdf, back.effects, back.intervals) == (model.urdf, model.effects, model.intervals)
     assert (back.normalised, back.end_effectors) == (model.normalised, model.end_effectors)
-    assert back.given == set(SERVO_GROUPS)
+    assert back.given == model.given
     for group in SERVO_GROUPS:
         np.testing.assert_array_equal(getattr(back, group), getattr(model, group))
     back.save(tmp_path / "c.json")
     assert (tmp_path / "b.json").read_bytes() == (tmp_path / "c.json").read_bytes()
+
+
+def test_what_is_fixed_or_estimated_is_saved(tmp_path: Path) -> None:
+    """A calibration's values are not taken for the user's own when they come back."""
+    model = load_arm(tmp_path).with_effect("coulomb_friction")
+    model = model.with_(given=frozenset({"stiffness"})).with_fixed("gains", "friction")
+    assert model.fixed == {"stiffness", "damping", "viscous_friction", "coulomb_friction"}
+    model.save(tmp_path / "b.json")
+    back = RobotModel.load(tmp_path / "b.json")
+    assert (back.given, back.fixed) == ({"stiffness"}, model.fixed)
+    np.testing.assert_array_equal(back.damping, model.damping)
+    with pytest.raises(ModelError, match="fixed names 'weather'"):
+        model.with_fixed("weather")
 
 
 def test_a_saved_model_finds_its_urdf_from_another_folder(tmp_path: Path, monkeypatch) -> None:
