@@ -16,7 +16,7 @@ from embodiedreamer_gym.io.parallel import ended_workers, many
 
 SHARED = [folder for folder in (Path("/dev/shm"), Path(tempfile.gettempdir())) if folder.is_dir()]
 SCRIPT = """
-import os, sys, time
+import os, signal, sys, time
 import numpy as np
 from embodiedreamer_gym.io.parallel import ended_workers, many
 
@@ -26,6 +26,7 @@ def work(array, seconds):
     return os.getpid()
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs inherit that it is ignored
     array = np.zeros(1_000_000)  # large enough for joblib to map it to a file
     with ended_workers():
         many(work, [(array, float(sys.argv[1]))] * 4, jobs=2)
