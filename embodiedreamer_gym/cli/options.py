@@ -202,7 +202,9 @@ LOGS = (
 FIT = (
     option("--fix", "NAMES", "parameters that the fit does not change, such as gains,friction,payload"),
     option(
-        "--urdf-trust", "M,C,I", "how far the URDF may be off: masses %, centres mm, inertias % (default: 10,10,20)"
+        "--urdf-trust",
+        "M,C,I",
+        "standard deviations of the URDF: masses (percent), centres (mm), inertias (percent); default 10,10,20",
     ),
 )
 SPLIT = tuple(option(name, "REC", FILES, REQUIRED, nargs="+") for name in ("--train", "--test"))
