@@ -89,7 +89,8 @@ def check_seeds(work: Path, seeds: Path, names: Iterable[str]) -> None:
 
     Raises: SystemExit where a seed is refused.
     """
-    for result in run([(name, -1) for name in names], seeds, work, jobs=1, keep=True):
+    first = Limits(seconds=600.0)  # compiles
+    for result in run([(name, -1) for name in names], seeds, work, jobs=1, limits=first, keep=True):
         bad = [
             one for one in result.found if one.verdict != "ok" and "is not recognised in the pictures" not in one.error
         ]

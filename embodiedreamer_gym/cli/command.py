@@ -76,15 +76,18 @@ def load_verb(name: str) -> o.Verb:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns 0, 2 after a user's mistake, 130 when interrupted, 143 when terminated."""
-    interrupted = 130
+    interrupted = 0
 
-    def terminate(number: int, frame: Any) -> NoReturn:
+    def interrupt(number: int, frame: Any) -> NoReturn:
         """End as Ctrl-C does, which ends the processes beside this one too."""
         nonlocal interrupted
         interrupted = 128 + number
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, terminate) if threading.current_thread() is threading.main_thread() else None
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        ours = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) is not signal.SIG_IGN]
+        before = {number: signal.signal(number, interrupt) for number in ours}
     try:
         execute(sys.argv[1:] if argv is None else argv)
     except EmbodieDreamerError as error:
@@ -97,13 +100,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"error: {error.filename or 'a file'}: {error.strerror or error}", file=sys.stderr)
         return 2
     except BaseException as error:
-        if not _interrupted(error):
+        # A compiler's callback may have swallowed the interrupt; what fails then is a consequence of it.
+        if not interrupted and not _interrupted(error):
             raise
         print("interrupted", file=sys.stderr)
-        return interrupted
+        return interrupted or 130
     finally:
-        if before is not None:
-            signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     return 0
 
 

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -268,6 +269,20 @@ def test_terminated_is_interrupted(work, logs, capsys, monkeypatch) -> None:
     code, _, err = run(capsys, "compare", "--model", "two.json", logs / "test", "--json", "c.json")
     assert code == 143 and err.endswith("interrupted\n") and not Path("c.json").exists()
     assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_an_interrupt_that_a_callback_swallows_is_one_all_the_same(work, logs, capsys, monkeypatch) -> None:
+    """A compiler's callback drops the exception, and the compiler then fails in a way of its own."""
+
+    def compare(*_args, **_options):
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        raise RuntimeError("no compiled object yet")
+
+    monkeypatch.setattr("embodiedreamer_gym.diagnosis.compare", compare)
+    monkeypatch.setattr(signal, "getsignal", lambda number: signal.default_int_handler)
+    code, _, err = run(capsys, "compare", "--model", "two.json", logs / "test", "--json", "c.json")
+    assert code == 130 and err.endswith("interrupted\n") and not Path("c.json").exists()
 
 
 def test_a_library_that_stumbles_over_a_file_leaks_no_traceback(work, logs, capsys, monkeypatch) -> None:
