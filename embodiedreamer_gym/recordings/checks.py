@@ -35,7 +35,7 @@ def time_base(recording: Recording) -> Iterator[Finding]:
             "warning",
             "irregular-time",
             (),
-            f"the time step varies by {jitter:.0%} of its {1e3 * median:.1f} ms; log the time of each sample",
+            f"the time step varies by {jitter:.0%} of its {1e3 * median:.1f} ms; if these are times of arrival, log when each sample was measured",
         )
     if gap.any():
         lost = int(np.round(step[gap] / median - 1).sum())
