@@ -1,6 +1,6 @@
 """Blind diagnosis: robots with none, one or two hidden effects, made in another engine; what `diagnose` says of them.
 
-python -m benchmarks.diagnosis [--set main|positions|teleoperation|no_command|other_arm|ties] [--seeds test|development]
+python -m benchmarks.diagnosis [--set main|positions|teleoperation|no_command|poor_urdf|other_arm|ties] [--seeds test|development]
                                [--cases N] [--jobs 2] [--oracle singles|all|none] [--brute N] [--out FILE.jsonl]
                                [--beside MAIN.jsonl] [--figures-only]
 
@@ -8,7 +8,7 @@ main: 240 cases on a six-joint arm, logs of command, position and effort: 100 fa
 mass, gains and viscous friction are wrong as in every case; 80 single effects, from barely visible to strong; 30 pairs
 of effects of different families; 30 effects left out of the catalogue that the diagnoser is given, other than those
 whose law another member contains. The variants have 80 cases each: positions (and commands) alone; teleoperation at
-30 Hz to learn from and to be judged by; no_command (positions and efforts); other_arm (two other arms, the mixture of
+30 Hz to learn from and to be judged by; no_command (positions and efforts); poor_urdf (the same, masses up to 10 % and centres 10 mm off); other_arm (two other arms, the mixture of
 main, beside main's figures); ties (slow, poor motion on a user's question "this or that?", then the proposed motion is
 recorded and everything is asked again). A torque constant is in no_command only: with a logged command the gains take
 it up, and nothing is left to see.

@@ -75,6 +75,7 @@ class Design:
 
 
 FEW = {"null": 24, "single": 56}
+POOR = {"mass_error": 0.1, "com_error": 0.01}  # of a real robot's URDF: relative, and m
 SLOW = {"learnt": ("slow_ramps", "slow_ramps"), "held_out": ("hold_poses", "slow_ramps"), "reach": 0.2, "speed": 0.15}
 AS_A_PERSON = {"learnt": ("teleoperation",) * 2, "held_out": ("teleoperation",) * 2, "hz": 30.0}
 SETS = {
@@ -82,6 +83,7 @@ SETS = {
     "positions": Design(2, FEW, recording={"with_effort": False}),
     "teleoperation": Design(3, FEW, recording=AS_A_PERSON),
     "no_command": Design(4, FEW, singles=IN_EFFORT, recording={"with_command": False}),
+    "poor_urdf": Design(7, FEW, singles=IN_EFFORT, recording={"with_command": False, "imperfect": POOR}),
     "other_arm": Design(5, {"null": 33, "single": 27, "pair": 10, "outside": 10}, arms=("arm6b", "arm7")),
     "ties": Design(6, {"tie": 80}, recording=SLOW),
 }

@@ -48,6 +48,7 @@ TARGETS: dict[str, dict[str, tuple[float, float]]] = {  # least and most
     "positions": {"name": (0.90, 1)},
     "teleoperation": {"right_or_silent": (0.80, 1)},
     "no_command": {"name": (0.90, 1), "fall": (0.80, np.inf)},
+    "poor_urdf": {"name": (0.88, 1), "accused": (0, 0)},
     "ties": {"resolved": (0.80, 1)},
     "other_arm": {},
 }  # fmt: skip

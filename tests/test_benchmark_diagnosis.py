@@ -218,7 +218,7 @@ def test_the_confusion_matrix_counts_what_was_said_of_what():
     assert faultless.split() == ["faultless", ".", ".", "1", ".", "."]
 
 
-@pytest.mark.parametrize("name", ["main", "positions", "no_command", "teleoperation"])
+@pytest.mark.parametrize("name", ["main", "positions", "no_command", "poor_urdf", "teleoperation"])
 def test_the_diagnoser_gets_files_without_the_truth(name, tmp_path, monkeypatch):
     monkeypatch.setattr(diagnosis_cases, "SETS", {n: short(d) for n, d in SETS.items()})
     label = Label(0, "single", ("torque_bias",), 1.0, "pendulum1")
@@ -226,7 +226,7 @@ def test_the_diagnoser_gets_files_without_the_truth(name, tmp_path, monkeypatch)
     case.write(tmp_path)
     logs = [*load_recordings(str(tmp_path / "train")), *load_recordings(str(tmp_path / "test"))]
     assert len(logs) == 4
-    assert all((log.command is None) == (name == "no_command") for log in logs)
+    assert all((log.command is None) == (name in ("no_command", "poor_urdf")) for log in logs)
     assert all((log.effort is None) == (name == "positions") and log.velocity is None for log in logs)
     assert logs[0].hz == pytest.approx(30 if name == "teleoperation" else 100, rel=1e-6)
     assert not any("torque_bias" in p.read_text() for p in tmp_path.rglob("*") if p.is_file())

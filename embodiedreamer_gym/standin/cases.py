@@ -101,13 +101,14 @@ def draw_case(
     with_command: bool = True,
     with_velocity: bool = True,
     with_effort: bool = True,
+    imperfect: Mapping[str, float] | None = None,
     **sensor: Any,
 ) -> Case:
     """One arm that plays motions to learn from and others held out, `seconds` each, at first multisine and fast moves.
 
     effect: a name, several or none; strength: of all of them, a name of STRENGTHS or a number (1.0 is plain); learnt,
     held_out: names of MOTIONS; reach, speed: of every motion, see `span_of`; hz: samples per second; with_...: what the logs hold
-    beside positions; sensor: what replaces SENSOR or adds to it (jitter, noise, ...).
+    beside positions; imperfect: what replaces IMPERFECT's errors of the model; sensor: what replaces SENSOR or adds to it (jitter, noise, ...).
 
     Raises: EffectError for an unknown effect or strength, ModelError for an unknown arm or motion.
     """
@@ -122,7 +123,7 @@ def draw_case(
         name: draw_values(name, nominal, train_motions, span, effect_rng, size, everywhere, [0])
         for name in _names(effect)
     }
-    robot = StandIn(urdf, joints, **servo, effects=effects, rng=robot_rng, **IMPERFECT)
+    robot = StandIn(urdf, joints, **servo, effects=effects, rng=robot_rng, **{**IMPERFECT, **(imperfect or {})})
     logging: dict[str, Any] = {**SENSOR, "command_known": command_known, "declare": declare, "hz": hz,
                                "with_effort": with_effort, **sensor}  # fmt: skip
     absent: dict[str, Any] = {"command": None} if not with_command else {}
