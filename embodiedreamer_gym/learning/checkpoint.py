@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from embodiedreamer_gym.errors import EmbodieDreamerError
-from embodiedreamer_gym.io.files import atomic_file
+from embodiedreamer_gym.io.files import atomic_file, check_regular
 
 SLACK = 1 << 20  # bytes by which an archive's contents may exceed its file
 
@@ -32,6 +32,7 @@ def read_state(path: str | Path, damaged: Exception) -> dict[str, Any]:
     tensors larger than their storage).
     """
     try:
+        check_regular(path)
         with zipfile.ZipFile(path) as archive:  # torch's older format allocates before it reads
             size = sum(entry.file_size for entry in archive.infolist())
         if size > Path(path).stat().st_size + SLACK:

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from embodiedreamer_gym.effects import Effect, find_effect
-from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.errors import EffectError, ModelError
 from embodiedreamer_gym.io.files import write_json
 from embodiedreamer_gym.robot import files
 from embodiedreamer_gym.robot.data import SERVO_GROUPS, RobotData, UrdfError
@@ -63,7 +63,10 @@ def read_model(source: str | Path, catalogue: Mapping[str, type[Effect]], kind: 
 def _read_effect(entry: Any, model: RobotData, path: Path) -> Effect:
     if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
         raise ModelError(f"model {path}: each effect must be an object with a name.")
-    kind = find_effect(entry["name"], model.catalogue)
+    try:
+        kind = find_effect(entry["name"], model.catalogue)
+    except EffectError as error:
+        raise EffectError(f"model {path}: {error}") from error
     places = {p.name: model.places(p) for p in kind.parameters}
     return kind(**{
         key: files.by_joint(value, places.get(key, ()), f"effect {kind.name}, {key}", path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zipfile
 
 import pytest
@@ -110,3 +111,11 @@ def test_numbers_are_checked() -> None:
     ):
         with pytest.raises(PolicyError, match=message):
             TrainingSettings(**change).check(PolicyError)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_no_checkpoint(tmp_path) -> None:
+    """It is refused without being opened, which would block."""
+    os.mkfifo(tmp_path / "state.pt")
+    with pytest.raises(ValueError, match="damaged"):
+        read_state(tmp_path / "state.pt", ValueError("damaged"))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
+from embodiedreamer_gym.io.files import check_regular
 from embodiedreamer_gym.recordings.episodes.episode_set import STATE, Episode, EpisodeSet, check_numbers
 from embodiedreamer_gym.recordings.episodes.extras import load_extra
 from embodiedreamer_gym.recordings.episodes.lerobot_info import Info, inside, read_info
@@ -81,6 +82,7 @@ class LeRobotEpisodes(EpisodeSet):
 def _read_table(path: Path, columns: list[str], filters: Any = None) -> Any:
     """Columns of a table; whatever pyarrow finds wrong with it becomes one sentence. filters: of its rows."""
     parquet = load_extra("pyarrow.parquet")
+    check_regular(path, RecordingError)
     try:
         with parquet.ParquetFile(path) as file:
             missing = [name for name in columns if name not in file.schema_arrow.names]

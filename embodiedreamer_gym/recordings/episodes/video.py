@@ -111,7 +111,7 @@ class VideoReader:
             decoder = self._open.pop(path, None) or _Decoder(path, size)
             for number, time in enumerate(times):
                 frames[number] = decoder.at(float(time), hz)
-        except (load_extra("av").FFmpegError, OSError, IndexError, OverflowError, MemoryError) as error:
+        except (load_extra("av").FFmpegError, OSError, UnicodeError, IndexError, OverflowError, MemoryError) as error:
             raise RecordingError(f"{path}: damaged, cut short or not a video; copy it again") from error
         self._open[path] = decoder
         while len(self._open) > OPEN:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle  # noqa: TID251  as worker processes hand a set on
 import shutil
 from collections.abc import Callable
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import MissingExtraError, RecordingError
-from embodiedreamer_gym.recordings.episodes import LeRobotWriter, extras, open_episodes
+from embodiedreamer_gym.recordings.episodes import LeRobotWriter, extras, lerobot, open_episodes
 
 pytest.importorskip("av", reason="LeRobot sets need av: pip install 'embodiedreamer-gym[data]'")
 parquet = pytest.importorskip("pyarrow.parquet", reason="LeRobot sets need pyarrow")
@@ -175,3 +176,12 @@ def test_without_the_extra(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     shutil.rmtree(folder)
     with pytest.raises(MissingExtraError, match="LeRobot sets need"):
         LeRobotWriter(folder, 30)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_no_table(tmp_path) -> None:
+    """It is refused without being opened, which would block."""
+    pytest.importorskip("pyarrow")
+    os.mkfifo(tmp_path / "file.parquet")
+    with pytest.raises(RecordingError, match="is no regular file"):
+        lerobot._read_table(tmp_path / "file.parquet", [])
