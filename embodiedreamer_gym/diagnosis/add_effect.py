@@ -66,7 +66,7 @@ def add_effect(
     """
     progress = progress_or_silence(progress)
     kind = find_effect(name, model.catalogue)
-    model.with_effect(kind)
+    model.with_effect(kind)  # raises for an effect that the model has, before any fit
     logs = with_effort_unit(model, [*train, *test])
     train, test = thin(logs[: len(train)], MAX_SECONDS), logs[len(train) :]
     model = with_nuisances(model, train)

@@ -15,7 +15,7 @@ from embodiedreamer_gym.diagnosis.regimes import REGIMES, regimes
 from embodiedreamer_gym.diagnosis.trajectory_error import trajectory_losses
 from embodiedreamer_gym.effects import NUISANCES
 from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.phys_aligner.signals import Signals, effort_scales, with_effort_sensor, with_effort_unit
+from embodiedreamer_gym.phys_aligner.signals import Signals, effort_scales, with_effort_scale, with_effort_unit
 from embodiedreamer_gym.recordings import Recording, noise_floor, sensor_sd
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Rollout
@@ -40,8 +40,7 @@ def compare(
     if not models or not recordings:
         raise RecordingError("there is nothing to compare; give at least one model and one recording.")
     recordings = with_effort_unit(models[0], recordings)
-    if any(r.command is None and r.effort_unit != "N m" for r in recordings):
-        models = tuple(with_effort_sensor(model, recordings) for model in models)
+    models = tuple(with_effort_scale(model, recordings) for model in models)
     if not any(r.usable.any() for r in recordings):
         raise RecordingError("no usable sample is left to compare: all of it is contact or faulty.")
     rollouts = tuple(free_runs(model, recordings) for model in models)
@@ -72,7 +71,7 @@ def compare(
 def free_runs(model: RobotModel, recordings: Sequence[Recording]) -> tuple[Rollout, ...]:
     """Free runs (inverse runs where no log holds a command) of recordings under one model; arrays (T, n)."""
     runs = Signals(model, recordings).runs(model)
-    return tuple(Rollout(r.time, r.position[0], r.velocity[0], r.torque[0]) for r in runs)
+    return tuple(run.at(0) for run in runs)
 
 
 def effort_scale(recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> np.ndarray:

@@ -27,8 +27,7 @@ def gains_are_guessed(model: RobotModel) -> bool:
 
 def measured_less_simulated(signals: Signals, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
     """Errors (T, n) of one model's rollouts, arrays (T, n), in the compared signal."""
-    sets = [Rollout(r.time, r.position[None], r.velocity[None], r.torque[None]) for r in rollouts]
-    return [error[0] for error in signals.errors(sets)]
+    return [error[0] for error in signals.errors([run.at(None) for run in rollouts])]
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from embodiedreamer_gym.phys_aligner.evidence import log_evidence
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
 from embodiedreamer_gym.phys_aligner.linear_baseline import least_squares_rms
 from embodiedreamer_gym.phys_aligner.problem import Problem
-from embodiedreamer_gym.phys_aligner.signals import with_effort_sensor, with_effort_unit
+from embodiedreamer_gym.phys_aligner.signals import with_effort_scale, with_effort_unit
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
@@ -66,8 +66,7 @@ def diagnose(
         raise CalibrationError("diagnose needs recordings to learn from and others, held out, to judge by.")
     logs = with_effort_unit(model, [*train, *test])
     train, test = logs[: len(train)], logs[len(train) :]
-    if any(r.command is None and r.effort_unit != "N m" for r in train):
-        model = with_effort_sensor(model, train)
+    model = with_effort_scale(model, train)
     all_test, train, test = test, thin(train, max_seconds), thin(test, max_seconds)
     both = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in train)
     catalogue = catalogue or model.catalogue
@@ -129,7 +128,7 @@ def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:
     verdict = "nothing_missing"
     if p_value < ALARM:
         state = search_effects(search, state, screened, max_effects)
-        estimated = any(effect.name == InertialError.name for effect in model.effects)
+        estimated = model.has_effect(InertialError)
         if problem.signals.by_effort and not estimated:
             convincing = state.is_exact
         else:

@@ -14,7 +14,7 @@ import numpy as np
 
 from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
-from embodiedreamer_gym.phys_aligner.problem import CORRELATED, Problem
+from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
@@ -60,7 +60,7 @@ def draw_null(
     model: RobotModel, fit: Fit, problem: Problem, test: Sequence[Recording], rng: np.random.Generator
 ) -> NullDistribution:  # fmt: skip
     """Draw faultless robots like a calibrated model and score them on the held-out recordings."""
-    if any(effect.name == InertialError.name for effect in model.effects):
+    if model.has_effect(InertialError):
         return _estimated_masses(model, fit, problem, test, rng)
     perturbed = model.with_effect(InertialError)
     hold = problem.hold
@@ -88,8 +88,7 @@ def _estimated_masses(
     """Robots whose masses the fit has estimated: what is left is how well the training motion determines all parameters."""
     judged = Problem(model, test, tuple({row.key.group for row in problem.rows}), problem.hold)
     response = judged.jacobian(np.clip(fit.x, judged.lower, judged.upper))[1]
-    independent = problem.seconds / CORRELATED * problem.model.n / problem.samples  # share of the samples
-    information = independent * fit.jacobian.T @ fit.jacobian + np.diag(problem.prior)
+    information = problem.independent * fit.jacobian.T @ fit.jacobian + np.diag(problem.prior)
     size = np.sqrt(np.maximum(np.diag(information), 1e-12))
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
     root = vectors / np.sqrt(np.maximum(values, 1e-8)) / size[:, None]

@@ -205,8 +205,7 @@ def _candidates(
     search: Search, screened: Sequence[Screened], model: RobotModel, problem: Problem, fit: Fit, held: HeldOut
 ) -> list[Candidate]:  # fmt: skip
     """Refit the best of the screening and the effects that they may be confused with."""
-    estimated = any(effect.name == InertialError.name for effect in model.effects)
-    notes = ", by pieces" * search.by_pieces + ", masses estimated" * estimated
+    notes = ", by pieces" * search.by_pieces + ", masses estimated" * model.has_effect(InertialError)
     chosen, step = _shortlist(screened), f"{len(model.effects)} effects{notes}"
     candidates: list[Candidate] = []
     for part in (chosen[:LEADERS], chosen[LEADERS:]):  # refits of the second part stop when far behind the first

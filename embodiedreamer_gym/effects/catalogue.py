@@ -78,8 +78,6 @@ def find_effect(name: str, catalogue: Catalogue = CATALOGUE) -> type[Effect]:
 
     Raises: EffectError that lists the known names.
     """
-    if name in NUISANCES:
-        return NUISANCES[name]
     if name not in catalogue:
         raise EffectError(f"there is no effect '{name}'; known effects: {', '.join(catalogue)}.")
     return catalogue[name]

@@ -155,4 +155,4 @@ def replay(plant: Plant, recording: Recording, hold: str | None = None) -> Rollo
     sampler = Sampler(recording, 1, dt)
     sampler.take(track, 0)
     run = sampler.rollout()
-    return Rollout(run.time, run.position[0], run.velocity[0], run.torque[0])
+    return run.at(0)

@@ -136,7 +136,7 @@ def with_nuisances(model: RobotModel, recordings: Sequence[Recording]) -> RobotM
     Logs with commands are fitted without: their servo's gains answer most errors of the URDF.
     """
     model = with_effort_sensor(model, recordings)
-    if any(r.command is not None for r in recordings) or any(e.name == InertialError.name for e in model.effects):
+    if any(r.command is not None for r in recordings) or model.has_effect(InertialError):
         return model
     return model.with_effect(InertialError)
 

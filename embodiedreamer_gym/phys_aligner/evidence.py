@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
-from embodiedreamer_gym.phys_aligner.problem import CORRELATED, Problem
+from embodiedreamer_gym.phys_aligner.problem import Problem
 
 SIZES = np.geomspace(0.03, 1.5, 12)  # of the URDF's errors, relative to the standard deviations of the prior
 WIDE = 3.0  # scaled units, prior standard deviation of every other parameter
@@ -19,8 +19,7 @@ def log_evidence(problem: Problem, fit: Fit) -> float:
     a payload acts, is less probable than a payload on a URDF that is right.
     """
     chi2 = np.maximum(problem.joint_rms(fit.residuals)[0] ** 2, 1.0)
-    independent = problem.seconds / CORRELATED * problem.model.n / problem.samples  # share of the samples
-    root = np.sqrt(independent / chi2[problem.joint_of])
+    root = np.sqrt(problem.independent / chi2[problem.joint_of])
     jacobian, residuals = fit.jacobian * root[:, None], fit.residuals * root
     normal, gradient = jacobian.T @ jacobian, jacobian.T @ residuals
     inertial = problem.prior > 0
@@ -34,4 +33,4 @@ def log_evidence(problem: Problem, fit: Fit) -> float:
         misfit += np.sum(precision * (centre + step) ** 2)
         volume = np.linalg.slogdet(information)[1] - np.sum(np.log(precision))
         best = max(best, -0.5 * (misfit + volume))
-    return float(best - 0.5 * independent * np.sum(np.log(chi2[problem.joint_of])))
+    return float(best - 0.5 * problem.independent * np.sum(np.log(chi2[problem.joint_of])))

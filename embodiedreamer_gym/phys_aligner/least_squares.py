@@ -47,8 +47,10 @@ def minimise(
     and where it is so far above the cost of a `rival` that as many falls as iterations are left would not reach it.
     """
     x, damping = np.clip(start, problem.lower, problem.upper), 1e-2
+    if not len(x):  # everything is fixed
+        return fit_at(problem, x)
     r, jacobian = problem.jacobian(x)
-    converged, iterations = not len(x), iterations if len(x) else 0  # all may be fixed
+    converged = False
     for iteration in range(iterations):
         limit = huber_limit(problem, r)
         cost = robust_cost(problem, r, limit) + problem.prior_cost(x)
@@ -110,7 +112,7 @@ def damped_step(
 ) -> np.ndarray:  # fmt: skip
     """A damped Gauss-Newton step kept inside the bounds: parameters that would leave are fixed there, one pass each."""
     j, e = jacobian * w[:, None], r * w
-    prior = 2.0 * problem.samples * problem.prior_weight * problem.prior
+    prior = 2.0 / problem.independent * problem.prior
     normal, gradient = j.T @ j + np.diag(prior), j.T @ e + prior * x
     diagonal = np.maximum(np.diag(normal), 1e-12 * max(np.diag(normal).max(), 1e-300))
     free = np.ones(len(x), bool)

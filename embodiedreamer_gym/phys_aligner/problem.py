@@ -42,7 +42,8 @@ class Problem:
 
     A parameter with a positive lower bound is scaled by its logarithm, any other by a typical size, so that a step
     of one is a large step in each. Residuals are (measured - simulated) / sigma over the usable samples, see `Signals`.
-    rollouts counts parameter sets simulated over all recordings.
+    rollouts counts parameter sets simulated over all recordings; independent is the share of the samples that counts as
+    independent, prior (m,) is 1 for parameters that are known beforehand to one scaled unit, and 0 for the others.
     """
 
     def __init__(
@@ -78,10 +79,8 @@ class Problem:
         self.joint_of = np.concatenate([np.nonzero(u)[1] for u in usable])
         self.seconds = sum(r.duration for r in recordings)
         self.joint_counts = np.bincount(self.joint_of, minlength=model.n)
-        independent = max(self.seconds / CORRELATED, 1.0)
-        joints = max(np.count_nonzero(self.joint_counts), 1)
-        self.prior_weight = 1.0 / (independent * joints)
-        self.samples = len(self.joint_of)
+        joints = np.count_nonzero(self.joint_counts)
+        self.independent = max(self.seconds / CORRELATED, 1.0) * joints / max(len(self.joint_of), 1)
         self.run_of = np.concatenate([np.full(int(u.sum()), i) for i, u in enumerate(usable)])
         if len(self.joint_of) < len(self.rows) + 1:
             raise CalibrationError(
@@ -131,7 +130,7 @@ class Problem:
 
     def prior_cost(self, x: np.ndarray) -> float:
         """Cost of the distance of scaled parameters (m,) from what is known beforehand, on the scale of the fit's cost."""
-        return float(self.prior_weight * np.sum(self.prior * x**2))
+        return float(np.sum(self.prior * x**2) / (self.independent * len(self.joint_of)))
 
     def joint_rms(self, residuals: np.ndarray) -> np.ndarray:
         """Root mean square (P, n) of residuals (P, N), in sensor noises."""

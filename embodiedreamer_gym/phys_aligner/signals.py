@@ -24,7 +24,7 @@ from embodiedreamer_gym.recordings import (
     smoothing_half,
     stamp_errors,
 )
-from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.simulation import TIME_STEP, Drive, Rollout, Sets, resting, run_sets
 
 LARGEST = 1e6  # sensor noises; a run that diverges is no further off
@@ -54,16 +54,17 @@ class Signals:
         self.unit = self.recordings[0].effort_unit
         self.measured = [_smoothed_effort(r) for r in self.recordings]
         self.usable = [r.usable & ~_unknown(r) for r in self.recordings]
-        scale = {e.name: e.values["scale"] for e in model.effects if e.name == EffortSensor.name}
-        scale = scale.get(EffortSensor.name, {})
-        self.sigma = _effort_noise(model, self.recordings, np.array([scale.get(j, 1.0) for j in model.joints]))
+        scale = np.ones(model.n)
+        if model.has_effect(EffortSensor):
+            scale = model.group_values(ParameterKey("scale", EffortSensor.name))
+        self.sigma = _effort_noise(model, self.recordings, scale)
 
     def errors(self, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
         """Measured less simulated (P, T, n) of runs (P, T, n), in the channels' units."""
         pairs = list(zip(self.recordings, rollouts, strict=True))
         if not self.by_effort:
             return [r.position - run.position for r, run in pairs]
-        return [e - run.torque for e, run in zip(self.measured, rollouts, strict=True)]
+        return [e - run.effort for e, run in zip(self.measured, rollouts, strict=True)]
 
     def runs(
         self, model: RobotModel, sets: Sets | None = None, hold: str | None = None, dt: float = TIME_STEP
@@ -125,10 +126,17 @@ def with_effort_unit(model: RobotModel, recordings: Sequence[Recording]) -> tupl
     """
     if not any(r.command is None and r.effort_unit == "unknown" for r in recordings):
         return tuple(recordings)
-    scaled = any(e.name == EffortSensor.name and e.values["scale"] for e in model.effects)
+    scaled = ParameterKey("scale", EffortSensor.name) in {row.key.group for row in model.parameters()}
     scale = np.inf if scaled else float(np.median(np.abs(_effort_lines(model, recordings)[0])))
     unit = "N m" if 1 / PLAUSIBLE < scale < PLAUSIBLE else "A"
     return tuple(r.with_(effort_unit=unit) for r in recordings)
+
+
+def with_effort_scale(model: RobotModel, recordings: Sequence[Recording]) -> RobotModel:
+    """The model with an `EffortSensor` where its logs have no command and their effort is not in N m."""
+    if all(r.command is not None or r.effort_unit == "N m" for r in recordings):
+        return model
+    return with_effort_sensor(model, recordings)
 
 
 def with_effort_sensor(model: RobotModel, recordings: Sequence[Recording]) -> RobotModel:
@@ -136,12 +144,12 @@ def with_effort_sensor(model: RobotModel, recordings: Sequence[Recording]) -> Ro
 
     A model that has one keeps it; so does a model whose logs hold commands. The scale of efforts in N m is one.
     """
-    if all(r.command is not None for r in recordings) or any(e.name == EffortSensor.name for e in model.effects):
+    if all(r.command is not None for r in recordings) or model.has_effect(EffortSensor):
         return model
     recordings = with_effort_unit(model, recordings)
-    scale, offset = _effort_lines(model, recordings)
     if recordings[0].effort_unit == "N m":
         return model.with_effect(EffortSensor(offset=dict.fromkeys(model.joints, 0.0)))
+    scale, offset = _effort_lines(model, recordings)
     values = {
         name: dict(zip(model.joints, x.tolist(), strict=True)) for name, x in (("scale", scale), ("offset", offset))
     }
@@ -150,12 +158,12 @@ def with_effort_sensor(model: RobotModel, recordings: Sequence[Recording]) -> Ro
 
 def _effort_lines(model: RobotModel, recordings: Sequence[Recording]) -> tuple[np.ndarray, np.ndarray]:
     """Scale (n,) and offset (n,) of each joint's effort against the model's torque, by least squares."""
-    runs = [run.torque[0] for run in run_sets(model, recordings)]
+    torque = np.concatenate([run.torque[0] for run in run_sets(model, recordings)])
+    effort = np.concatenate([_smoothed_effort(r) for r in recordings])
+    keep = np.concatenate([r.usable & ~_unknown(r) for r in recordings])
     lines = []
     for j in range(model.n):
-        keep = [r.usable[:, j] & ~_unknown(r)[:, j] for r in recordings]
-        x, y = (np.concatenate([s[k, j] for s, k in zip(signal, keep, strict=True)])
-                for signal in (runs, [_smoothed_effort(r) for r in recordings]))  # fmt: skip
+        x, y = torque[keep[:, j], j], effort[keep[:, j], j]
         if len(x) < 3 or np.ptp(x) <= 0:
             lines.append((1.0, 0.0))
             continue
@@ -167,8 +175,8 @@ def _effort_lines(model: RobotModel, recordings: Sequence[Recording]) -> tuple[n
 
 def _between(a: Rollout, b: Rollout, share: np.ndarray) -> Rollout:
     """The run that lies a share (P, 1, n) of the way from one to the other."""
-    mixed = (x + share * (y - x) for x, y in zip(vars(a).values(), vars(b).values(), strict=True) if x.ndim == 3)
-    return Rollout(a.time, *mixed)
+    signals = ((a.position, b.position), (a.velocity, b.velocity), (a.torque, b.torque))
+    return Rollout(a.time, *(x + share * (y - x) for x, y in signals))
 
 
 def _rising(time: np.ndarray) -> np.ndarray:

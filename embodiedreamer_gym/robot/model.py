@@ -60,6 +60,10 @@ class RobotModel(RobotData):
         catalogue = self.catalogue if effect.name in NUISANCES else {**self.catalogue, effect.name: type(effect)}
         return replace(self, effects=(*self.effects, effect), catalogue=catalogue)
 
+    def has_effect(self, kind: type[Effect]) -> bool:
+        """Whether the model has an effect of this class's name."""
+        return any(effect.name == kind.name for effect in self.effects)
+
     def without_effect(self, name: str) -> RobotModel:
         """Return a copy without the effect of that name, and without its intervals.
 

@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from embodiedreamer_gym.effects import Effect, find_effect
+from embodiedreamer_gym.effects import NUISANCES, Effect, find_effect
+from embodiedreamer_gym.effects.effort_sensor import EffortSensor
 from embodiedreamer_gym.errors import EffectError, ModelError
 from embodiedreamer_gym.io.files import write_json
 from embodiedreamer_gym.robot import files
@@ -42,6 +43,8 @@ def read_model(source: str | Path, catalogue: Mapping[str, type[Effect]], kind: 
     stated = {**{group: data.get(group) for group in SERVO_GROUPS[2:]}, **servo}
     given = {k: np.array(files.numbers(v, len(joints), k, path)) for k, v in stated.items() if v is not None}
     estimated = frozenset(files.names(data.get("estimated", []), "estimated", path))
+    if estimated - set(SERVO_GROUPS):
+        raise ModelError(f"model {path}: estimated may name {', '.join(SERVO_GROUPS)} only.")
     intervals = {
         str(ParameterKey.of(text)): files.pair(ends, f"interval of {text}", path)
         for text, ends in files.table(data, "intervals", None, path).items()
@@ -64,7 +67,7 @@ def _read_effect(entry: Any, model: RobotData, path: Path) -> Effect:
     if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
         raise ModelError(f"model {path}: each effect must be an object with a name.")
     try:
-        kind = find_effect(entry["name"], model.catalogue)
+        kind = find_effect(entry["name"], {**model.catalogue, **NUISANCES})
     except EffectError as error:
         raise EffectError(f"model {path}: {error}") from error
     places = {p.name: model.places(p) for p in kind.parameters}
@@ -84,9 +87,8 @@ def write_model(model: RobotData, path: Path) -> None:
         robot["end_effectors"] = list(model.end_effectors)
     if model.normalised:
         robot["normalised"] = {k: list(v) for k, v in model.normalised.items()}
-    fixed = sorted(
-        model.fixed | {f"{e.name}.scale" for e in model.effects if e.name == "effort_sensor" and e.values["scale"]}
-    )
+    scaled = any(isinstance(effect, EffortSensor) and effect.values["scale"] for effect in model.effects)
+    fixed = sorted(model.fixed | ({f"{EffortSensor.name}.scale"} if scaled else set()))
     estimated = sorted(set(SERVO_GROUPS) - model.given)
     data = {
         "name": model.name,

@@ -46,7 +46,7 @@ def run_sets(
 
 
 def inverse_sets(model: RobotModel, recording: Recording, sets: Sets | None = None) -> Rollout:
-    """Effort (P, T, n), in the log's unit, that a recording's motion takes under P parameter sets; the rest smoothed.
+    """Torque and effort (P, T, n) that a recording's motion takes under P parameter sets; position and velocity smoothed.
 
     Raises: SimulationError when the recording is not of this robot or has no effort to compare with.
     """
@@ -55,7 +55,8 @@ def inverse_sets(model: RobotModel, recording: Recording, sets: Sets | None = No
         raise SimulationError(f"recording {recording.name} holds neither a command nor an effort; one is needed.")
     drive, motion = Drive(model, sets), smooth_motion(recording)
     track = _Track(drive, motion, recording)
-    return Rollout(recording.time, track.position, track.velocity, track.effort())
+    torque = track.torque()
+    return Rollout(recording.time, track.position, track.velocity, torque, track.effort(torque))
 
 
 def resting(recording: Recording, motion: Motion | None = None) -> np.ndarray:
@@ -81,16 +82,16 @@ class _Track:
         self.acceleration = np.repeat(motion.acceleration[None], self.count, axis=0)
         self.position = 2 * seen - self._laws("sensor", seen, seen)  # exact for an offset
 
-    def effort(self) -> np.ndarray:
-        """Effort (P, T, n) that the drive has to be asked for, as the log shows it."""
+    def torque(self) -> np.ndarray:
+        """Torque (P, T, n) N m that the drive has to be asked for."""
         rigid = self._rigid_bodies()
         carried = rigid - self._smoothed(self._laws("load", np.zeros_like(rigid), rigid))
         torque = carried
         for _ in range(LOOPS if self.drive.budgets else 0):
             torque = carried + self._smoothed(self._friction(torque))
-        return self._read(self._asked(torque))
+        return self._asked(torque)
 
-    def _read(self, torque: np.ndarray) -> np.ndarray:
+    def effort(self, torque: np.ndarray) -> np.ndarray:
         """What the log's effort shows of torques (P, T, n); these laws have no memory."""
         for law in self.drive.laws["effort"]:
             values = SimpleNamespace(**{name: value[:, None] for name, value in vars(law.p).items()})

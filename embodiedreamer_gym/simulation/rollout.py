@@ -19,12 +19,26 @@ FEWEST = 4  # samples
 
 @dataclass(frozen=True)
 class Rollout:
-    """A simulated recording: time (T,) s, position, velocity (T, n), servo torque (T, n) N m."""
+    """A simulated recording: time (T,) s, position, velocity (T, n), servo torque (T, n) N m.
+
+    reading (T, n): of an inverse run, what the log's effort shows of the torque, in its unit; None where that is the torque.
+    """
 
     time: np.ndarray
     position: np.ndarray
     velocity: np.ndarray
     torque: np.ndarray
+    reading: np.ndarray | None = None
+
+    @property
+    def effort(self) -> np.ndarray:
+        """What the log's effort shows (T, n)."""
+        return self.torque if self.reading is None else self.reading
+
+    def at(self, index: int | None) -> Rollout:
+        """The run of one parameter set of P, where the arrays are (P, T, n); None adds that axis, of length one."""
+        reading = None if self.reading is None else self.reading[index]
+        return Rollout(self.time, self.position[index], self.velocity[index], self.torque[index], reading)
 
     def __repr__(self) -> str:
         return f"Rollout(T={len(self.time)}, n={self.position.shape[-1]})"
@@ -131,7 +145,7 @@ def simulate(model: RobotModel, recording: Recording, dt: float = TIME_STEP, hol
         raise SimulationError(
             f"the simulation of {recording.name} with model {model.name} diverges; check its servo gains."
         )
-    return Rollout(run.time, run.position[0], run.velocity[0], run.torque[0])
+    return run.at(0)
 
 
 def command_rule(model: RobotModel, recording: Recording) -> str:

@@ -74,6 +74,11 @@ def test_what_is_fixed_or_estimated_is_saved(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.damping, model.damping)
     with pytest.raises(ModelError, match="fixed names 'weather'"):
         model.with_fixed("weather")
+    (tmp_path / "b.json").write_text((tmp_path / "b.json").read_text().replace('"damping",', '"weather",'))
+    with pytest.raises(ModelError, match="estimated may name stiffness"):
+        RobotModel.load(tmp_path / "b.json")
+    with pytest.raises(EffectError, match="no effect 'inertial_error'"):
+        model.with_effect("inertial_error")
 
 
 def test_a_saved_model_finds_its_urdf_from_another_folder(tmp_path: Path, monkeypatch) -> None:

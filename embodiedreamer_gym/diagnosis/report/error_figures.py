@@ -9,7 +9,6 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from embodiedreamer_gym.diagnosis.compare import effort_scale
 from embodiedreamer_gym.diagnosis.comparison import Comparison
 from embodiedreamer_gym.diagnosis.error_breakdown import QUANTITIES, ErrorBreakdown
 from embodiedreamer_gym.diagnosis.regimes import REGIME_HEADS
@@ -72,8 +71,7 @@ def _simulated(comparison: Comparison, model: int) -> list[np.ndarray]:
     runs = comparison.rollouts[model]
     if comparison.signal == "position":
         return [run.position for run in runs]
-    scale = effort_scale(comparison.recordings, runs) if comparison.unit == "A" else 1.0
-    return [scale * run.torque for run in runs]
+    return [run.effort for run in runs]
 
 
 def _worst_window(comparison: Comparison, joint: int, model: int) -> tuple[int, slice]:
