@@ -158,8 +158,9 @@ def _group(group: int) -> Sequence[int]:
 
 
 def _tail(path: Path) -> str:
+    """The end of a stack, without the list of extension modules that faulthandler prints after it."""
     with contextlib.suppress(OSError):
-        return path.read_bytes()[-3000:].decode("utf-8", "replace")
+        return path.read_text("utf-8", "replace").partition("Extension modules:")[0][-3000:]
     return ""
 
 

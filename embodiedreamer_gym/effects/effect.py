@@ -27,8 +27,10 @@ class Parameter:
     off: the value at which the effect vanishes, inside [low, high]; typical: a size that is plainly visible.
     A limit, whose off value is its upper bound, reaches the law as infinity when off.
     scale: "torque" multiplies low, high and typical by a torque typical of the joint [N m], "1/torque" divides them by
-    it, "" takes them as they are, "urdf_..." multiplies by a standard deviation of the model's `urdf_error`; per: one value for each joint or for each arm; starts: values of a shape parameter from which a fit has to
-    begin to find the right one, where a few sizes do not reach all.
+    it, "" takes them as they are, "urdf_..." multiplies by a standard deviation of the model's `urdf_error`; per: one value for
+    each joint or for each arm; starts: values of a shape parameter from which a fit has to begin to find the right one, where a
+    few sizes do not reach all; prior: whether fits hold it near its off value, by a normal prior whose standard deviation is its
+    typical size.
     """
 
     name: str
@@ -41,6 +43,7 @@ class Parameter:
     per: Literal["joint", "arm"] = "joint"
     shape: bool = False  # a shape parameter: has no influence while the effect's other parameters are off
     starts: tuple[float, ...] = ()
+    prior: bool = False
 
     def __post_init__(self) -> None:
         if not self.low <= self.off <= self.high:

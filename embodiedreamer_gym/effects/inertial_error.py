@@ -16,9 +16,10 @@ class InertialError(MechanicsChange):
 
     name = "inertial_error"
     parameters = (
-        Parameter("mass", "1", off=0.0, low=-3.0, high=3.0, typical=1.0, scale="urdf_mass"),
-        *(Parameter(axis, "m", off=0.0, low=-3.0, high=3.0, typical=1.0, scale="urdf_centre") for axis in "xyz"),
-        *(Parameter(f"stretch_{axis}", "1", off=0.0, low=-3.0, high=3.0, typical=1.0, scale="urdf_stretch") for axis in "xyz"),
+        Parameter("mass", "1", off=0.0, low=-3.0, high=3.0, typical=1.0, scale="urdf_mass", prior=True),
+        *(Parameter(axis, "m", off=0.0, low=-3.0, high=3.0, typical=1.0, scale="urdf_centre", prior=True) for axis in "xyz"),
+        *(Parameter(f"stretch_{axis}", "1", off=0.0, low=-3.0, high=3.0, typical=1.0, scale="urdf_stretch",
+                    prior=True) for axis in "xyz"),
     )  # fmt: skip
     symptom = "every joint errs a little, in no pattern that a servo or a friction law has"
     reveals = "weighing the links"

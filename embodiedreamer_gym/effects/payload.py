@@ -1,13 +1,23 @@
 """Payload: a mass at the end effector that is not in the model."""
 
+import numpy as np
+
 from embodiedreamer_gym.effects.effect import MechanicsChange, Parameter
 
 
 class Payload(MechanicsChange):
-    """A point mass at the end effector."""
+    """A point mass at the end effector, or a few centimetres beside it.
+
+    x, y, z: from the end effector to the mass, along the axes of the last moving link. Most loads lie within 5 cm of the
+    end effector, which their prior says, so that a motion that shows no more still gives a mass.
+    """
 
     name = "payload"
-    parameters = (Parameter("mass", "kg", off=0.0, low=0.0, high=5.0, typical=0.2, per="arm"),)
+    parameters = (
+        Parameter("mass", "kg", off=0.0, low=0.0, high=5.0, typical=0.2, per="arm"),
+        *(Parameter(axis, "m", off=0.0, low=-0.3, high=0.3, typical=0.05, per="arm", shape=True, starts=(0.0,), prior=True)
+          for axis in "xyz"),
+    )  # fmt: skip
     symptom = "every joint that carries weight sags and lags more, most with the arm stretched out"
     reveals = "static poses near and far, and fast moves"
     confused_with = ("torque_bias", "base_tilt", "joint_spring", "rotor_inertia", "torque_fade",
@@ -15,6 +25,7 @@ class Payload(MechanicsChange):
 
     @staticmethod
     def change(mechanics, p):
-        """Add the mass (B, arms) kg at each arm's tip."""
+        """Add the mass (B, arms) kg at each arm's tip, moved by x, y, z (B, arms) m."""
+        offset = np.stack([p.x, p.y, p.z], axis=-1)
         for arm, body in enumerate(mechanics.tip_body):
-            mechanics.add_point_mass(int(body), p.mass[:, arm], mechanics.tip_point[arm])
+            mechanics.add_point_mass(int(body), p.mass[:, arm], mechanics.tip_point[arm] + offset[:, arm])

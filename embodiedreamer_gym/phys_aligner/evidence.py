@@ -22,11 +22,10 @@ def log_evidence(problem: Problem, fit: Fit) -> float:
     root = np.sqrt(problem.independent / chi2[problem.joint_of])
     jacobian, residuals = fit.jacobian * root[:, None], fit.residuals * root
     normal, gradient = jacobian.T @ jacobian, jacobian.T @ residuals
-    inertial = problem.prior > 0
-    centre = np.where(inertial, fit.x, 0.0)
+    centre = np.where(problem.prior > 0, fit.x, 0.0)
     best = -np.inf
     for size in SIZES:
-        precision = np.where(inertial, 1.0 / size**2, 1.0 / WIDE**2)
+        precision = np.where(problem.of_urdf, 1.0 / size**2, np.where(problem.prior > 0, 1.0, 1.0 / WIDE**2))
         information = normal + np.diag(precision)
         step = -np.linalg.solve(information, gradient + precision * centre)
         misfit = residuals @ residuals + 2 * gradient @ step + step @ normal @ step

@@ -31,8 +31,8 @@ def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray)
     Two estimates of S, of which each parameter gets the wider interval: J^T C J with the autocovariance C of
     an autoregressive model of each joint's residuals, exact for coloured noise that does not depend on the
     motion; and the autocovariance of the scores themselves (Newey and West, Econometrica 55, 1987), which
-    also sees residuals that follow the motion, as those of a missing effect do. Parameters on a bound are
-    left out.
+    also sees residuals that follow the motion, as those of a missing effect do. What is known beforehand of a parameter
+    counts as one more observation. Parameters on a bound are left out.
     """
     m = len(x)
     free = (x > problem.lower + 1e-9) & (x < problem.upper - 1e-9)
@@ -42,7 +42,9 @@ def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray)
     half = np.full(m, np.inf)
     if len(keep):
         j = jacobian[:, keep]
-        normal = j.T @ j
+        chi2 = float(np.mean(r**2))
+        prior = (1.0 + chi2) / problem.independent * problem.prior[keep]  # relative to the residuals, as in the fit
+        normal = j.T @ j + np.diag(prior)
         size = np.sqrt(np.diag(normal))
         inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-10, hermitian=True)
         inverse /= np.outer(size, size)
@@ -50,7 +52,7 @@ def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray)
         cov = count * inverse @ _coloured_covariance(problem, r, j) @ inverse
         own = count * inverse @ _score_covariance(problem, r, j) @ inverse
         wider = np.sqrt(np.maximum(np.diag(own) / np.maximum(np.diag(cov), 1e-300), 1.0))
-        cov *= np.outer(wider, wider)
+        cov = cov * np.outer(wider, wider) + inverse @ np.diag(prior**2) @ inverse
         covariance[np.ix_(keep, keep)] = cov
         half[keep] = NORMAL_95 * np.sqrt(np.maximum(np.diag(cov), 0.0))
         half[half > HOPELESS] = np.inf

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from embodiedreamer_gym.phys_aligner.signals import Signals
-from embodiedreamer_gym.recordings import Recording, smooth_motion
+from embodiedreamer_gym.recordings import Recording, smooth, smooth_derivatives, smooth_motion
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Drive
 
@@ -38,8 +38,10 @@ def least_squares_rms(model: RobotModel, train: Sequence[Recording], test: Seque
 
 
 def _terms(model: RobotModel, recording: Recording, effort: np.ndarray) -> np.ndarray:
-    """Smoothed effort and the terms (T, n, 6)."""
-    motion = smooth_motion(recording)
+    """Effort and the terms (T, n, 6), smoothed alike."""
+    motion = smooth_derivatives(recording)
     q, v, a = motion.position, motion.velocity, motion.acceleration
     rigid = model.bodies.inverse_dynamics(q, v, a, Drive(model).mechanics)[0]
-    return np.stack([effort, rigid, a, v, np.sign(v), np.ones_like(v)], axis=-1)
+    sign = smooth(recording, np.sign(smooth_motion(recording).velocity))
+    terms = [smooth(recording, x) for x in (rigid, a, v, sign)]
+    return np.stack([effort, *terms, np.ones_like(v)], axis=-1)

@@ -43,7 +43,8 @@ class Problem:
     A parameter with a positive lower bound is scaled by its logarithm, any other by a typical size, so that a step
     of one is a large step in each. Residuals are (measured - simulated) / sigma over the usable samples, see `Signals`.
     rollouts counts parameter sets simulated over all recordings; independent is the share of the samples that counts as
-    independent, prior (m,) is 1 for parameters that are known beforehand to one scaled unit, and 0 for the others.
+    independent; prior (m,) is 1 for parameters that are known beforehand to one scaled unit, and 0 for the others; of_urdf (m,)
+    says which are the URDF's errors.
     """
 
     def __init__(
@@ -72,7 +73,10 @@ class Problem:
         self.lower = self.scale(np.array([row.low for row in self.rows]))
         self.upper = self.scale(np.array([row.high for row in self.rows]))
         self.start = np.clip(self.scale(np.array([row.value for row in self.rows])), self.lower, self.upper)
-        self.prior = np.array([row.key.effect == InertialError.name for row in self.rows], float)
+        self.prior = np.array(
+            [bool(row.key.effect) and model.find_parameter(row.key)[1].prior for row in self.rows], float
+        )
+        self.of_urdf = np.array([row.key.effect == InertialError.name for row in self.rows], bool)
         self._inertial: np.ndarray | None = None
         self.sigma, usable = self.signals.sigma, self.signals.usable
         self.rollouts = 0
@@ -147,7 +151,7 @@ class Problem:
         URDF's errors, which are many and nearly constant, are those of the first call.
         """
         sign = np.where(x + step <= self.upper, 1.0, -1.0)
-        inertial = self.prior > 0
+        inertial = self.of_urdf
         colours = self._colours(np.flatnonzero(~inertial if self._inertial is not None else inertial | True))
         points = np.repeat(x[None], len(colours) + 1, axis=0)
         for p, members in enumerate(colours):

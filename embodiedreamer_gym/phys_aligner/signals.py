@@ -19,10 +19,12 @@ from embodiedreamer_gym.recordings import (
     Recording,
     noise_floor,
     sensor_sd,
+    smooth,
+    smooth_derivatives,
     smooth_motion,
-    smoothing_gain,
     smoothing_half,
     stamp_errors,
+    twice_smoothed_gain,
 )
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.simulation import TIME_STEP, Drive, Rollout, Sets, resting, run_sets
@@ -186,12 +188,13 @@ def _rising(time: np.ndarray) -> np.ndarray:
 
 
 def _smoothed_effort(recording: Recording) -> np.ndarray:
-    return smooth_motion(recording, recording.effort).position
+    """Effort (T, n) that has passed the filter of inverse runs."""
+    return smooth(recording, smooth(recording, np.asarray(recording.effort)))
 
 
 def _unknown(recording: Recording) -> np.ndarray:
     """Samples (T, n) whose friction is not known: at a rest, and beside one that outlasts a reversal; both ends."""
-    still, half = resting(recording), smoothing_half(recording)
+    still, half = resting(recording), 2 * smoothing_half(recording)
     long = still.copy()
     for k in range(1, SHORT + 1):
         long[k:-k] &= still[2 * k :] & still[: -2 * k]
@@ -216,12 +219,12 @@ def _effort_noise(model: RobotModel, recordings: Sequence[Recording], scale: np.
     """
     mechanics, noises = Drive(model).mechanics, []
     for r in recordings:
-        motion = smooth_motion(r)
+        motion = smooth_derivatives(r)
         rows = np.linspace(0, len(r.time) - 1, POSES).astype(int)
         q, v = (np.ascontiguousarray(x[rows]) for x in (motion.position, motion.velocity))
         mass = model.bodies.mass_matrix_and_bias(q, v, mechanics)[0] + np.diag(model.rotor_inertia)
         bend = np.sqrt(np.mean((mass * motion.acceleration_noise) ** 2, axis=0).sum(axis=1))
-        own = smoothing_gain(r) * sensor_sd(r.time, np.asarray(r.effort))
+        own = twice_smoothed_gain(r) * sensor_sd(r.time, np.asarray(r.effort))
         least = 1e-5 * np.ptp(np.asarray(r.effort), axis=0)
         noises.append(np.sqrt(own**2 + (bend * scale) ** 2 + least**2))
     return np.sqrt(np.mean(np.square(noises), axis=0))

@@ -8,7 +8,15 @@ from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum
 from embodiedreamer_gym.recordings.preflight import Preflight, preflight
 from embodiedreamer_gym.recordings.recording import Recording, Recordings
 from embodiedreamer_gym.recordings.segments import pieces, thin, window
-from embodiedreamer_gym.recordings.smoothing import Motion, smooth_motion, smoothing_gain, smoothing_half
+from embodiedreamer_gym.recordings.smoothing import (
+    Motion,
+    smooth,
+    smooth_derivatives,
+    smooth_motion,
+    smoothing_gain,
+    smoothing_half,
+    twice_smoothed_gain,
+)
 
 __all__ = [
     "Finding",
@@ -26,10 +34,13 @@ __all__ = [
     "preflight",
     "save_recording",
     "sensor_sd",
+    "smooth",
+    "smooth_derivatives",
     "smooth_motion",
     "smoothing_gain",
     "smoothing_half",
     "stamp_errors",
     "thin",
+    "twice_smoothed_gain",
     "window",
 ]

@@ -35,16 +35,29 @@ def smooth_motion(recording: Recording, signal: np.ndarray | None = None) -> Mot
     Source: Savitzky and Golay, Analytical Chemistry 36, 1964; on an even grid at the recording's sampling rate.
     """
     signal = recording.position if signal is None else signal
-    dt, (window, order) = 1.0 / recording.hz, _window(recording)
-    grid = recording.time[0] + np.arange(max(round(recording.duration / dt) + 1, window)) * dt
-    even = np.stack([np.interp(grid, recording.time, x) for x in signal.T], axis=1)
-    parts = []
-    for k in range(3):
-        smooth = np.asarray(savgol_filter(even, window, order, deriv=k, delta=dt, axis=0))
-        parts.append(np.stack([np.interp(recording.time, grid, x) for x in smooth.T], axis=1))
-    position, velocity, acceleration = parts
-    noise = [smoothing_gain(recording, k) * recording.sigma for k in (1, 2)]
-    return Motion(position, velocity, acceleration, *noise)
+    parts = [_resampled(recording, *_filtered(recording, signal, k)) for k in range(3)]
+    return Motion(*parts, *(smoothing_gain(recording, k) * recording.sigma for k in (1, 2)))
+
+
+def smooth(recording: Recording, signal: np.ndarray) -> np.ndarray:
+    """Smooth a signal (T, n) of a recording as `smooth_motion` does."""
+    return _resampled(recording, *_filtered(recording, signal))
+
+
+def smooth_derivatives(recording: Recording) -> Motion:
+    """Smoothed position and its own central differences, for sums of them that are smoothed once more.
+
+    The derivatives of `smooth_motion` pass less of a quick motion than its position does (5 % less of an acceleration at
+    2 Hz). These pass as much, so that efforts that are computed from them and smoothed, and measured efforts that are
+    smoothed twice, have passed the same filter. Their noise is what is left after the second smoothing.
+
+    Source: parallel filtering of Gautier, ICRA 1997.
+    """
+    grid, position = _filtered(recording, recording.position)
+    velocity = np.gradient(position, 1.0 / recording.hz, axis=0)
+    acceleration = np.pad(np.diff(position, 2, axis=0) * recording.hz**2, ((1, 1), (0, 0)), mode="edge")
+    noise = [twice_smoothed_gain(recording, k) * recording.sigma for k in (1, 2)]
+    return Motion(*(_resampled(recording, grid, x) for x in (position, velocity, acceleration)), *noise)
 
 
 def smoothing_gain(recording: Recording, derivative: int = 0) -> float:
@@ -54,9 +67,30 @@ def smoothing_gain(recording: Recording, derivative: int = 0) -> float:
     return float(np.linalg.norm(np.asarray(weights)))
 
 
+def twice_smoothed_gain(recording: Recording, derivative: int = 0) -> float:
+    """Sd of the signal smoothed twice, or of central differences of it, where the signal's own white noise has sd 1."""
+    once = np.asarray(savgol_coeffs(*_window(recording)))
+    difference = {0: [1.0], 1: [0.5, 0.0, -0.5], 2: [1.0, -2.0, 1.0]}[derivative]
+    weights = np.convolve(np.convolve(once, once), np.array(difference) * recording.hz**derivative)
+    return float(np.linalg.norm(weights))
+
+
 def smoothing_half(recording: Recording) -> int:
     """Samples to either side that smoothing looks at."""
     return _window(recording)[0] // 2
+
+
+def _filtered(recording: Recording, signal: np.ndarray, derivative: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """An even grid of times (K,) and the smoothed signal, or a derivative of it, (K, n) there."""
+    dt, (window, order) = 1.0 / recording.hz, _window(recording)
+    grid = recording.time[0] + np.arange(max(round(recording.duration / dt) + 1, window)) * dt
+    even = np.stack([np.interp(grid, recording.time, x) for x in signal.T], axis=1)
+    return grid, np.asarray(savgol_filter(even, window, order, deriv=derivative, delta=dt, axis=0))
+
+
+def _resampled(recording: Recording, grid: np.ndarray, signal: np.ndarray) -> np.ndarray:
+    """A signal (K, n) of an even grid at the recording's times, (T, n)."""
+    return np.stack([np.interp(recording.time, grid, x) for x in signal.T], axis=1)
 
 
 def _window(recording: Recording) -> tuple[int, int]:

@@ -2,8 +2,8 @@
 
 The motion is smoothed, the rigid bodies' torque follows from it (recursive Newton-Euler), friction and the loads of the
 effects are added, and the drive's laws are turned round. What lies before the drive (command, servo) plays no part,
-nor does a gear that gives way. Friction and loads are smoothed as the log's effort is to be (Swevers et al., IEEE
-Control Systems 27, 2007), and their memories run through the log.
+nor does a gear that gives way. Torques pass the filter that the log's effort is to pass, which is smoothing twice (see
+`smooth_derivatives`; Swevers et al., IEEE Control Systems 27, 2007). The memories of loads and friction run through the log.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from embodiedreamer_gym.effects import JointState
 from embodiedreamer_gym.errors import SimulationError
-from embodiedreamer_gym.recordings import Motion, Recording, smooth_motion
+from embodiedreamer_gym.recordings import Motion, Recording, smooth, smooth_derivatives, smooth_motion
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation.drive import TIME_STEP, Drive, Sets
 from embodiedreamer_gym.simulation.rollout import Rollout, check_names, simulate_sets
@@ -53,8 +53,7 @@ def inverse_sets(model: RobotModel, recording: Recording, sets: Sets | None = No
     check_names(model, recording)
     if recording.effort is None:
         raise SimulationError(f"recording {recording.name} holds neither a command nor an effort; one is needed.")
-    drive, motion = Drive(model, sets), smooth_motion(recording)
-    track = _Track(drive, motion, recording)
+    track = _Track(Drive(model, sets), recording)
     torque = track.torque()
     return Rollout(recording.time, track.position, track.velocity, torque, track.effort(torque))
 
@@ -73,22 +72,22 @@ def slow_speed(motion: Motion) -> np.ndarray:
 class _Track:
     """A motion under P parameter sets; arrays (P, T, n)."""
 
-    def __init__(self, drive: Drive, motion: Motion, recording: Recording) -> None:
+    def __init__(self, drive: Drive, recording: Recording) -> None:
         self.drive, self.recording, self.count = drive, recording, drive.sets
+        motion, self.derivatives = smooth_motion(recording), smooth_derivatives(recording)
         self.slow = slow_speed(motion)
         self.steps = np.gradient(recording.time)
         seen = np.repeat(motion.position[None], self.count, axis=0)
         self.velocity = np.repeat(motion.velocity[None], self.count, axis=0)
-        self.acceleration = np.repeat(motion.acceleration[None], self.count, axis=0)
         self.position = 2 * seen - self._laws("sensor", seen, seen)  # exact for an offset
 
     def torque(self) -> np.ndarray:
         """Torque (P, T, n) N m that the drive has to be asked for."""
         rigid = self._rigid_bodies()
-        carried = rigid - self._smoothed(self._laws("load", np.zeros_like(rigid), rigid))
+        carried = rigid - self._smoothed(self._laws("load", np.zeros_like(rigid), rigid), 2)
         torque = carried
         for _ in range(LOOPS if self.drive.budgets else 0):
-            torque = carried + self._smoothed(self._friction(torque))
+            torque = carried + self._smoothed(self._friction(torque), 2)
         return self._asked(torque)
 
     def effort(self, torque: np.ndarray) -> np.ndarray:
@@ -101,10 +100,9 @@ class _Track:
     def _rigid_bodies(self) -> np.ndarray:
         first, place = self._different_bodies()
         samples, n = self.position.shape[1:]
-        q, v, a = (  # sample-major, so that sample b belongs to parameter set b mod P
-            np.ascontiguousarray(np.swapaxes(x[first], 0, 1).reshape(-1, n))
-            for x in (self.position, self.velocity, self.acceleration)
-        )
+        speed, acceleration = self.derivatives.velocity, self.derivatives.acceleration
+        q = np.ascontiguousarray(np.swapaxes(self.position[first], 0, 1).reshape(-1, n))
+        v, a = (np.repeat(x, len(first), axis=0) for x in (speed, acceleration))  # sample b: parameter set b mod P
         mechanics = self.drive.mechanics
         if len(mechanics.mass) > 1:
             parts = ("mass", "first_moment", "inertia", "gravity")
@@ -113,7 +111,7 @@ class _Track:
         torque = np.swapaxes(torque.reshape(samples, len(first), n), 0, 1)[place]
         servo = self.drive.servo
         rotor, viscous = servo["rotor_inertia"][:, None], servo["viscous_friction"][:, None]
-        return torque + rotor * self.acceleration + viscous * self.velocity
+        return self._smoothed(torque + rotor * acceleration + viscous * speed)
 
     def _different_bodies(self) -> tuple[np.ndarray, np.ndarray]:
         """Parameter sets (k,) whose bodies or positions differ, and for each set (P,) which of those it equals."""
@@ -155,14 +153,15 @@ class _Track:
                     taken[:, k] += np.where(joint.velocity > 0, both[0], both[1])
         return taken * np.clip(self.velocity / self.slow, -1.0, 1.0)
 
-    def _smoothed(self, torque: np.ndarray) -> np.ndarray:
-        """Torques (P, T, n) smoothed in time as the log's effort is."""
+    def _smoothed(self, torque: np.ndarray, times: int = 1) -> np.ndarray:
+        """Torques (P, T, n) smoothed in time, once or more often."""
         if not torque.any():
             return torque
         sets, samples, n = torque.shape
         columns = np.swapaxes(torque, 0, 1).reshape(samples, sets * n)
-        smooth = smooth_motion(self.recording, columns).position
-        return np.swapaxes(smooth.reshape(samples, sets, n), 0, 1)
+        for _ in range(times):
+            columns = smooth(self.recording, columns)
+        return np.swapaxes(columns.reshape(samples, sets, n), 0, 1)
 
     def _asked(self, torque: np.ndarray) -> np.ndarray:
         """Effort whose share that arrives at the joint is this torque: the drive's laws as a line about it."""

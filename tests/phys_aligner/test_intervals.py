@@ -21,6 +21,8 @@ def problem(samples: int = SAMPLES) -> Any:
         model=SimpleNamespace(n=JOINTS),
         run_of=np.zeros(samples * JOINTS, int),
         joint_of=np.tile(np.arange(JOINTS), samples),
+        prior=np.zeros(UNKNOWNS),
+        independent=1.0,
     )
 
 
@@ -80,3 +82,15 @@ def test_the_autocovariance_of_a_coloured_series() -> None:
 def test_odd_series_have_a_finite_autocovariance(series: np.ndarray) -> None:
     assert np.all(np.isfinite(autocovariance(series)))
     assert 0 <= correlation_lag(series) <= len(series) / 4
+
+
+def test_a_prior_is_the_interval_of_what_the_residuals_do_not_show() -> None:
+    rng = np.random.default_rng(0)
+    known, r = problem(), rng.standard_normal(SAMPLES * JOINTS)
+    known.prior[0] = 1.0
+    slopes = jacobian(rng)
+    slopes[:, 0] *= 1e-4
+    half = spread(known, np.zeros(UNKNOWNS), r, slopes).half_width
+    assert half[0] == pytest.approx(1.96, rel=0.05)
+    known.prior[0] = 0.0
+    assert spread(known, np.zeros(UNKNOWNS), r, slopes).half_width[0] > 10

@@ -43,6 +43,11 @@ def misfit(model: RobotModel, log: Recording) -> np.ndarray:
     return np.array([np.sqrt(np.mean(error[usable[:, j], j] ** 2)) / size[j] for j in range(model.n)])
 
 
+def test_both_efforts_pass_the_same_filter(arm: RobotModel) -> None:
+    """Derivatives that pass less of the motion than the effort's filter does leave four times as much."""
+    assert misfit(arm, log_of(arm)).max() < 0.005
+
+
 @pytest.mark.parametrize("name", PLANT_SIDE)
 def test_the_effort_of_a_known_motion_is_found(name: str, arm: RobotModel) -> None:
     """With the effect the effort comes back within a few per cent; without it, it does not."""
