@@ -131,8 +131,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     a = parser.parse_args()
     pin_threads()
-    rows = []
-    for row in Parallel(n_jobs=a.jobs, return_as="generator")(delayed(one_case)(a.seed + k) for k in range(a.cases)):
+    rows: list[dict[str, Any]] = []
+    cases: Any = Parallel(n_jobs=a.jobs, return_as="generator")(delayed(one_case)(a.seed + k) for k in range(a.cases))
+    for row in cases:
         rows.append(row)
         print(
             f"case {len(rows)} of {a.cases}: {row['verdict']} {', '.join(row['effects'] or row['closest'])}", flush=True

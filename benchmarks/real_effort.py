@@ -37,7 +37,7 @@ def main() -> None:
     print(
         f"\nleast squares by joint: {', '.join(f'{1e3 * x:.0f}' for x in baseline)} mN m, mean {1e3 * baseline.mean():.0f}"
     )
-    save(arguments.out, found.as_dict() | {"least_squares_by_joint": baseline.tolist()})
+    save(found.as_dict() | {"least_squares_by_joint": baseline.tolist()}, arguments.out)
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ VERBS: dict[str, tuple[str, ...]] = {  # a command line that works
     "compare": (*ARM, "log.csv", QUIET), "where": (*ARM, "log.csv", QUIET), "calibrate": (*ARM, "log.csv", "--out", "out/m.json"),
     "diagnose": (*ARM, "--train", "log.csv", "--test", "log.csv", "--jobs", "1"),
     "add": ("backlash", *ARM, "--train", "log.csv", "--test", "log.csv", "--out", "out/m.json"),
+    "sessions": ("log.csv", "./log.csv", *ARM, "--effect", "payload"),
     "excite": (*ARM, "--separate", "backlash,coulomb_friction", "--out", "out/m.csv"),
     "standin record": ("--effect", "backlash", "--seconds", "1", "--out", "out/s"),
     "standin film": (*TASK, "--out", "out/f", "--frames", "2", "--size", "16x12", "--samples", "1"),

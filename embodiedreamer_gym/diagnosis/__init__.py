@@ -7,10 +7,11 @@ from embodiedreamer_gym.diagnosis.diagnose import diagnose
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis
 from embodiedreamer_gym.diagnosis.error_breakdown import ErrorBreakdown, error_breakdown
 from embodiedreamer_gym.diagnosis.regimes import regimes
+from embodiedreamer_gym.diagnosis.sessions import SessionComparison, compare_sessions
 
 Where, where = ErrorBreakdown, error_breakdown  # former names
 
 __all__ = [
-    "Addition", "Comparison", "Diagnosis", "ErrorBreakdown", "Where", "add_effect", "compare", "diagnose",
-    "error_breakdown", "regimes", "where",
+    "Addition", "Comparison", "Diagnosis", "ErrorBreakdown", "SessionComparison", "Where", "add_effect", "compare",
+    "compare_sessions", "diagnose", "error_breakdown", "regimes", "where",
 ]  # fmt: skip

@@ -118,6 +118,8 @@ class Comparison:
     @property
     def gains_guessed(self) -> tuple[str, ...]:
         """Labels of the models whose servo gains are the package's first guess."""
+        if self.signal == "effort":  # inverse runs use no gains
+            return ()
         return tuple(k for k, model in zip(self.labels, self.models, strict=True) if gains_are_guessed(model))
 
     def __repr__(self) -> str:

@@ -77,8 +77,8 @@ class Diagnosis:
 
     @property
     def gains_guessed(self) -> bool:
-        """Whether servo gains of the nominal model are the package's first guess."""
-        return gains_are_guessed(self.nominal)
+        """Whether servo gains of the nominal model are the package's first guess, and matter: inverse runs use none."""
+        return self.unit == "rad" and gains_are_guessed(self.nominal)
 
     def models_by_label(self) -> dict[str, RobotModel]:
         """Nominal and calibrated model, and the one with the named effects."""

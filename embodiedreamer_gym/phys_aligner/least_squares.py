@@ -16,7 +16,7 @@ from embodiedreamer_gym.io.progress import ProgressCallback, silent
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.robust import huber_limit, robust_cost, robust_weight
 
-DAMPINGS = np.array([0.1, 1.0, 10.0])  # tried at once, relative to the present damping
+DAMPINGS = np.array([0.001, 0.03, 1.0])  # tried at once, relative to the present damping
 BEHIND = 0.1  # cost by which a fit must fall short of its rival to be given up
 
 

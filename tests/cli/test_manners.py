@@ -32,6 +32,7 @@ INPUTS = {  # what each verb needs at least; the files do not exist
     "compare": "no.csv --model no.json", "breakdown": "no.csv --model no.json",
     "calibrate": "no.csv --model no.json --out b.json", "diagnose": "--model no.json --train no.csv --test no.csv",
     "add": "payload --model no.json --train no.csv --test no.csv --out b.json",
+    "sessions": "no.csv other.csv --model no.json",
     "excite": "--model no.json --separate payload,backlash --out b.csv",
     "standin record": "--out b", "standin film": "--out b --blender no", "demos": "--task PutCupOnMat --out b",
     "augment": "--data no --out b", "policy train": "--data no --out b",

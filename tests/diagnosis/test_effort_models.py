@@ -97,6 +97,7 @@ def test_a_diagnosis_shows_the_baseline(rubbing) -> None:
     found = diagnose(model, train, test, jobs=1)
     assert found.error["least_squares"] == pytest.approx(np.mean(least_squares_rms(model, train, test)))
     assert "plain least squares" in str(found)
+    assert not compare(model.with_(given=frozenset()), test).gains_guessed  # gains play no part
     assert found.as_dict()["error"]["with_effect"] <= 1.02 * found.error["least_squares"]
 
 
