@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.cli.command import main
-from embodiedreamer_gym.diagnosis import diagnose
+from embodiedreamer_gym.diagnosis import compare, diagnose
 from embodiedreamer_gym.diagnosis.explainable import explainable_chi2
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction

@@ -40,7 +40,18 @@ def test_a_load_that_the_first_session_lacks(tmp_path, monkeypatch, capsys) -> N
     for name, model in (("empty", arm), ("loaded", loaded)):
         for seed in (1, 2):
             save_recording(record(model, f"{name}{seed}", NOISE, seed=seed), tmp_path / name / f"{seed}.csv")
-    words = ["sessions", "empty", "loaded", "--model", "two.json", "--effect", "payload", "--json", "out.json", "--quiet"]
+    words = [
+        "sessions",
+        "empty",
+        "loaded",
+        "--model",
+        "two.json",
+        "--effect",
+        "payload",
+        "--json",
+        "out.json",
+        "--quiet",
+    ]
     assert main(words) == 0
     assert "loaded differs from empty in" in capsys.readouterr().out
     rows = {d["parameter"]: d for d in json.loads((tmp_path / "out.json").read_text())["differences"]}
