@@ -121,7 +121,7 @@ def combinations(regressor: np.ndarray) -> np.ndarray:
     """
     size = np.linalg.norm(regressor, axis=0)
     seen = np.flatnonzero(size > DEPENDENT * size.max(initial=0.0))
-    (columns,) = qr(regressor[:, seen] / size[seen], mode="r")  # the columns' products, in few rows
+    columns = np.asarray(qr(regressor[:, seen] / size[seen], mode="r")[0])  # the columns' products, in few rows
     own: list[int] = []
     for j in range(len(seen)):
         left = columns[:, j] - columns[:, own] @ np.linalg.lstsq(columns[:, own], columns[:, j], rcond=None)[0]
