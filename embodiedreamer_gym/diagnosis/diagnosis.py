@@ -17,11 +17,12 @@ from embodiedreamer_gym.diagnosis.search import Ranked, SearchState
 from embodiedreamer_gym.diagnosis.trajectory_error import trajectory_losses
 from embodiedreamer_gym.diagnosis.verdict import explained, rank_notes, total_explained
 from embodiedreamer_gym.effects import Effect
+from embodiedreamer_gym.effects.effort_sensor import EffortSensor
 from embodiedreamer_gym.io.tables import MILLI, finite
 from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.phys_aligner.linear_baseline import TERMS
 from embodiedreamer_gym.recordings import Recording
-from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.simulation import Rollout
 
 LABELS = ("nominal", "calibrated", "with_effect", "noise")
@@ -80,6 +81,13 @@ class Diagnosis:
         """Whether servo gains of the nominal model are the package's first guess, and matter: inverse runs use none."""
         return self.unit == "rad" and gains_are_guessed(self.nominal)
 
+    @property
+    def effort_offsets(self) -> dict[str, dict[str, Any]]:
+        """Joint -> value, low, high, unit of the effort shown at no torque (current zero, spring balance), where it is not zero."""
+        rows = self.model.parameters().select(ParameterKey("offset", EffortSensor.name))
+        return {r.key.place: {"value": r.value, "low": r.interval[0], "high": r.interval[1], "unit": self.unit}
+                for r in rows if r.interval and not r.interval[0] <= 0.0 <= r.interval[1]}  # fmt: skip
+
     def models_by_label(self) -> dict[str, RobotModel]:
         """Nominal and calibrated model, and the one with the named effects."""
         models = {"nominal": self.nominal, "calibrated": self.calibrated}
@@ -96,6 +104,7 @@ class Diagnosis:
             "closest": list(self.closest),
             "joints": {k: list(v) for k, v in self.joints.items()},
             "parameters": self.parameters,
+            **({"effort_offsets": self.effort_offsets} if self.effort_offsets else {}),
             "ranking": [{k: v for k, v in asdict(r).items() if k != "screening"} for r in self.ranking],
             "gains_guessed": self.gains_guessed,
             "error": {"unit": self.unit, **self.error},
@@ -122,8 +131,8 @@ class Diagnosis:
             for k, r in enumerate(self.ranking, 1):
                 lines.append(f"{k:>4}  {r.effect:<30} {r.held_out_chi2:>16.2f} {r.gain:>10.2f} +- {r.gain_error:.2f}")
                 lines += [f"      not named: {r.note}"] if r.note else []
-        for effect, rows in self.parameters.items():
-            lines.append("")
+        for effect, rows in (*self.parameters.items(), ("offset of the effort", self.effort_offsets)):
+            lines += [""] if rows else []
             for joint, row in rows.items():
                 spread = "" if row["low"] is None else f"  [{row['low']:.4g}, {row['high']:.4g}]"
                 lines.append(f"{effect} of {joint}: {row['value']:.4g} {row['unit']}{spread}")
