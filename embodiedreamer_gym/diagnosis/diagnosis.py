@@ -47,6 +47,7 @@ class Diagnosis:
     chi2: held-out mean square per joint in sensor noises: calibrated, with_effect, and of faultless robots (usual:
         median, most: 95 %).
     model: the better model.
+    notes: what has to be known before the verdict is read.
     """
 
     verdict: str
@@ -69,6 +70,7 @@ class Diagnosis:
     nominal: RobotModel
     calibrated: RobotModel
     model: RobotModel
+    notes: tuple[str, ...] = ()
 
     @property
     def best(self) -> str | None:
@@ -92,6 +94,7 @@ class Diagnosis:
         return {
             "verdict": self.verdict,
             "sentence": self.sentence,
+            "notes": list(self.notes),
             "effects": list(self.effects),
             "closest": list(self.closest),
             "joints": {k: list(v) for k, v in self.joints.items()},
@@ -110,7 +113,7 @@ class Diagnosis:
         }
 
     def __str__(self) -> str:
-        lines = [self.sentence, "", f"{'held-out error':<34} {MILLI[self.unit]:>10}"]
+        lines = [*self.notes, self.sentence, "", f"{'held-out error':<34} {MILLI[self.unit]:>10}"]
         for label, error in self.steps:
             note = f" ({GUESSED})" if label == "nominal" and self.gains_guessed else ""
             lines.append(f"  {label + note:<32} {error * 1e3:>10.3f}")
@@ -156,6 +159,7 @@ class Attempt:
 def summarise(
     attempt: Attempt, *, model: RobotModel, ranking: Sequence[Ranked], unobservable: tuple[str, ...],
     catalogue: Mapping[str, type[Effect]], test: Sequence[Recording], rollouts: int, seconds: float, baseline: float | None,
+    notes: tuple[str, ...] = (),
 ) -> Diagnosis:  # fmt: skip
     """Put a search's results into a Diagnosis."""
     verdict, calibrated, final, p_value = attempt.verdict, attempt.calibrated, attempt.final, attempt.p_value
@@ -191,7 +195,7 @@ def summarise(
         end_effector_mm={label: finite(millimetres.get(label, np.nan)) for label in LABELS}, unobservable=unobservable,
         unexplained=unexplained, steps=tuple(stages), p_value=p_value, rollouts=rollouts, seconds=seconds,
         unit=comparison.unit, chi2=_chi2(base, held, null, kept),
-        closest=() if named else tuple(c.kind.name for c in steps), nominal=model, calibrated=calibrated.model, model=better,
+        closest=() if named else tuple(c.kind.name for c in steps), nominal=model, calibrated=calibrated.model, model=better, notes=notes,
     )  # fmt: skip
 
 
