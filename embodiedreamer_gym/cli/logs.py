@@ -60,6 +60,7 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
     between = model.transmission or direct(model.joints)
     load = lambda: load_recordings(  # noqa: E731
         *patterns, hz=a.hz, joints=between.motors, command_hold=a.hold, time_unit=a.time_unit, episodes=a.episodes,
+        state_topic=a.state_topic, command_topic=a.command_topic,
         units=_motor_units(a, model, between.motors, between.motor_limits(ends)),
     )  # fmt: skip
     logs = [between.to_joints(r, model.joints).with_(units=model.units) for r in readable("a recording", load)]

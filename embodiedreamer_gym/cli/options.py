@@ -192,6 +192,8 @@ MOTORS = (
     option("--units", None, "of LeRobot sets: degrees-middle is about the middle of the calibrated range, range -100 .. 100",
            choices=KINDS),
     option("--motor-calibration", "FILE.json", "LeRobot's calibration file of the robot"),
+    option("--state-topic", "TOPIC", "of positions in a ROS bag that has several"),
+    option("--command-topic", "TOPIC", "of commands, the like"),
     option("--zero", "J=RAD,...", "what the log shows where a joint is at zero, in place of the model's"),
     option("--reverse", "J,...", "joints that the log counts in the other direction than the URDF"),
 )  # fmt: skip

@@ -187,11 +187,11 @@ def summarise(
         between = compare([c.model for c in steps[:-1]], test).error.tolist() if len(steps) > 1 else []
         stages += [(f"+ {c.kind.name}", e) for c, e in zip(steps, [*between, errors["with_effect"]], strict=True)]
     parameters = {c.kind.name: _parameters(better, c.kind.name) for c in steps}
-    notes = rank_notes([r.effect for r in ranking], [r.gain for r in ranking], effects, catalogue)
+    remarks = rank_notes([r.effect for r in ranking], [r.gain for r in ranking], effects, catalogue)
     return Diagnosis(
         verdict=verdict, sentence=_sentence(verdict, effects, parameters, closest, base, held, null, p_value),
         effects=effects, joints={e: _places(rows) for e, rows in parameters.items()}, parameters=parameters,
-        ranking=tuple(replace(r, note=note) for r, note in zip(ranking, notes, strict=True)), error=error,
+        ranking=tuple(replace(r, note=note) for r, note in zip(ranking, remarks, strict=True)), error=error,
         end_effector_mm={label: finite(millimetres.get(label, np.nan)) for label in LABELS}, unobservable=unobservable,
         unexplained=unexplained, steps=tuple(stages), p_value=p_value, rollouts=rollouts, seconds=seconds,
         unit=comparison.unit, chi2=_chi2(base, held, null, kept),

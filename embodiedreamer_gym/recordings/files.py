@@ -19,11 +19,13 @@ from embodiedreamer_gym.recordings.joint_names import find_joints
 from embodiedreamer_gym.recordings.motor_units import MotorUnits, read_motor_calibration
 from embodiedreamer_gym.recordings.plain_csv import read_plain_csv, write_plain_csv
 from embodiedreamer_gym.recordings.recording import COMMAND_HOLDS, Recording, Recordings
+from embodiedreamer_gym.recordings.rosbag import SUFFIXES as ROS
+from embodiedreamer_gym.recordings.rosbag import is_rosbag
 from embodiedreamer_gym.recordings.sage_csv import is_sage_folder, read_sage_csv
 from embodiedreamer_gym.recordings.time_axis import check_unit
 
 CSV = ".csv"
-ALLOWED = ".hdf5, .h5 or .csv, a SAGE folder with control.csv and state_motor.csv, or a LeRobot set"
+ALLOWED = ".hdf5, .h5 or .csv, a SAGE folder with control.csv and state_motor.csv, a LeRobot set, .mcap or a rosbag2"
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,8 @@ class Reading:
     command_hold: str | None
     time_unit: str | None
     units: MotorUnits
+    state_topic: str | None
+    command_topic: str | None
 
 
 @renamed_arguments(rate="hz")
@@ -47,6 +51,8 @@ def load_recordings(
     episodes: str | Iterable[int] | None = None,
     units: str | MotorUnits | None = None,
     motor_calibration: str | os.PathLike[str] | None = None,
+    state_topic: str | None = None,
+    command_topic: str | None = None,
 ) -> Recordings:
     """Recordings of files, folders and globs, in natural order (step_2 before step_10), none twice.
 
@@ -61,6 +67,7 @@ def load_recordings(
     units: of LeRobot sets, which carry none: "rad", "degrees", "degrees-middle" (about the middle of the calibrated range) or
         "range" (-100 .. 100).
     motor_calibration: LeRobot's calibration file of the robot.
+    state_topic, command_topic: of MCAP files and rosbag2 folders that have several.
 
     Raises: RecordingError where a pattern matches nothing or a file cannot be used.
     """
@@ -71,7 +78,9 @@ def load_recordings(
     check_unit(time_unit)
     motors = {} if motor_calibration is None else read_motor_calibration(motor_calibration)
     motor_units = units if isinstance(units, MotorUnits) else MotorUnits(units, motors)
-    reading = Reading(hz, None if joints is None else tuple(joints), command_hold, time_unit, motor_units)
+    reading = Reading(
+        hz, None if joints is None else tuple(joints), command_hold, time_unit, motor_units, state_topic, command_topic
+    )
     default = parse_episodes(episodes) if isinstance(episodes, str) else None if episodes is None else tuple(episodes)
     chosen: dict[Path, dict[int, None] | None] = {}
     for pattern in patterns:
@@ -128,10 +137,14 @@ def is_lerobot_set(path: Path) -> bool:
 
 
 def _expanded(path: Path) -> list[Path]:
-    if not path.is_dir() or is_sage_folder(path) or is_lerobot_set(path):
+    folders = (is_sage_folder, is_lerobot_set, is_rosbag)
+    if not path.is_dir() or any(is_log(path) for is_log in folders):
         return [path]
-    folders = (is_sage_folder, is_lerobot_set)
-    inside = [p for p in path.iterdir() if p.suffix in (*HDF5, CSV) or (p.is_dir() and any(f(p) for f in folders))]
+    inside = [
+        one
+        for one in path.iterdir()
+        if one.suffix in (*HDF5, CSV, *ROS) or (one.is_dir() and any(is_log(one) for is_log in folders))
+    ]
     if not inside:
         raise RecordingError(f"{path}: there is no recording in this folder; expected {ALLOWED}")
     return sorted(inside, key=natural)
@@ -149,12 +162,20 @@ def _load(path: Path, reading: Reading, episodes: Iterable[int] | None) -> Itera
         yield chosen if hold in (None, chosen.command_hold) else chosen.with_(command_hold=hold)
 
 
+def _read_bag(path: Path, reading: Reading) -> Recording:
+    from embodiedreamer_gym.recordings.ros_log import read_rosbag
+
+    return read_rosbag(path, reading.joints, reading.state_topic, reading.command_topic, reading.command_hold)
+
+
 def _read(path: Path, reading: Reading, episodes: Sequence[int] | None) -> Iterable[Recording]:
     hold = reading.command_hold or "unknown"
     if is_lerobot_set(path):
         from embodiedreamer_gym.recordings.lerobot_log import read_lerobot_set
 
         return read_lerobot_set(path, episodes, reading.joints, reading.units, hold)
+    if is_rosbag(path):
+        return (_read_bag(path, reading),)
     if path.is_dir():
         return (read_sage_csv(path, hold, reading.time_unit),)
     if path.suffix in HDF5:

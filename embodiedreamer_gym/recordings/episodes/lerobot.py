@@ -16,9 +16,9 @@ from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.io.files import check_regular
 from embodiedreamer_gym.recordings.csv_text import lines_of, open_text
 from embodiedreamer_gym.recordings.episodes.episode_set import Episode, EpisodeSet, check_numbers
-from embodiedreamer_gym.recordings.episodes.extras import load_extra
 from embodiedreamer_gym.recordings.episodes.lerobot_info import Info, inside, read_info
 from embodiedreamer_gym.recordings.episodes.video import VideoReader
+from embodiedreamer_gym.recordings.extras import load_extra
 from embodiedreamer_gym.recordings.hdf5 import MAX_NUMBERS
 
 

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import MissingExtraError, RecordingError
-from embodiedreamer_gym.recordings.episodes import LeRobotWriter, extras, lerobot, open_episodes
+from embodiedreamer_gym.recordings import extras
+from embodiedreamer_gym.recordings.episodes import LeRobotWriter, lerobot, open_episodes
 
 pytest.importorskip("av", reason="LeRobot sets need av: pip install 'embodiedreamer-gym[data]'")
 parquet = pytest.importorskip("pyarrow.parquet", reason="LeRobot sets need pyarrow")
