@@ -22,6 +22,14 @@ def load_model(a: argparse.Namespace, source: str) -> Any:
     model = readable(f"model {source}", lambda: RobotModel.load(source, catalogue))
     if getattr(a, "fix", None):
         model = model.with_fixed(*(name.strip() for name in a.fix.split(",")))
+    if getattr(a, "zero", None) or getattr(a, "reverse", None):
+        from embodiedreamer_gym.robot.transmission import direct
+
+        names = [name.strip() for name in a.reverse.split(",")] if a.reverse else []
+        between = (model.transmission or direct(model.joints)).with_motors(
+            _motor_zeros(a.zero) if a.zero else {}, names
+        )
+        model = model.with_(transmission=between)
     if getattr(a, "urdf_trust", None):
         model = model.with_(urdf_error=_urdf_error(a.urdf_trust))
     return model
@@ -46,11 +54,17 @@ def load_split(a: argparse.Namespace, model: Any) -> tuple[Any, Any]:
 def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: bool = False) -> Any:
     """Return recordings without their bad samples; prints the findings. fit: a model will be fitted to them."""
     from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight
+    from embodiedreamer_gym.robot.transmission import direct
 
-    load = lambda: load_recordings(*patterns, hz=a.hz, joints=model.joints, command_hold=a.hold, time_unit=a.time_unit)  # noqa: E731
-    ends = zip(model.joints, model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True)
-    limits = {joint: (low, high) for joint, low, high in ends}
-    checked = [preflight(r.with_(units=model.units), limits) for r in readable("a recording", load)]
+    ends = list(zip(model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True))
+    between = model.transmission or direct(model.joints)
+    load = lambda: load_recordings(  # noqa: E731
+        *patterns, hz=a.hz, joints=between.motors, command_hold=a.hold, time_unit=a.time_unit, episodes=a.episodes,
+        state_topic=a.state_topic, command_topic=a.command_topic,
+        units=_motor_units(a, model, between.motors, between.motor_limits(ends)),
+    )  # fmt: skip
+    logs = [between.to_joints(r, model.joints).with_(units=model.units) for r in readable("a recording", load)]
+    checked = [preflight(r, dict(zip(model.joints, ends, strict=True))) for r in logs]
     findings: dict[Any, list[Any]] = {}
     for one in checked:
         for finding in one.findings:
@@ -64,6 +78,34 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
     total = sum(one.recording.position.size for one in checked)
     print(f"{len(checked)} recordings, {left_out} of {total} joint samples left out", file=sys.stderr)
     return Recordings(one.recording for one in checked)
+
+
+def _motor_units(a: argparse.Namespace, model: Any, motors: tuple[str, ...], limits: dict[str, Any]) -> Any:
+    """How numbers of logs without units become angles of the motors."""
+    from embodiedreamer_gym.recordings.motor_units import MotorUnits, read_motor_calibration
+
+    kinds = dict(zip(motors, model.units, strict=True)) if limits else {}
+    return MotorUnits(
+        a.units,
+        read_motor_calibration(a.motor_calibration) if a.motor_calibration else {},
+        limits,
+        frozenset(name for name, unit in kinds.items() if unit == "1"),
+        frozenset(name for name, unit in kinds.items() if unit == "m"),
+    )
+
+
+def _motor_zeros(text: str) -> dict[str, float]:
+    """Zeros of motors from "elbow=1.57,wrist=-0.1"."""
+    zeros = {}
+    for part in text.split(","):
+        name, _, value = part.partition("=")
+        try:
+            zeros[name.strip()] = float(value)
+        except ValueError as error:
+            raise EmbodieDreamerError(
+                f"--zero {text} is not motors with values such as elbow=1.57,wrist=-0.1."
+            ) from error
+    return zeros
 
 
 def readable(what: str, load: Callable[[], T]) -> T:

@@ -48,6 +48,7 @@ class Diagnosis:
     chi2: held-out mean square per joint in sensor noises: calibrated, with_effect, and of faultless robots (usual:
         median, most: 95 %).
     model: the better model.
+    notes: what has to be known before the verdict is read.
     """
 
     verdict: str
@@ -70,6 +71,7 @@ class Diagnosis:
     nominal: RobotModel
     calibrated: RobotModel
     model: RobotModel
+    notes: tuple[str, ...] = ()
 
     @property
     def best(self) -> str | None:
@@ -100,6 +102,7 @@ class Diagnosis:
         return {
             "verdict": self.verdict,
             "sentence": self.sentence,
+            "notes": list(self.notes),
             "effects": list(self.effects),
             "closest": list(self.closest),
             "joints": {k: list(v) for k, v in self.joints.items()},
@@ -119,7 +122,7 @@ class Diagnosis:
         }
 
     def __str__(self) -> str:
-        lines = [self.sentence, "", f"{'held-out error':<34} {MILLI[self.unit]:>10}"]
+        lines = [*self.notes, self.sentence, "", f"{'held-out error':<34} {MILLI[self.unit]:>10}"]
         for label, error in self.steps:
             note = f" ({GUESSED})" if label == "nominal" and self.gains_guessed else ""
             lines.append(f"  {label + note:<32} {error * 1e3:>10.3f}")
@@ -165,6 +168,7 @@ class Attempt:
 def summarise(
     attempt: Attempt, *, model: RobotModel, ranking: Sequence[Ranked], unobservable: tuple[str, ...],
     catalogue: Mapping[str, type[Effect]], test: Sequence[Recording], rollouts: int, seconds: float, baseline: float | None,
+    notes: tuple[str, ...] = (),
 ) -> Diagnosis:  # fmt: skip
     """Put a search's results into a Diagnosis."""
     verdict, calibrated, final, p_value = attempt.verdict, attempt.calibrated, attempt.final, attempt.p_value
@@ -192,15 +196,15 @@ def summarise(
         between = compare([c.model for c in steps[:-1]], test).error.tolist() if len(steps) > 1 else []
         stages += [(f"+ {c.kind.name}", e) for c, e in zip(steps, [*between, errors["with_effect"]], strict=True)]
     parameters = {c.kind.name: _parameters(better, c.kind.name) for c in steps}
-    notes = rank_notes([r.effect for r in ranking], [r.gain for r in ranking], effects, catalogue)
+    remarks = rank_notes([r.effect for r in ranking], [r.gain for r in ranking], effects, catalogue)
     return Diagnosis(
         verdict=verdict, sentence=_sentence(verdict, effects, parameters, closest, base, held, null, p_value),
         effects=effects, joints={e: _places(rows) for e, rows in parameters.items()}, parameters=parameters,
-        ranking=tuple(replace(r, note=note) for r, note in zip(ranking, notes, strict=True)), error=error,
+        ranking=tuple(replace(r, note=note) for r, note in zip(ranking, remarks, strict=True)), error=error,
         end_effector_mm={label: finite(millimetres.get(label, np.nan)) for label in LABELS}, unobservable=unobservable,
         unexplained=unexplained, steps=tuple(stages), p_value=p_value, rollouts=rollouts, seconds=seconds,
         unit=comparison.unit, chi2=_chi2(base, held, null, kept),
-        closest=() if named else tuple(c.kind.name for c in steps), nominal=model, calibrated=calibrated.model, model=better,
+        closest=() if named else tuple(c.kind.name for c in steps), nominal=model, calibrated=calibrated.model, model=better, notes=notes,
     )  # fmt: skip
 
 

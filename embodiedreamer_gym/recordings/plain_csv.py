@@ -72,6 +72,7 @@ def read_plain_csv(path: str | Path, time_unit: str | None = None) -> Recording:
         units=_units(comments.get("units", ""), len(joints), path),
         source=str(path),
         notes=notes + clock.notes,
+        nominal_time=comments.get("nominal_time", "").lower() == "true",
         **signals,  # pyright: ignore[reportArgumentType]
         **optional,
     )
@@ -153,6 +154,7 @@ def write_plain_csv(recording: Recording, path: str | Path) -> None:
         "noise": json.dumps(recording.noise.tolist()),
         "quantum": json.dumps(recording.quantum.tolist()),
     }
+    comments |= {"nominal_time": "true"} if recording.nominal_time else {}
     columns = [recording.time.tolist()]
     for column in range(len(recording.joints)):
         for signal in signals:

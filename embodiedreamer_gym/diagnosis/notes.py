@@ -1,0 +1,19 @@
+"""What has to be known before a verdict is read: of the recordings' times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from embodiedreamer_gym.recordings import Recording
+
+
+def notes_on(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Sentences on recordings that a diagnosis begins with; none where nothing is out of the ordinary."""
+    nominal = [recording for recording in recordings if recording.nominal_time]
+    if not nominal:
+        return ()
+    many = "" if len(nominal) == len(recordings) else f"{len(nominal)} of {len(recordings)} recordings: "
+    return (
+        f"Note: {many}the times are sample numbers divided by a rate of {nominal[0].hz:.4g} Hz, not measured: command and state "
+        f"of a sample may be apart by up to {1e3 / nominal[0].hz:.0f} ms or more, so a delay that is named includes the recorder's.",
+    )
