@@ -47,10 +47,13 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
     """Return recordings without their bad samples; prints the findings. fit: a model will be fitted to them."""
     from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight
 
-    load = lambda: load_recordings(*patterns, hz=a.hz, joints=model.joints, command_hold=a.hold, time_unit=a.time_unit)  # noqa: E731
+    stated = {"hz": a.hz, "joints": model.joints, "command_hold": a.hold, "time_unit": a.time_unit, "gains": _gains(a)}
     ends = zip(model.joints, model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True)
     limits = {joint: (low, high) for joint, low, high in ends}
-    checked = [preflight(r.with_(units=model.units), limits) for r in readable("a recording", load)]
+    checked = [
+        preflight(r.with_(units=model.units), limits)
+        for r in readable("a recording", lambda: load_recordings(*patterns, **stated))
+    ]
     findings: dict[Any, list[Any]] = {}
     for one in checked:
         for finding in one.findings:
@@ -64,6 +67,18 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
     total = sum(one.recording.position.size for one in checked)
     print(f"{len(checked)} recordings, {left_out} of {total} joint samples left out", file=sys.stderr)
     return Recordings(one.recording for one in checked)
+
+
+def _gains(a: argparse.Namespace) -> dict[str, float]:
+    """Pattern -> gain of --gain. Raises: RecordingError for a pattern that names no file of the command."""
+    from embodiedreamer_gym.recordings.files import matching_files
+
+    given = [one for name in ("recordings", "train", "test", "sessions") for one in getattr(a, name, [])]
+    paths = matching_files(*given) if a.gain else ()
+    for pattern, _ in a.gain:
+        if not any(path.match(pattern) for path in paths):
+            raise RecordingError(f"--gain {pattern}: none of the recordings has such a name; the first is {paths[0]}.")
+    return dict(a.gain)
 
 
 def readable(what: str, load: Callable[[], T]) -> T:

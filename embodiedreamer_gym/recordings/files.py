@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from embodiedreamer_gym.errors import RecordingError
@@ -29,6 +29,7 @@ def load_recordings(
     joints: Iterable[str] | None = None,
     command_hold: str | None = None,
     time_unit: str | None = None,
+    gains: Mapping[str, float] | None = None,
 ) -> Recordings:
     """Recordings of files, folders and globs, in natural order (step_2 before step_10), none twice.
 
@@ -38,6 +39,8 @@ def load_recordings(
     joints: names for files that have none; of a file with names, the joints to take.
     command_hold: "linear" or "hold", where the log does not state it or states it wrongly.
     time_unit: "s", "ms", "us" or "ns", where the log does not state the unit of its times and does not show it.
+    gains: pattern of a path's end ("fast_*", "high/*.csv") -> firmware gain, in place of what the log states; the last that
+        fits counts.
 
     Raises: RecordingError where a pattern matches nothing or a file cannot be used.
     """
@@ -47,8 +50,22 @@ def load_recordings(
         raise RecordingError(f"command_hold {command_hold!r} is not one of {', '.join(COMMAND_HOLDS)}")
     check_unit(time_unit)
     names = None if joints is None else tuple(joints)
-    paths = dict.fromkeys(path for pattern in patterns for path in _matches(os.fspath(pattern)))
-    return Recordings(_load(path, hz, names, command_hold, time_unit) for path in paths)
+    loaded = [_load(path, hz, names, command_hold, time_unit) for path in matching_files(*patterns)]
+    return Recordings(with_gain(recording, gains or {}) for recording in loaded)
+
+
+def matching_files(*patterns: str | os.PathLike[str]) -> tuple[Path, ...]:
+    """Files and SAGE folders that files, folders and globs stand for, none twice.
+
+    Raises: RecordingError where a pattern matches nothing.
+    """
+    return tuple(dict.fromkeys(path for pattern in patterns for path in _matches(os.fspath(pattern))))
+
+
+def with_gain(recording: Recording, gains: Mapping[str, float]) -> Recording:
+    """The recording at the gain of the last pattern that fits the end of its path, else as it is."""
+    fitting = [gain for pattern, gain in gains.items() if Path(recording.source).match(pattern)]
+    return recording.with_(gain=fitting[-1]) if fitting else recording
 
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> Path:

@@ -53,9 +53,13 @@ class Drive:
     """Turns commands into joint accelerations; what fits simulate and what environments run.
 
     A batch holds P parameter sets for each of R rollouts, B = R * P samples, sample b = rollout * P + set.
+    gains: (R, n) by which a firmware's position gains multiply the stiffness, and nothing else, of each rollout.
     """
 
-    def __init__(self, model: RobotModel, sets: Sets | None = None, rollouts: int = 1, dt: float = TIME_STEP) -> None:
+    def __init__(
+        self, model: RobotModel, sets: Sets | None = None, rollouts: int = 1, dt: float = TIME_STEP,
+        gains: np.ndarray | None = None,
+    ) -> None:  # fmt: skip
         self.model, self.dt = model, dt
         values = by_key(sets or {})
         self.sets = max((len(v) for v in values.values()), default=1)
@@ -69,6 +73,8 @@ class Drive:
         self._masses = model.bodies.pack(self.mechanics)
         servo["rotor_inertia"] = self.mechanics.rotor_inertia
         self._servo = np.stack([tile(v, rollouts) for v in servo.values()])
+        if gains is not None:
+            self._servo[SERVO_GROUPS.index("stiffness")] *= np.repeat(gains, self.sets, axis=0)
         tiled = [(e, SimpleNamespace(**{k: tile(v, rollouts) for k, v in p.items()})) for e, p in effects]
         self.laws = {s: [Law(e, p) for e, p in tiled if isinstance(e, SignalLaw) and e.stage == s] for s in STAGES}
         self.budgets = [(e, p) for e, p in tiled if isinstance(e, TorqueBudget)]
