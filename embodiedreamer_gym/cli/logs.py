@@ -60,7 +60,7 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
     between = model.transmission or direct(model.joints)
     load = lambda: load_recordings(  # noqa: E731
         *patterns, hz=a.hz, joints=between.motors, command_hold=a.hold, time_unit=a.time_unit, episodes=a.episodes,
-        state_topic=a.state_topic, command_topic=a.command_topic,
+        state_topic=a.state_topic, command_topic=a.command_topic, gains=_gains(a),
         units=_motor_units(a, model, between.motors, between.motor_limits(ends)),
     )  # fmt: skip
     logs = [between.to_joints(r, model.joints).with_(units=model.units) for r in readable("a recording", load)]
@@ -106,6 +106,18 @@ def _motor_zeros(text: str) -> dict[str, float]:
                 f"--zero {text} is not motors with values such as elbow=1.57,wrist=-0.1."
             ) from error
     return zeros
+
+
+def _gains(a: argparse.Namespace) -> dict[str, float]:
+    """Pattern -> gain of --gain. Raises: RecordingError for a pattern that names no file of the command."""
+    from embodiedreamer_gym.recordings.files import matching_files
+
+    given = [one for name in ("recordings", "train", "test", "sessions") for one in getattr(a, name, [])]
+    paths = list(matching_files(*given)) if a.gain else []
+    for pattern, _ in a.gain:
+        if not any(path.match(pattern) for path in paths):
+            raise RecordingError(f"--gain {pattern}: none of the recordings has such a name; {paths[0]} is one.")
+    return dict(a.gain)
 
 
 def readable(what: str, load: Callable[[], T]) -> T:

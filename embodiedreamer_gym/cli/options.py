@@ -159,6 +159,14 @@ def number(kind: type, least: float, most: float = 1e9, above: bool = False) -> 
     return convert
 
 
+def pattern_and_gain(text: str) -> tuple[str, float]:
+    """A type of options: PATTERN=X, X a number above 0."""
+    pattern, _, value = text.rpartition("=")
+    if not pattern:
+        raise argparse.ArgumentTypeError(f"{text} is not PATTERN=X such as 'fast_*=4'")
+    return pattern, number(float, 0.0, above=True)(value)
+
+
 def output_file(text: str) -> Path:
     """A type of options: a file to write; `command` checks it before the verb begins."""
     return Path(text)
@@ -205,6 +213,14 @@ LOGS = (
     TIME_UNIT,
     *MOTORS,
     option("--hold", None, "how the controller reaches the next command", choices=("linear", "hold")),
+    option(
+        "--gain",
+        "PATTERN=X",
+        "the servos' firmware gain, relative to the model's, in the files that PATTERN names; again for more",
+        [],
+        pattern_and_gain,
+        action="append",
+    ),
     SEED,
     ALL_JOBS,
     QUIET,

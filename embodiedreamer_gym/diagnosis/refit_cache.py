@@ -102,6 +102,8 @@ def _digest(model: RobotModel, recordings: Sequence[Recording], names: Iterable[
         "joints": model.joints, "given": sorted(model.given), "hold": model.command_hold, "catalogue": list(names),
         "logs": [(r.joints, r.units, r.command_hold, r.effort_unit) for r in recordings],
     }  # fmt: skip
+    if any((r.gain != 1).any() for r in recordings):
+        inputs["gains"] = [r.gain.tolist() for r in recordings]
     parts.update(json.dumps(inputs, sort_keys=True).encode())
     parts.update(Path(model.urdf).read_bytes())
     for recording in recordings:

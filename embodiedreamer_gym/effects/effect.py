@@ -52,13 +52,18 @@ class Parameter:
 
 @dataclass
 class JointState:
-    """What a law may know of the joints: arrays (B, n), generalised units (rad, m or 0..1 of a gripper), seconds."""
+    """What a law may know of the joints: arrays (B, n), generalised units (rad, m or 0..1 of a gripper), seconds.
+
+    torque: of the drive, N m; external: what gravity, centrifugal and Coriolis forces and the laws of the stage "load" exert
+    on the joint beside it, N m, with the sign of the joint; only for budgets that say `feels_external`, else None.
+    """
 
     position: Array
     velocity: Array
     torque: Array
     dt: float
     time: float
+    external: Array | None = None
 
 
 @dataclass
@@ -163,6 +168,7 @@ class TorqueBudget(Effect):
     kind = "budget"
     stage = "mechanics"
     passive = True
+    feels_external: ClassVar[bool] = False  # whether its friction depends on `joint.external`
 
     @staticmethod
     def friction(joint: JointState, p: SimpleNamespace) -> tuple[Array, Array] | None:

@@ -51,7 +51,7 @@ def check_laws(kind: type[Effect]) -> None:
             if isinstance(effect, SignalLaw):
                 _check_signal(effect, sets, Motion(rng, effect.stage))
             elif isinstance(effect, TorqueBudget):
-                _check_budget(effect, sets, Motion(rng))
+                _check_budget(effect, sets, Motion(rng, external=effect.feels_external))
             elif isinstance(effect, MechanicsChange):
                 _check_mechanics(effect, sets)
     except EffectError:

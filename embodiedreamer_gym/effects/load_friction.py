@@ -1,4 +1,4 @@
-"""Load-dependent friction: a share of the torque that the gears transmit."""
+"""Load-dependent friction: gears rub in proportion to the torque that they transmit."""
 
 import numpy as np
 
@@ -6,17 +6,28 @@ from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
 class LoadFriction(TorqueBudget):
-    """Gear friction in proportion to the transmitted torque."""
+    """Gear friction |coefficient * drive - external * load|, of the drive's torque and of the load's against it.
+
+    A drive that holds a load has the other sign, so both shares add up. They are equal where gears lose as much driving as
+    being driven back; external is zero where only the drive's torque counts.
+
+    Source: Duclusaud, Passault, Padois and Ly, "Extended Friction Models for the Physics Simulation of Servo Actuators",
+    arXiv 2410.08650, models M3 (equal shares) and M5 (one for each side).
+    """
 
     name = "load_friction"
     family = "friction"
-    parameters = (Parameter("coefficient", "1", off=0.0, low=0.0, high=0.9, typical=0.1),)
+    feels_external = True
+    parameters = (
+        Parameter("coefficient", "1", off=0.0, low=0.0, high=0.9, typical=0.1),
+        Parameter("external", "1", off=0.0, low=0.0, high=0.9, typical=0.1),
+    )
     symptom = "friction that grows with the torque the joint carries, so it differs from pose to pose"
     reveals = "the same slow motion in poses of high and of low gravity torque"
     confused_with = ("coulomb_friction", "stribeck_friction", "direction_dependent_friction")
 
     @staticmethod
     def friction(joint, p):
-        """Share of the drive's torque (B, n) N m."""
-        torque = p.coefficient * np.abs(joint.torque)
+        """Share of the torque (B, n) N m that passes the gears."""
+        torque = np.abs(p.coefficient * joint.torque - p.external * joint.external)
         return torque, torque

@@ -45,16 +45,18 @@ def locked(array: Array) -> Array:
 class Motion:
     """Sines of joints and signal: arrays (S, B, n), of up to about 10 rad/s and 3 N m.
 
-    Where a stage's signal belongs to the arms, it is the size of an error: (S, B, arms), not negative.
+    Where a stage's signal belongs to the arms, it is the size of an error: (S, B, arms), not negative. external: whether
+    the joints feel an external torque.
     """
 
-    def __init__(self, rng: np.random.Generator, stage: str = "") -> None:
+    def __init__(self, rng: np.random.Generator, stage: str = "", external: bool = False) -> None:
         time, shape = DT * np.arange(STEPS)[:, None, None], (SETS, N)
         rate, phase = rng.uniform(10.0, 40.0, (3, *shape)), rng.uniform(0.0, 6.28, (3, *shape))
         size = rng.uniform(0.02, 0.4, shape)
         self.position = rng.uniform(-0.5, 0.5, shape) + size * np.sin(rate[0] * time + phase[0])
         self.velocity = size * rate[0] * np.cos(rate[0] * time + phase[0])
         self.torque = 3.0 * np.sin(rate[1] * time + phase[1])
+        self.external = 2.0 * np.sin(rate[0] * time + phase[1]) if external else None
         self.signal = np.sin(rate[2] * time + phase[2])
         if PER.get(stage) == "arm":
             self.signal = np.abs(self.signal[..., :ARMS])
@@ -62,7 +64,8 @@ class Motion:
     def joint(self, k: int, rows: slice = EVERY) -> JointState:
         """The joints at a step."""
         position, velocity, torque = (locked(x[k, rows]) for x in (self.position, self.velocity, self.torque))
-        return JointState(position, velocity, torque, DT, k * DT)
+        external = None if self.external is None else locked(self.external[k, rows])
+        return JointState(position, velocity, torque, DT, k * DT, external)
 
 
 def ordinary_bodies(batch: int) -> Mechanics:

@@ -141,6 +141,8 @@ def replay(plant: Plant, recording: Recording, hold: str | None = None) -> Rollo
     """
     model, dt = plant.model, plant.dt
     check_names(model, recording)
+    if (recording.gain != 1).any():
+        plant = Plant(model.with_(stiffness=model.stiffness * recording.gain), plant._bodies, dt)
     commands = plant_commands(recording, hold or command_rule(model, recording), dt)
     track = np.empty((3, len(commands), 1, model.n))
     plant.reset(*first_state(recording), commands[0])

@@ -27,6 +27,11 @@ def replay(env: gym.Env, recording: Recording) -> np.ndarray:
             f"recording {recording.name} runs at {recording.hz:.4g} Hz, the environment at {aloha.control_hz} Hz; "
             "make the environment with control_hz of the recording."
         )
+    if (recording.gain != 1).any():
+        raise SimulationError(
+            f"recording {recording.name} was made at another gain than the environment's servos have; "
+            "multiply the model's stiffness by it, and leave it out of the recording."
+        )
     command = np.asarray(recording.command, float)
     position, velocity = first_state(recording)
     aloha.reset(

@@ -32,7 +32,7 @@ CHUNK = 20_000  # parameter sets times states stepped at once
 
 @dataclass(frozen=True, eq=False)
 class Transitions:
-    """Steps of logs: state (K, 2n), command (K, n) now and after, interval (K,) s, next position (K, n)."""
+    """Steps of logs: state (K, 2n), command (K, n) now and after, interval (K,) s, next position, gain (K, n)."""
 
     state: np.ndarray
     command: np.ndarray
@@ -40,6 +40,7 @@ class Transitions:
     interval: np.ndarray
     after: np.ndarray
     usable: np.ndarray
+    gain: np.ndarray
 
     def __len__(self) -> int:
         return len(self.state)
@@ -63,6 +64,8 @@ def surrogate(
     """
     if data not in DATA:
         raise CalibrationError(f"the surrogate's data '{data}' is none of {', '.join(DATA)}.")
+    if len(np.unique([r.gain for r in problem.recordings], axis=0)) > 1:
+        raise CalibrationError("the surrogate learns recordings of one gain; fit those of several by least squares.")
     if samples < 2 or epochs < 1 or steps < 1:
         raise CalibrationError("the surrogate needs at least 2 samples, 1 epoch and 1 step of descent.")
     box = SearchRange(problem, factor)
@@ -89,7 +92,8 @@ def recorded_steps(problem: Problem) -> Transitions:
         state = np.concatenate([r.position, velocity], axis=1)[:-1]
         held = (problem.hold or command_rule(problem.model, r)) == "hold"
         following = command[:-1] if held else command[1:]
-        parts.append((state, command[:-1], following, np.diff(r.time), r.position[1:], ok))
+        gain = np.broadcast_to(r.gain, ok.shape)
+        parts.append((state, command[:-1], following, np.diff(r.time), r.position[1:], ok, gain))
     return Transitions(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
@@ -114,7 +118,7 @@ def step_from(problem: Problem, x: np.ndarray, steps: Transitions) -> np.ndarray
 
 def _step(problem: Problem, sets, p: int, n: int, steps: Transitions) -> np.ndarray:
     count = len(steps)
-    drive = Drive(problem.model, sets, count)
+    drive = Drive(problem.model, sets, count, gains=steps.gain)
     drive.start(*(np.repeat(v, p, axis=0) for v in (steps.state[:, :n], steps.state[:, n:], steps.command)))
     place = np.repeat(steps.interval, p)[:, None] / TIME_STEP
     result = np.empty((count * p, n))
@@ -146,7 +150,8 @@ def _data_set(problem: Problem, x: np.ndarray, u: np.ndarray, states: Transition
         command = _command(r)
         for q, v, own in zip(run.position, run.velocity, u, strict=True):
             state = np.concatenate([q, v], axis=1)[:-1]
-            steps = Transitions(state, command[:-1], command[1:], np.diff(r.time), q[1:], r.usable[1:])
+            gain = np.broadcast_to(r.gain, r.usable[1:].shape)
+            steps = Transitions(state, command[:-1], command[1:], np.diff(r.time), q[1:], r.usable[1:], gain)
             inputs.append(_inputs(steps, np.broadcast_to(own, (len(steps), len(own)))))
             changes.append(np.diff(q, axis=0))
     return np.concatenate(inputs), np.concatenate(changes).astype(np.float32)

@@ -2,7 +2,7 @@
 
 Beside the published layout (`recordings.hdf5`) there may be `/timestamps` (T,) s, `/observations/usable` (T, n) and root
 attributes `rate` or `fps` (Hz), `joint_names`, `units`, `noise`, `quantum`, `command_hold`, `kind`, `effort_unit`
-("N m", or "A" of a motor's current).
+("N m", or "A" of a motor's current) and `gain`.
 """
 
 from __future__ import annotations
@@ -76,7 +76,9 @@ def read_aloha_hdf5(
         }
         effort_unit = hdf5.text(attributes.get("effort_unit", "unknown"))
         optional["effort_unit"] = effort_unit if effort_unit in EFFORT_UNITS else "unknown"  # others write free text
-        optional |= {name: np.asarray(attributes[name], float) for name in ("noise", "quantum") if name in attributes}
+        optional |= {
+            name: np.asarray(attributes[name], float) for name in ("noise", "quantum", "gain") if name in attributes
+        }
         if USABLE in file:
             optional["usable"] = file.read(USABLE).astype(bool)
         stamps = file.times(position, time_unit)
@@ -142,6 +144,8 @@ def write_aloha_hdf5(recording: Recording, path: str | Path) -> None:
         file.attrs["joint_names"] = list(recording.joints)
         file.attrs["units"] = list(recording.units)
         file.attrs["noise"], file.attrs["quantum"] = recording.noise, recording.quantum
+        if (recording.gain != 1).any():
+            file.attrs["gain"] = recording.gain
         for name in ("command_hold", "kind", "effort_unit"):
             file.attrs[name] = getattr(recording, name)
         if recording.nominal_time:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,6 +53,7 @@ def load_recordings(
     motor_calibration: str | os.PathLike[str] | None = None,
     state_topic: str | None = None,
     command_topic: str | None = None,
+    gains: Mapping[str, float] | None = None,
 ) -> Recordings:
     """Recordings of files, folders and globs, in natural order (step_2 before step_10), none twice.
 
@@ -68,6 +69,8 @@ def load_recordings(
         "range" (-100 .. 100).
     motor_calibration: LeRobot's calibration file of the robot.
     state_topic, command_topic: of MCAP files and rosbag2 folders that have several.
+    gains: pattern of a path's end ("fast_*", "high/*.csv") -> firmware gain, in place of what the log states; the last that
+        fits counts.
 
     Raises: RecordingError where a pattern matches nothing or a file cannot be used.
     """
@@ -91,7 +94,24 @@ def load_recordings(
                 raise RecordingError(f"{pattern}: {path} is no LeRobot set, of which episodes could be chosen")
             before = chosen.get(path, {})
             chosen[path] = None if before is None or numbers is None else before | dict.fromkeys(numbers)
-    return Recordings(one for path, numbers in chosen.items() for one in _load(path, reading, numbers))
+    loaded = (one for path, numbers in chosen.items() for one in _load(path, reading, numbers))
+    return Recordings(with_gain(one, gains or {}) for one in loaded)
+
+
+def matching_files(*patterns: str | os.PathLike[str]) -> tuple[Path, ...]:
+    """Files and folders of recordings that files, folders and globs stand for, none twice.
+
+    Raises: RecordingError where a pattern matches nothing.
+    """
+    return tuple(
+        dict.fromkeys(path for pattern in patterns for path in _matches(split_episodes(os.fspath(pattern))[0]))
+    )
+
+
+def with_gain(recording: Recording, gains: Mapping[str, float]) -> Recording:
+    """The recording at the gain of the last pattern that fits the end of its path, else as it is."""
+    fitting = [gain for pattern, gain in gains.items() if Path(recording.source).match(pattern)]
+    return recording.with_(gain=fitting[-1]) if fitting else recording
 
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> Path:

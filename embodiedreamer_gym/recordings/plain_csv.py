@@ -3,8 +3,8 @@
 Header: `time,<joint>.command,<joint>.position[,<joint>.velocity,<joint>.effort]`; `time_ms`, `time_us` and `time_ns` for
 other units; `<joint>.current` in place of `<joint>.effort` is a motor's current in A, and a log of position and effort may
 lack the command. Comment lines before it may state more, as `# name: value`: `command_hold: linear`, `units: rad` (one for
-all, or a JSON list), `kind: step`, `effort_unit: N m` (or `A`), `time_unit: ms`, `noise: [..]`, `quantum: [..]`. The column
-`<joint>.usable` (0 or 1) is optional too.
+all, or a JSON list), `kind: step`, `effort_unit: N m` (or `A`), `time_unit: ms`, `noise: [..]`, `quantum: [..]`, `gain: 4` (or a
+JSON list). The column `<joint>.usable` (0 or 1) is optional too.
 """
 
 from __future__ import annotations
@@ -59,6 +59,9 @@ def read_plain_csv(path: str | Path, time_unit: str | None = None) -> Recording:
         key: comments[key] for key in ("command_hold", "kind", "effort_unit") if key in comments
     }
     optional |= {key: _numbers(comments[key], key, path) for key in ("noise", "quantum") if key in comments}
+    if "gain" in comments:
+        text = comments["gain"]
+        optional["gain"] = _numbers(text if text.startswith("[") else f"[{text}]", "gain", path)
     usable, current = signals.pop("usable"), signals.pop("current")
     if current is not None and signals["effort"] is None:
         signals["effort"] = current
@@ -155,6 +158,8 @@ def write_plain_csv(recording: Recording, path: str | Path) -> None:
         "quantum": json.dumps(recording.quantum.tolist()),
     }
     comments |= {"nominal_time": "true"} if recording.nominal_time else {}
+    if (recording.gain != 1).any():
+        comments["gain"] = json.dumps(recording.gain.tolist())
     columns = [recording.time.tolist()]
     for column in range(len(recording.joints)):
         for signal in signals:

@@ -38,6 +38,7 @@ class Recording:
     noise and quantum (n,): sensor sd and encoder step, estimated where not given (0: none found).
     command_hold: how the controller got from one command to the next, "linear", "hold" or "unknown".
     nominal_time: whether the times are sample numbers divided by a rate, and not measured.
+    gain (n,): the firmware's position gain over the one that the model's stiffness stands for; one number for all joints.
     kind: kind of motion, by default the name without its number. usable (T, n) bool: samples a physics fit
     may use. frames: camera name -> frames read on demand. source: the file it was read from. notes: what the reader
     converted, one sentence each.
@@ -63,6 +64,7 @@ class Recording:
     source: str = ""
     notes: tuple[str, ...] = ()
     nominal_time: bool = False
+    gain: np.ndarray = field(default_factory=_empty)
 
     def __post_init__(self) -> None:
         self._set("joints", tuple(str(joint) for joint in self.joints))
@@ -78,6 +80,7 @@ class Recording:
                 self._set(name, self._array(name, value))
                 self._check_signal(name)
         self._fill_sensor()
+        self._fill_gain()
         usable = np.ones(self.position.shape, bool) if np.size(self.usable) == 0 else np.array(self.usable, bool)
         self._check_shape("usable", usable)
         usable.setflags(write=False)
@@ -132,8 +135,8 @@ class Recording:
         names = ("position", "command", "velocity", "effort", "usable")
         signals = {name: None if getattr(self, name) is None else getattr(self, name)[:, columns] for name in names}
         units = tuple(self.units[column] for column in columns)
-        sensor = {"noise": self.noise[columns], "quantum": self.quantum[columns]}
-        return self.with_(joints=wanted, units=units, **sensor, **signals)
+        numbers = {name: getattr(self, name)[columns] for name in ("noise", "quantum", "gain")}
+        return self.with_(joints=wanted, units=units, **numbers, **signals)
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
@@ -220,6 +223,13 @@ class Recording:
             if array.shape != (len(self.joints),) or not np.all(np.isfinite(array) & (array >= 0)):
                 raise self._error(f"{name} must be {len(self.joints)} numbers, none negative, one per joint")
             self._set(name, array)
+
+    def _fill_gain(self) -> None:
+        array = self._array("gain", self.gain if np.size(self.gain) else 1.0)
+        gain = np.full(len(self.joints), array) if array.size == 1 else array
+        if gain.shape != (len(self.joints),) or not np.all((gain > 0) & (gain <= LARGEST)):
+            raise self._error(f"gain must be one number above 0, or {len(self.joints)} of them, one per joint")
+        self._set("gain", self._array("gain", gain))
 
 
 def default_kind(name: str) -> str:

@@ -95,6 +95,7 @@ class Transmission:
             noise=noise,
             quantum=np.where(single, size @ recording.quantum, 0.0),
             usable=usable,
+            gain=size @ recording.gain / size.sum(axis=1),
         )
 
 

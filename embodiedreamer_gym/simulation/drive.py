@@ -53,9 +53,13 @@ class Drive:
     """Turns commands into joint accelerations; what fits simulate and what environments run.
 
     A batch holds P parameter sets for each of R rollouts, B = R * P samples, sample b = rollout * P + set.
+    gains: (R, n) by which a firmware's position gains multiply the stiffness, and nothing else, of each rollout.
     """
 
-    def __init__(self, model: RobotModel, sets: Sets | None = None, rollouts: int = 1, dt: float = TIME_STEP) -> None:
+    def __init__(
+        self, model: RobotModel, sets: Sets | None = None, rollouts: int = 1, dt: float = TIME_STEP,
+        gains: np.ndarray | None = None,
+    ) -> None:  # fmt: skip
         self.model, self.dt = model, dt
         values = by_key(sets or {})
         self.sets = max((len(v) for v in values.values()), default=1)
@@ -69,11 +73,14 @@ class Drive:
         self._masses = model.bodies.pack(self.mechanics)
         servo["rotor_inertia"] = self.mechanics.rotor_inertia
         self._servo = np.stack([tile(v, rollouts) for v in servo.values()])
+        if gains is not None:
+            self._servo[SERVO_GROUPS.index("stiffness")] *= np.repeat(gains, self.sets, axis=0)
         tiled = [(e, SimpleNamespace(**{k: tile(v, rollouts) for k, v in p.items()})) for e, p in effects]
         self.laws = {s: [Law(e, p) for e, p in tiled if isinstance(e, SignalLaw) and e.stage == s] for s in STAGES}
         self.budgets = [(e, p) for e, p in tiled if isinstance(e, TorqueBudget)]
         self._limiting = [(e, p) for e, p in self.budgets if type(e).drive is not TorqueBudget.drive]
         self._rubbing = [(e, p) for e, p in self.budgets if type(e).friction is not TorqueBudget.friction]
+        self._feels_external = any(effect.feels_external for effect, _ in self._rubbing)
         self._gear = gear_parts(self.mechanics, self.sets, model.n, rollouts)
         self._gives = self._gear.shape[1] > 0
         self._loose = self._gear[0] + self._gear[2] > 0.0
@@ -146,10 +153,13 @@ class Drive:
         if self._rubbing or self.laws["drive"]:
             wanted = within_limits(pull, self._servo[1], motor.velocity, limits)
             line = self._line(wanted, motor)
-            friction = self._friction(joint, line[0] * wanted + line[1] if self.laws["drive"] else wanted)
+            friction = self._friction(joint, line[0] * wanted + line[1] if self.laws["drive"] else wanted, load)
         wound, spin = (motor.position - joint.position, self.spin) if self._gives else (self._zero, self.velocity)
         state = joint.position, self.velocity, wound, spin, self._servo, limits, *self._fixed, self._impulse
-        solution = step_joints(joint.velocity, *self._rigid, *self._inertia, pull, load, line, friction, *state)
+        if self._feels_external:  # which has found the bodies' inertia
+            solution = solve_step(*self._inertia, pull, load, line, friction, *state)
+        else:
+            solution = step_joints(joint.velocity, *self._rigid, *self._inertia, pull, load, line, friction, *state)
         for _ in range(PASSES - 1 if self.laws["drive"] else 0):
             if not self._bent(solution[1], motor, line):
                 break
@@ -254,9 +264,13 @@ class Drive:
             self._limited = given, limits
         return self._limited[1]
 
-    def _friction(self, joint: JointState, torque: np.ndarray) -> np.ndarray:
-        """Friction's torque forward and backward (2, B, n) of all budgets, the gears loaded by a torque (B, n)."""
+    def _friction(self, joint: JointState, torque: np.ndarray, load: np.ndarray) -> np.ndarray:
+        """Friction's torque forward and backward (2, B, n) of all budgets, the gears between a drive's torque and a load."""
         joint = JointState(joint.position, joint.velocity, torque, joint.dt, joint.time)
+        if self._feels_external:
+            motion = joint.position, joint.velocity
+            self._inertia = self.model.bodies.mass_matrix_and_bias(*motion, self._masses)
+            joint.external = load - self._inertia[1]
         given = [taken for effect, p in self._rubbing for taken in effect.friction(joint, p) or ()]
         if not _same(given, self._rubbed[0]):
             friction = self._no_friction.copy()

@@ -79,13 +79,16 @@ class _Track:
         self.steps = np.gradient(recording.time)
         seen = np.repeat(motion.position[None], self.count, axis=0)
         self.velocity = np.repeat(motion.velocity[None], self.count, axis=0)
+        self.external: np.ndarray | None = None
         self.position = 2 * seen - self._laws("sensor", seen, seen)  # exact for an offset
 
     def torque(self) -> np.ndarray:
         """Torque (P, T, n) N m that the drive has to be asked for."""
         rigid = self._rigid_bodies()
-        carried = rigid - self._smoothed(self._laws("load", np.zeros_like(rigid), rigid), 2)
-        torque = carried
+        load = self._smoothed(self._laws("load", np.zeros_like(rigid), rigid), 2)
+        torque = carried = rigid - load
+        if any(effect.feels_external for effect, _ in self.drive.budgets):
+            self.external = load - self._smoothed(self._bodies(np.zeros_like(self.derivatives.acceleration)))
         for _ in range(LOOPS if self.drive.budgets else 0):
             torque = carried + self._smoothed(self._friction(torque), 2)
         return self._asked(torque)
@@ -98,20 +101,25 @@ class _Track:
         return torque
 
     def _rigid_bodies(self) -> np.ndarray:
+        """Torque (P, T, n) of the motion, with the rotors' and viscous friction."""
+        speed, acceleration, servo = self.derivatives.velocity, self.derivatives.acceleration, self.drive.servo
+        rotor, viscous = servo["rotor_inertia"][:, None], servo["viscous_friction"][:, None]
+        return self._smoothed(self._bodies(acceleration) + rotor * acceleration + viscous * speed)
+
+    def _bodies(self, acceleration: np.ndarray) -> np.ndarray:
+        """Torque (P, T, n) of the bodies under an acceleration (T, n), by inverse dynamics."""
         first, place = self._different_bodies()
         samples, n = self.position.shape[1:]
-        speed, acceleration = self.derivatives.velocity, self.derivatives.acceleration
         q = np.ascontiguousarray(np.swapaxes(self.position[first], 0, 1).reshape(-1, n))
-        v, a = (np.repeat(x, len(first), axis=0) for x in (speed, acceleration))  # sample b: parameter set b mod P
+        v, a = (
+            np.repeat(x, len(first), axis=0) for x in (self.derivatives.velocity, acceleration)
+        )  # sample b: set b mod P
         mechanics = self.drive.mechanics
         if len(mechanics.mass) > 1:
             parts = ("mass", "first_moment", "inertia", "gravity")
             mechanics = replace(mechanics, **{name: getattr(mechanics, name)[first] for name in parts})
         torque = self.drive.model.bodies.inverse_dynamics(q, v, a, mechanics)[0]
-        torque = np.swapaxes(torque.reshape(samples, len(first), n), 0, 1)[place]
-        servo = self.drive.servo
-        rotor, viscous = servo["rotor_inertia"][:, None], servo["viscous_friction"][:, None]
-        return self._smoothed(torque + rotor * acceleration + viscous * speed)
+        return np.swapaxes(torque.reshape(samples, len(first), n), 0, 1)[place]
 
     def _different_bodies(self) -> tuple[np.ndarray, np.ndarray]:
         """Parameter sets (k,) whose bodies or positions differ, and for each set (P,) which of those it equals."""
@@ -124,7 +132,8 @@ class _Track:
 
     def _joint(self, k: int, torque: np.ndarray) -> JointState:
         time = float(self.recording.time[k] - self.recording.time[0])
-        return JointState(self.position[:, k], self.velocity[:, k], torque[:, k], float(self.steps[k]), time)
+        external = None if self.external is None else self.external[:, k]
+        return JointState(self.position[:, k], self.velocity[:, k], torque[:, k], float(self.steps[k]), time, external)
 
     def _laws(self, stage: str, signal: np.ndarray, torque: np.ndarray) -> np.ndarray:
         """What a stage makes of a signal (P, T, n), sample by sample; the memories of its laws run along."""

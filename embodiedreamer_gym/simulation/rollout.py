@@ -102,7 +102,7 @@ def simulate_sets(
         check_names(model, recording)
     order = sorted(range(len(recordings)), key=lambda r: -recordings[r].duration)
     runs = [recordings[r] for r in order]
-    drive = Drive(model, sets, len(runs), dt)
+    drive = Drive(model, sets, len(runs), dt, np.stack([r.gain for r in runs]))
     p = drive.sets
     commands = [plant_commands(r, hold or command_rule(model, r), dt) for r in runs]
     states = [first_state(r) for r in runs]

@@ -86,6 +86,7 @@ class Engine:
         model.dof_frictionloss[dof] = level
         uneven = get("direction_dependent_friction", "backward") - get("direction_dependent_friction", "forward")
         self._constant_torque = get("torque_bias", "torque") + uneven / 2
+        self._beside = get("torque_bias", "torque")  # on the joints beside drive, bodies, springs and friction
         self._mujoco.mj_setConst(model, self._data)
 
     def _turn(self, *quaternions: Array) -> Array:
@@ -97,25 +98,19 @@ class Engine:
 
     def _laws(self, warming: bool) -> list[Callable[[], None]]:
         """What must be set anew before each step; warming: whether the drives' fade has begun."""
-        model, data, get = self._model, self._data, self._hidden.get
-        q, v, ctrl = data.qpos, data.qvel, data.ctrl
-        at, dof, laws = self._plant.motor_position, self._plant.dof, []
+        data, get = self._data, self._hidden.get
+        q, ctrl, laws = data.qpos, data.ctrl, []
         if self._fading is not None and warming:
             fading = self._fading
             laws.append(lambda: self._set_servo(fading(data.time)))
-        if self._varying is not None:
-            varying, loss, force = self._varying, model.dof_frictionloss, data.actuator_force
-
-            def set_friction() -> None:
-                loss[dof] = varying(v[dof], force)
-
-            laws.append(set_friction)
         laws += self._torque_laws()
-        width = get("servo_deadzone", "width")
+        if self._varying is not None:
+            laws.append(self._friction_law(self._varying))
+        width, motor_at = get("servo_deadzone", "width"), self._plant.motor_position
         if width.any():
 
             def shrink_error() -> None:
-                error = ctrl - q[at]
+                error = ctrl - q[motor_at]
                 ctrl[:] -= np.minimum(np.maximum(error, -width), width)
 
             laws.append(shrink_error)
@@ -123,25 +118,40 @@ class Engine:
             laws.append(self._speed_law(*self._line))
         return laws
 
+    def _friction_law(self, varying: Callable[[Array, Array, Array], Array]) -> Callable[[], None]:
+        """Set the friction level by speed, the actuators' torque and what acts on the joints beside it."""
+        model, data, get, at, dof = self._model, self._data, self._hidden.get, self._plant.position, self._plant.dof
+        loss, none, outside = model.dof_frictionloss, np.zeros(len(dof)), get("load_friction", "external").any()
+        spring, angle = model.jnt_stiffness[model.dof_jntid[dof]], model.qpos_spring[at]
+
+        def set_friction() -> None:
+            outer = none
+            if outside:
+                outer = self._beside - spring * (data.qpos[at] - angle) - self._plant.load(data.qfrc_bias)
+            loss[dof] = varying(data.qvel[dof], data.actuator_force, outer)
+
+        return set_friction
+
     def _torque_laws(self) -> list[Callable[[], None]]:
         """Torques on the joints beside the actuators'."""
         data, get, at, dof = self._data, self._hidden.get, self._plant.position, self._plant.dof
         amplitude, frequency, phase = (get("torque_ripple", p) for p in ("amplitude", "frequency", "phase"))
         drag, constant, bristle = get("quadratic_drag", "coefficient"), self._constant_torque, self._bristle
         motor_at, motor, damper = self._plant.motor_position, self._plant.motor_dof, gear_damper(self._hidden)
-        half = get("backlash", "gap") / 2
+        half, bias = get("backlash", "gap") / 2, get("torque_bias", "torque")
         if bristle is None and not (amplitude.any() or drag.any() or damper.any()):
             return []
 
         def set_torque() -> None:
             speed, ripple = data.qvel[dof], amplitude * np.sin(frequency * data.qpos[at] + phase)
-            torque = constant + ripple - drag * speed * np.abs(speed)
+            torque = constant + ripple
             if bristle is not None:
                 torque -= bristle(self._bend, speed, self.timestep)
+            self._beside = torque - constant + bias
             meshed = np.abs(data.qpos[motor_at] - data.qpos[at]) >= half
             passed = damper * meshed * (data.qvel[motor] - speed)
             data.qfrc_applied[motor] = -passed
-            data.qfrc_applied[dof] = torque + passed
+            data.qfrc_applied[dof] = torque - drag * speed * np.abs(speed) + passed
 
         return [set_torque]
 

@@ -7,7 +7,7 @@ springs, bias and ripple act beside it.
 
 | effect | how MuJoCo does it |
 |---|---|
-| coulomb, stribeck, load_friction | `dof_frictionloss`, its level set anew from speed and torque |
+| coulomb, stribeck, load_friction | `dof_frictionloss`, its level set anew from speed, drive and load |
 | direction_dependent_friction | `dof_frictionloss` at their mean, half their difference as a torque |
 | hysteresis | generalised force of a bristle (LuGre without damping), its bend stepped implicitly |
 | torque_bias, torque_ripple, quadratic_drag | generalised force on the joint |
@@ -49,7 +49,7 @@ EFFECTS: dict[str, dict[str, tuple[str, int]]] = {
     "torque_fade": {"loss": ("joint", 0), "time": ("joint", 0)},
     "coulomb_friction": {"torque": ("joint", -1)},
     "stribeck_friction": {"sliding": ("joint", -1), "extra_static": ("joint", -1), "speed": ("joint", 1)},
-    "load_friction": {"coefficient": ("joint", 0)},
+    "load_friction": {"coefficient": ("joint", 0), "external": ("joint", 0)},
     "direction_dependent_friction": {"forward": ("joint", -1), "backward": ("joint", -1)},
     "hysteresis": {"torque": ("joint", -1), "travel": ("joint", 1)},
     "quadratic_drag": {"coefficient": ("joint", -3)},
@@ -151,8 +151,8 @@ class CommandPath:
         return out
 
 
-def friction_law(hidden: Hidden) -> tuple[Array, Callable[[Array, Array], Array] | None]:
-    """Friction level (n,) at standstill without load; the level by speed and servo torque if it varies."""
+def friction_law(hidden: Hidden) -> tuple[Array, Callable[[Array, Array, Array], Array] | None]:
+    """Friction level (n,) at standstill without load; the level by speed, servo torque and outer torque if it varies."""
     forward = hidden.get("direction_dependent_friction", "forward")
     backward = hidden.get("direction_dependent_friction", "backward")
     level = hidden.get("coulomb_friction", "torque") + (forward + backward) / 2
@@ -160,17 +160,18 @@ def friction_law(hidden: Hidden) -> tuple[Array, Callable[[Array, Array], Array]
         hidden.get("stribeck_friction", "sliding"),
         hidden.get("stribeck_friction", "extra_static"),
     )
-    speed, share = hidden.get("stribeck_friction", "speed"), hidden.get("load_friction", "coefficient")
+    speed = hidden.get("stribeck_friction", "speed")
+    share, outer_share = (hidden.get("load_friction", name) for name in ("coefficient", "external"))
     if np.any((extra > 0) & (speed <= 0)):
         raise EffectError("stribeck_friction needs a speed above zero wherever extra_static is not zero.")
     level = level + sliding
-    if not (extra.any() or share.any()):
+    if not (extra.any() or share.any() or outer_share.any()):
         return level, None
     slowness = 1.0 / np.where(speed > 0, speed, 1.0)
 
-    def varying(v: Array, torque: Array) -> Array:
+    def varying(v: Array, torque: Array, outer: Array) -> Array:
         scaled = v * slowness
-        return level + extra * np.exp(-scaled * scaled) + share * np.abs(torque)
+        return level + extra * np.exp(-scaled * scaled) + np.abs(share * torque - outer_share * outer)
 
     return level, varying
 

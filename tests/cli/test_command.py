@@ -76,6 +76,26 @@ def test_compare(work, logs, capsys) -> None:
     assert Path("page/index.html").is_file()
 
 
+def test_a_gain_belongs_to_the_files_that_are_named(work, logs, capsys) -> None:
+    """Logs at four times the model's stiffness, and a model of a quarter of it."""
+    write_arm(work, "soft", servo={"stiffness": [45.0, 15.0], "damping": [10.0, 3.0]})
+    sources = (logs / "train", "--json", "c.json")
+    error = []
+    for more in ([], ["--gain", "train/*=4"], ["--gain", "*.csv=2", "--gain", "wave.*=4"]):
+        code, _, err = run(capsys, "compare", "--model", "soft.json", *sources, *more)
+        assert code == 0, err
+        error.append(json.loads(Path("c.json").read_text())["error"]["of"]["soft"])
+    assert error[1] == error[2] != error[0]
+    wrong = {
+        "x=4": "none of the recordings has such a name",
+        "wave*": "is not PATTERN=X",
+        "*=0": "0 is not a number above 0",
+    }
+    for text, message in wrong.items():
+        code, _, err = run(capsys, "compare", "--model", "soft.json", *sources, "--gain", text)
+        assert code == 2 and message in err
+
+
 def test_compare_takes_several_models_and_globs(work, logs, capsys) -> None:
     write_arm(work, "soft", servo={"stiffness": [30.0, 12.0], "damping": [5.0, 1.5]})
     code, out, _ = run(capsys, "compare", "--model", "two.json", "--model", "soft.json", f"{logs}/*/*.csv")

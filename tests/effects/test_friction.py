@@ -14,13 +14,14 @@ from embodiedreamer_gym.effects.hysteresis import Hysteresis
 from embodiedreamer_gym.effects.load_friction import LoadFriction
 from embodiedreamer_gym.effects.quadratic_drag import QuadraticDrag
 from embodiedreamer_gym.effects.stribeck_friction import StribeckFriction
+from embodiedreamer_gym.effects.torque_bias import TorqueBias
 from embodiedreamer_gym.simulation import simulate
 from tests.bank import log, robot
 
 
-def state(speed=0.0, torque=0.0) -> JointState:
-    speed, torque = np.broadcast_arrays(np.atleast_2d(speed), np.atleast_2d(torque))
-    return JointState(np.zeros(speed.shape), speed, torque, 1 / 240, 0.0)
+def state(speed=0.0, torque=0.0, external=0.0) -> JointState:
+    speed, torque, external = np.broadcast_arrays(*(np.atleast_2d(x) for x in (speed, torque, external)))
+    return JointState(np.zeros(speed.shape), speed, torque, 1 / 240, 0.0, external)
 
 
 def test_the_stribeck_curve() -> None:
@@ -31,8 +32,9 @@ def test_the_stribeck_curve() -> None:
 
 
 def test_friction_that_grows_with_the_load() -> None:
-    forward, backward = LoadFriction.friction(state(0.0, [2.0, -3.0]), SimpleNamespace(coefficient=0.2))
-    np.testing.assert_allclose(forward[0], [0.4, 0.6])
+    joint = state(0.0, [2.0, -3.0, 2.0, 2.0], [0.0, 0.0, -2.0, 3.0])  # drive alone, holding a load, driven by it
+    forward, backward = LoadFriction.friction(joint, SimpleNamespace(coefficient=0.2, external=0.1))
+    np.testing.assert_allclose(forward[0], [0.4, 0.6, 0.6, 0.1])
     np.testing.assert_allclose(backward, forward)
 
 
@@ -111,11 +113,24 @@ def test_a_slow_sweep_carries_the_friction_torque(effect, ahead: float, back: fl
         np.testing.assert_allclose(rest, sign * level, atol=2e-3)
 
 
-def test_load_friction_takes_its_share_of_the_torque_that_lifts() -> None:
-    """Slowly up: servo - friction carries the weight, so the servo gives weight / (1 - share)."""
-    model = robot("pendulum1").with_(viscous_friction=np.zeros(1))
+@pytest.mark.parametrize(("share", "external"), [(0.25, 0.0), (0.0, 0.25), (0.2, 0.1)])
+def test_load_friction_takes_its_share_of_the_torque_that_lifts(share: float, external: float) -> None:
+    """Slowly up: servo - share * servo - external * weight carries the weight; slowly down the shares add to it."""
+    gears = LoadFriction(coefficient={"joint1": share}, external={"joint1": external})
+    model = robot("pendulum1").with_(viscous_friction=np.zeros(1)).with_effect(gears)
     time = np.arange(301) / 100
-    lift = log(model, time, (0.5 + 0.1 * time)[:, None])
-    run = simulate(model.with_effect(LoadFriction(coefficient={"joint1": 0.25})), lift)
-    weight = 9.81 * 0.15 * np.sin(run.position[150:, 0])
-    np.testing.assert_allclose(run.torque[150:, 0], weight / 0.75, rtol=5e-3)
+    for sign in (1, -1):
+        run = simulate(model, log(model, time, (0.65 + sign * 0.1 * (time - 1.5))[:, None]))
+        weight = 9.81 * 0.15 * np.sin(run.position[150:, 0])
+        ratio = (1 + sign * external) / (1 - sign * share)
+        np.testing.assert_allclose(run.torque[150:, 0], ratio * weight, rtol=5e-3)
+
+
+def test_a_spring_beside_the_weight_loads_the_gears() -> None:
+    """The load laws' torque is external too: a spring that carries the weight leaves the gears nothing to rub on."""
+    model = robot("pendulum1").with_(viscous_friction=np.zeros(1))
+    bias = TorqueBias(torque={"joint1": 9.81 * 0.15 * np.sin(0.5)})
+    model = model.with_effect(LoadFriction(external={"joint1": 0.3})).with_effect(bias)
+    time = np.arange(201) / 100
+    run = simulate(model, log(model, time, (0.5 + 0.01 * (time - 1.0))[:, None]))
+    assert np.abs(run.torque[100:, 0]).max() < 0.03 * 9.81 * 0.15

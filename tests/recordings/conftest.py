@@ -57,7 +57,7 @@ def equal(a: Recording, b: Recording) -> None:
     """Assert that two recordings hold the same, to the last bit, frames apart."""
     for name in ("name", "joints", "units", "command_hold", "kind", "effort_unit"):
         assert getattr(a, name) == getattr(b, name), name
-    for name in ("time", "position", "command", "velocity", "effort", "noise", "quantum", "usable"):
+    for name in ("time", "position", "command", "velocity", "effort", "noise", "quantum", "usable", "gain"):
         x, y = getattr(a, name), getattr(b, name)
         assert (x is None) == (y is None), name
         assert x is None or (np.array_equal(x, y) and x.dtype == y.dtype), name

@@ -77,7 +77,7 @@ def test_a_recording_reads_back_equal(tmp_path, make, same, suffix):
     usable[10:20, 1] = False
     for recording in (
         make(usable=usable, command_hold="linear", kind="chirp", noise=np.full(4, 1 / 3), quantum=np.zeros(4)),
-        make(effort_unit="N m"),
+        make(effort_unit="N m", gain=[4.0, 1.0, 0.1, 1.0]),
         make(command=None, velocity=None, effort=None, time=1.7e5 + np.arange(600) / 50),
     ):
         path = save_recording(recording, tmp_path / f"{recording.name}{suffix}")

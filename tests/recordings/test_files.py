@@ -44,6 +44,13 @@ def test_joints_are_taken_and_command_hold_is_set(logs):
     assert all(r.joints == ("elbow", "base") and r.command_hold == "linear" for r in recordings)
 
 
+def test_gains_go_to_files_by_the_end_of_their_path(logs):
+    gains = [r.gain.tolist() for r in load_recordings(logs, gains={"step*": 3, "logs/step_10.hdf5": 5, "other/*": 2})]
+    assert gains == [[3.0] * 4, [5.0] * 4]
+    with pytest.raises(RecordingError, match="gain must be one number above 0, or 4 of them"):
+        load_recordings(logs, gains={"step_2.csv": -1})
+
+
 @pytest.mark.parametrize(
     ("patterns", "given", "message"),
     [

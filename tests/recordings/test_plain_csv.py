@@ -23,6 +23,7 @@ def test_a_recording_reads_back_equal(tmp_path, make, same):
         make(usable=usable, command_hold="hold", kind="chirp", quantum=np.full(4, 1 / 3)),
         make(command=None, velocity=None, effort=None, time=1.7e5 + np.arange(600) / 50),
         make(joints=("arm.base", "a,b", 'c"d', "gripper")),
+        make(gain=[4.0, 1.0, 0.1, 1.0]),
     ):
         path = save_recording(recording, tmp_path / f"{recording.name}.csv")
         same(recording, load_recordings(path)[0])
@@ -38,10 +39,10 @@ def test_a_hand_written_file_needs_little(tmp_path):
 
 def test_comments_say_more(tmp_path):
     notes = "# logged by hand\n\n# command_hold: linear\n#units: m\n# kind: ramp\n"
-    notes += "# noise: [0.25]\n# quantum: [0]\n"
+    notes += "# noise: [0.25]\n# quantum: [0]\n# gain: 4\n"
     recording = read_plain_csv(written(tmp_path / "a.csv", notes=notes))
     assert (recording.command_hold, recording.units, recording.kind) == ("linear", ("m",), "ramp")
-    assert recording.noise == 0.25 and recording.quantum == 0
+    assert recording.noise == 0.25 and recording.quantum == 0 and recording.gain == 4
 
 
 def test_columns_come_in_any_order_and_zeros_are_nothing(tmp_path):
@@ -76,6 +77,9 @@ BAD = {
     "backwards": ({"extra": {4: "0.01,1,1"}}, "time runs backwards at row 4"),
     "repeated": ({"extra": {4: "0.06,1,1"}}, "time repeats at row 4"),
     "hold": ({"notes": "# command_hold: spline\n"}, "linear, hold, unknown"),
+    "gain": ({"notes": "# gain: high\n"}, "gain: .high.` is not a JSON list of numbers"),
+    "no gain": ({"notes": "# gain: 0\n"}, "gain must be one number above 0, or 1 of them, one per joint"),
+    "gains": ({"notes": "# gain: [1, 4]\n"}, "gain must be one number above 0, or 1 of them"),
     "unit": ({"notes": "# units: deg\n"}, "one of rad, m, 1"),
     "units": ({"notes": "# units: [rad\n"}, "neither a unit nor a JSON list"),
     "noise": ({"notes": "# noise: small\n"}, "not a JSON list of numbers"),

@@ -60,7 +60,8 @@ def test_a_free_run_equals_its_replay_in_mujoco(name: str) -> None:
     bodies = MujocoBodies(model, 1 / 240, lambda spec: None)
     bodies.model.geom_contype[:], bodies.model.geom_conaffinity[:] = 0, 0
     plant = Plant(model, bodies)
-    np.testing.assert_allclose(replay(plant, log).position, simulate(model, log).position, rtol=0, atol=1e-6)
+    for run in (log, log.with_(gain=2.0), log):
+        np.testing.assert_allclose(replay(plant, run).position, simulate(model, run).position, rtol=0, atol=1e-6)
 
 
 def test_both_engines_move_the_robot_alike(tmp_path: Any) -> None:
