@@ -17,9 +17,12 @@ def load_model(a: argparse.Namespace, source: str) -> Any:
     """Return the model of a file or a built-in robot, with the user's effects."""
     from embodiedreamer_gym.effects import CATALOGUE, load_effects
     from embodiedreamer_gym.robot import RobotModel
+    from embodiedreamer_gym.robot.urdf_notes import urdf_notes
 
     catalogue = load_effects(a.effects) if a.effects else CATALOGUE
     model = readable(f"model {source}", lambda: RobotModel.load(source, catalogue))
+    for note in urdf_notes(model.urdf):
+        print(f"warning: {note}", file=sys.stderr)
     if getattr(a, "fix", None):
         model = model.with_fixed(*(name.strip() for name in a.fix.split(",")))
     if getattr(a, "zero", None) or getattr(a, "reverse", None):
