@@ -17,9 +17,12 @@ def load_model(a: argparse.Namespace, source: str) -> Any:
     """Return the model of a file or a built-in robot, with the user's effects."""
     from embodiedreamer_gym.effects import CATALOGUE, load_effects
     from embodiedreamer_gym.robot import RobotModel
+    from embodiedreamer_gym.robot.urdf_notes import urdf_notes
 
     catalogue = load_effects(a.effects) if a.effects else CATALOGUE
     model = readable(f"model {source}", lambda: RobotModel.load(source, catalogue))
+    for note in urdf_notes(model.urdf):
+        print(f"warning: {note}", file=sys.stderr)
     if getattr(a, "fix", None):
         model = model.with_fixed(*(name.strip() for name in a.fix.split(",")))
     if getattr(a, "zero", None) or getattr(a, "reverse", None):
@@ -54,6 +57,8 @@ def load_split(a: argparse.Namespace, model: Any) -> tuple[Any, Any]:
 def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: bool = False) -> Any:
     """Return recordings without their bad samples; prints the findings. fit: a model will be fitted to them."""
     from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight
+    from embodiedreamer_gym.recordings.motor_units import read_motor_calibration
+    from embodiedreamer_gym.robot.play import motor_units
     from embodiedreamer_gym.robot.transmission import direct
 
     ends = list(zip(model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True))
@@ -61,7 +66,7 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
     load = lambda: load_recordings(  # noqa: E731
         *patterns, hz=a.hz, joints=between.motors, command_hold=a.hold, time_unit=a.time_unit, episodes=a.episodes,
         state_topic=a.state_topic, command_topic=a.command_topic, gains=_gains(a),
-        units=_motor_units(a, model, between.motors, between.motor_limits(ends)),
+        units=motor_units(model, a.units, read_motor_calibration(a.motor_calibration) if a.motor_calibration else {}),
     )  # fmt: skip
     logs = [between.to_joints(r, model.joints).with_(units=model.units) for r in readable("a recording", load)]
     checked = [preflight(r, dict(zip(model.joints, ends, strict=True))) for r in logs]
@@ -78,20 +83,6 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
     total = sum(one.recording.position.size for one in checked)
     print(f"{len(checked)} recordings, {left_out} of {total} joint samples left out", file=sys.stderr)
     return Recordings(one.recording for one in checked)
-
-
-def _motor_units(a: argparse.Namespace, model: Any, motors: tuple[str, ...], limits: dict[str, Any]) -> Any:
-    """How numbers of logs without units become angles of the motors."""
-    from embodiedreamer_gym.recordings.motor_units import MotorUnits, read_motor_calibration
-
-    kinds = dict(zip(motors, model.units, strict=True)) if limits else {}
-    return MotorUnits(
-        a.units,
-        read_motor_calibration(a.motor_calibration) if a.motor_calibration else {},
-        limits,
-        frozenset(name for name, unit in kinds.items() if unit == "1"),
-        frozenset(name for name, unit in kinds.items() if unit == "m"),
-    )
 
 
 def _motor_zeros(text: str) -> dict[str, float]:

@@ -87,7 +87,7 @@ def diagnose(
     return summarise(
         result, model=model, ranking=search.ranking, unobservable=search.unobservable, catalogue=catalogue, test=all_test,
         rollouts=search.rollouts, seconds=time.perf_counter() - begun, baseline=baseline,
-        notes=notes_on(logs),
+        notes=notes_on(model, logs),
     )  # fmt: skip
 
 

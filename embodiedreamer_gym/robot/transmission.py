@@ -72,6 +72,10 @@ class Transmission:
         ends = zip(self.motors, self.sign, limits, strict=True)
         return {name: (low, high) if sign > 0 else (-high, -low) for name, sign, (low, high) in ends}
 
+    def to_motors(self, joints: np.ndarray) -> np.ndarray:
+        """Positions (n,) or (T, n) of the motors at which the joints have these."""
+        return np.linalg.solve(self.matrix, np.asarray(joints, float).T).T * self.sign + self.zero
+
     def to_joints(self, recording: Recording, joints: Sequence[str]) -> Recording:
         """A recording of the motors, in their order, as one of the joints; a joint's sample counts where all its motors' do."""
         if self.is_direct and (self.sign == 1).all() and not self.zero.any():
