@@ -22,11 +22,13 @@ class Entry(NamedTuple):
     write: changes the joints, returns what is lost.
     place: where in the file it stands.
     needs: what of MuJoCo's module a version must have.
+    otherwise: what an older version writes in its place.
     """
 
     write: Callable[[Joints, SimpleNamespace], str | None]
     place: str
     needs: str = ""
+    otherwise: Entry | None = None
 
 
 def command_delay(joints: Joints, p: SimpleNamespace) -> None:
@@ -58,10 +60,12 @@ def torque_constant(joints: Joints, p: SimpleNamespace) -> None:
         setattr(joints, name, getattr(joints, name) * p.gain)
 
 
-def velocity_limit(joints: Joints, p: SimpleNamespace) -> str | None:
-    """The speed alone."""
+def velocity_limit(joints: Joints, p: SimpleNamespace) -> str:
+    """The highest speed, and the torque at rest as the highest torque."""
     joints.speed = np.minimum(joints.speed, np.minimum(p.forward, p.backward))
-    return "the fall of the torque on the way to the highest speed, and a difference between the directions"
+    joints.limit = np.minimum(joints.limit, p.stall_torque)
+    speeds = f"{np.min(p.forward):.3g} rad/s forward and {np.min(p.backward):.3g} backward at the slowest joint"
+    return f"the fall of the torque to nothing at the highest speed ({speeds}): fast moves are too fast"
 
 
 def coulomb_friction(joints: Joints, p: SimpleNamespace) -> None:
@@ -79,6 +83,22 @@ def sliding_friction(joints: Joints, p: SimpleNamespace) -> str:
     """Stribeck's sliding level."""
     joints.dry_friction = joints.dry_friction + p.sliding
     return f"the extra friction near standstill, up to {p.extra_static.max():.3g} N m: slow moves stick less than the robot"
+
+
+def stribeck_friction(joints: Joints, p: SimpleNamespace) -> None:
+    """The sliding level as dry friction, which stays rigid, and beside it a bristle for the extra level near standstill."""
+    joints.dry_friction = joints.dry_friction + p.sliding
+    joints.extra_static, joints.stribeck_speed = p.extra_static, p.speed
+
+
+def hysteresis(joints: Joints, p: SimpleNamespace) -> None:
+    """A bristle of one level: Dahl's law is LuGre's without its falling curve and its damper."""
+    joints.hysteresis, joints.travel = p.torque, p.travel
+
+
+def torque_ripple(joints: Joints, p: SimpleNamespace) -> None:
+    """A motor's cogging."""
+    joints.ripple, joints.ripple_frequency, joints.ripple_phase = p.amplitude, p.frequency, p.phase
 
 
 def quadratic_drag(joints: Joints, p: SimpleNamespace) -> None:
@@ -101,14 +121,24 @@ def encoder_offset(joints: Joints, p: SimpleNamespace) -> None:
     joints.offset = joints.offset + p.angle
 
 
+PASSIVE = "mjtCtrlInput.mjINPUT_NONE"  # actuators that only resist
+
 MJCF: Mapping[str, Entry] = {
     "command_delay": Entry(command_delay, "actuator: delay, nsample", "MjsActuator.delay"),
     "command_lowpass": Entry(command_lowpass, "actuator: dyntype filterexact, actearly"),
     "command_rate_limit": Entry(command_rate_limit, "actuator: dyntype pid, slewmax", "mjtDyn.mjDYN_PID"),
     "torque_saturation": Entry(torque_saturation, "actuator: forcerange"),
+    "velocity_limit": Entry(velocity_limit, "actuator: forcerange (torque at rest)"),
     "torque_constant": Entry(torque_constant, "actuator: gainprm, biasprm, forcerange"),
     "coulomb_friction": Entry(coulomb_friction, "joint: frictionloss"),
-    "stribeck_friction": Entry(sliding_friction, "joint: frictionloss"),
+    "stribeck_friction": Entry(
+        stribeck_friction,
+        "joint: frictionloss; passive dcmotor: lugre",
+        PASSIVE,
+        Entry(sliding_friction, "joint: frictionloss"),
+    ),
+    "hysteresis": Entry(hysteresis, "passive dcmotor: lugre", PASSIVE),
+    "torque_ripple": Entry(torque_ripple, "passive dcmotor: cogging", PASSIVE),
     "direction_dependent_friction": Entry(direction_dependent_friction, "joint: frictionloss; actuator: biasprm"),
     "quadratic_drag": Entry(quadratic_drag, "joint: second coefficient of damping", "mjNPOLY"),
     "torque_bias": Entry(torque_bias, "actuator: biasprm, forcerange"),
@@ -121,7 +151,7 @@ MJCF_BODIES: Mapping[str, str] = {
 }  # fmt: skip
 URDF: Mapping[str, Entry] = {
     "torque_saturation": Entry(torque_saturation, "limit: effort"),
-    "velocity_limit": Entry(velocity_limit, "limit: velocity"),
+    "velocity_limit": Entry(velocity_limit, "limit: velocity, effort (torque at rest)"),
     "coulomb_friction": Entry(coulomb_friction, "dynamics: friction"),
     "stribeck_friction": Entry(sliding_friction, "dynamics: friction"),
 }

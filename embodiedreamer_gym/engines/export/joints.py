@@ -9,10 +9,12 @@ import numpy as np
 from embodiedreamer_gym.robot import RobotModel
 
 POWERS = {  # of the stroke, by which numbers of a recorded unit become those of the URDF's
-    "stiffness": -2, "damping": -2, "rotor_inertia": -2, "viscous_friction": -2, "spring": -2, "dry_friction": -1, "bristle": -1,
-    "static": -1, "bias": -1, "ripple": -1, "limit": -1, "drag": -3, "rate": 1, "speed": 1, "offset": 1, "travel": 1,
-    "stribeck_speed": 1, "ripple_frequency": -1,
+    **dict.fromkeys(("stiffness", "damping", "rotor_inertia", "viscous_friction", "spring"), -2),
+    **dict.fromkeys(("dry_friction", "extra_static", "hysteresis", "ripple", "bias", "limit"), -1),
+    **dict.fromkeys(("stribeck_speed", "travel", "rate", "speed", "offset"), 1),
+    "drag": -3, "ripple_frequency": -1,
 }  # fmt: skip
+SIGNED = ("bias", "offset", "ripple", "ripple_frequency")  # that change their sign with the direction of the joint
 
 
 @dataclass
@@ -21,8 +23,8 @@ class Joints:
 
     stiffness, damping, rotor_inertia, viscous_friction: as in a robot model, the first two with the drive's gain;
     dry_friction: N m, the same in both directions; drag: N m s^2/rad^2; bias: constant torque, N m;
-    bristle, static, stribeck_speed, travel: dry friction that gives way over a travel, rad, its sliding and its static level,
-    N m, and the speed at which it has fallen between them, rad/s;
+    extra_static, stribeck_speed: dry friction near standstill beyond that, N m, and the speed of its fall, rad/s;
+    hysteresis, travel: friction that builds up over a travel, N m and rad;
     ripple, ripple_frequency, ripple_phase: a torque A sin(N q + phase), N m, 1/rad and rad;
     spring, spring_angle: N m/rad and rad; limit: highest torque of the drive, N m; speed: the highest, rad/s;
     delay, lowpass: of the command, s; rate: its highest slope, rad/s; offset: of the encoder, rad.
@@ -35,9 +37,9 @@ class Joints:
     dry_friction: np.ndarray
     drag: np.ndarray
     bias: np.ndarray
-    bristle: np.ndarray
-    static: np.ndarray
+    extra_static: np.ndarray
     stribeck_speed: np.ndarray
+    hysteresis: np.ndarray
     travel: np.ndarray
     ripple: np.ndarray
     ripple_frequency: np.ndarray
@@ -53,17 +55,10 @@ class Joints:
 
     def of_urdf(self, gain: np.ndarray, zero: np.ndarray) -> Joints:
         """The same numbers where the joint's value is gain * recorded + zero, each (n,)."""
-        size = {name: getattr(self, name) * np.abs(gain) ** power for name, power in POWERS.items()}
-        for name in ("bias", "offset", "ripple"):
-            size[name] = size[name] * np.sign(gain)
-        phase = self.ripple_phase - self.ripple_frequency * zero / gain
-        frequency = size["ripple_frequency"] * np.sign(gain)
-        return replace(
-            self,
-            **size | {"ripple_frequency": frequency},
-            ripple_phase=phase,
-            spring_angle=gain * self.spring_angle + zero,
-        )
+        values = {name: getattr(self, name) * np.abs(gain) ** power for name, power in POWERS.items()}
+        values |= {name: values[name] * np.sign(gain) for name in SIGNED}
+        phase = self.ripple_phase - values["ripple_frequency"] * zero
+        return replace(self, **values, ripple_phase=phase, spring_angle=gain * self.spring_angle + zero)
 
 
 def plain_joints(model: RobotModel) -> Joints:

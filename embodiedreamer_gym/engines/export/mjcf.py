@@ -22,6 +22,8 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.data import GRAVITY
 from embodiedreamer_gym.robot.tree import WORLD
 
+BRISTLE = 0.1  # stiffness of a bristle, of inertia over squared step: a step resolves it
+LEAST = 0.05  # of Stribeck's extra friction, which its bristle keeps at any speed
 STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp: nothing gives way; the highest impedance that MuJoCo allows
 WXYZ = [3, 0, 1, 2]
 
@@ -43,7 +45,10 @@ def write_mjcf(model: RobotModel, path: Path, timestep: float | None = None) -> 
     _set_shapes(spec)
     _set_joints(spec, model, parts, dt)
     for i, name in enumerate(model.joints):
-        _add_actuator(spec, name, parts.joints, i, dt)
+        _add_servo(spec, name, parts.joints, i, dt)
+    for i, name in enumerate(model.joints):  # after the servos, whose order is that of the joints
+        inertia = (model.inertia_scale[i] + model.rotor_inertia[i]) / parts.gain[i] ** 2
+        _add_passive(spec, name, parts.joints, i, BRISTLE * inertia / dt**2)
     try:
         spec.compile()
         root = ElementTree.fromstring(spec.to_xml())
@@ -112,8 +117,9 @@ def _set_joints(spec: Any, model: RobotModel, parts: Parts, dt: float) -> None:
         joint.armature = inertia[i]
         joint.damping = _polynomial(joints.viscous_friction[i], joints.drag[i])
         joint.stiffness, joint.springref = _polynomial(joints.spring[i]), joints.spring_angle[i] + joints.offset[i]
-        if joints.dry_friction[i] > 0:
-            joint.frictionloss, joint.solref_friction, joint.solimp_friction = joints.dry_friction[i], stiff, STIFF
+        rigid = joints.dry_friction[i] - sliding_share(joints)[i]
+        if rigid > 0:
+            joint.frictionloss, joint.solref_friction, joint.solimp_friction = rigid, stiff, STIFF
         joint.ref = joints.offset[i]
         ends = np.sort(parts.gain[i] * np.array([tree.lower[i], tree.upper[i]]) + parts.zero[i])
         joint.limited = int(np.isfinite(ends).all())
@@ -126,7 +132,7 @@ def _polynomial(*coefficients: float) -> Any:
     return whole if hasattr(mujoco, "mjNPOLY") else whole[0]
 
 
-def _add_actuator(spec: Any, name: str, joints: Joints, i: int, dt: float) -> None:
+def _add_servo(spec: Any, name: str, joints: Joints, i: int, dt: float) -> None:
     """Add a joint's servo: force = stiffness (command - position) - damping velocity + bias, inside its limits."""
     actuator, types = spec.add_actuator(), mujoco
     actuator.name = actuator.target = name
@@ -148,6 +154,33 @@ def _add_actuator(spec: Any, name: str, joints: Joints, i: int, dt: float) -> No
             int(np.ceil(joints.delay[i] / dt - 1e-9)) + 1,
             1,
         )
+
+
+def _add_passive(spec: Any, name: str, joints: Joints, i: int, stiffest: float) -> None:
+    """Add motors without a circuit that only resist: bristles of LuGre's friction model, and cogging."""
+    least = sliding_share(joints)[i]
+    kinds = {
+        "stribeck": (joints.extra_static[i], {"lugre": [stiffest, 0.0, least, least + joints.extra_static[i], joints.stribeck_speed[i]]}),
+        "hysteresis": (joints.hysteresis[i], {"lugre": [joints.hysteresis[i] / max(joints.travel[i], 1e-9), 0.0, *[joints.hysteresis[i]] * 2, 1.0]}),
+        "ripple": (joints.ripple[i], {"cogging": [joints.ripple[i], joints.ripple_frequency[i],
+                                                  joints.ripple_phase[i] - joints.ripple_frequency[i] * joints.offset[i]]}),
+    }  # fmt: skip
+    for kind, (size, law) in kinds.items():
+        if size:
+            motor = spec.add_actuator()
+            motor.name, motor.target, motor.trntype = f"{name}_{kind}", name, mujoco.mjtTrn.mjTRN_JOINT
+            motor.set_to_dcmotor(
+                motorconst=[0.0, 0.0], resistance=1.0, ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_NONE), **law
+            )
+
+
+def sliding_share(joints: Joints) -> np.ndarray:
+    """What Stribeck's bristles keep of the dry friction (n,) at any speed: their law divides by it."""
+    return np.clip(
+        LEAST * joints.extra_static,
+        1e-3 * joints.extra_static,
+        np.maximum(joints.dry_friction, 1e-3 * joints.extra_static),
+    )
 
 
 def filter_constant(constant: float, dt: float) -> float:

@@ -80,6 +80,8 @@ def _apply(
     entry = table.get(effect.name)
     if entry is None:
         return "", effect.symptom
+    if entry.otherwise and not _has(library, entry.needs):
+        entry = entry.otherwise
     if not _has(library, entry.needs):
         return (
             "",

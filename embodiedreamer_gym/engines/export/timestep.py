@@ -7,11 +7,15 @@ import numpy as np
 from embodiedreamer_gym.engines.export.joints import Joints
 from embodiedreamer_gym.simulation.drive import TIME_STEP
 
-STEPS = tuple(TIME_STEP / k for k in (2, 4, 8, 16))
+STEPS = tuple(TIME_STEP / k for k in (1, 2, 4, 8, 16))
 NEEDS = {  # number of the joints -> the longest step, and why
     "limit": (
         TIME_STEP / 16,
         "because MuJoCo clamps a torque by the speed half a step ago, and drops its implicit damping then",
+    ),
+    "extra_static": (
+        TIME_STEP / 16,
+        "because the extra friction near standstill is a bristle, the stiffer the shorter the step",
     ),
     "lowpass": (TIME_STEP / 8, "because a filter takes each command as held for a step"),
 }
@@ -19,7 +23,9 @@ NEEDS = {  # number of the joints -> the longest step, and why
 
 def choose_timestep(joints: Joints) -> tuple[float, str]:
     """The longest of STEPS that the joints allow, s, and the reason."""
-    bounds = [(STEPS[0], "half a step of `compare`: MuJoCo takes the speed in Coriolis forces half a step ago")]
+    bounds = [(STEPS[1], "half a step of `compare`: MuJoCo takes Coriolis forces at the speed of half a step ago")]
+    if np.isfinite(joints.rate).any():
+        bounds = [(STEPS[0], "that of `compare`, whose ramps turn at its steps")]
     for name, bound in NEEDS.items():
         values = getattr(joints, name)
         if np.any(np.isfinite(values) & (values > 0)):
