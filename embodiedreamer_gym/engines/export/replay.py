@@ -42,7 +42,6 @@ def replay_mjcf(path: Path, model: RobotModel, recording: Recording, step: float
     data.qvel[dof] = gain * velocity
     mujoco.mj_forward(world, data)
     data.qvel[dof] += data.qacc[dof] * (step - dt) / 2  # in both simulations a velocity belongs to half a step before
-        data.qacc[dof] * (TIME_STEP - dt) / 2
     )  # velocities belong to half a step before; `compare` steps by TIME_STEP
     track = np.empty((len(commands), model.n))
     for k, command in enumerate(commands):
