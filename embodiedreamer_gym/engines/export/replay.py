@@ -42,7 +42,6 @@ def replay_mjcf(path: Path, model: RobotModel, recording: Recording, step: float
     data.qvel[dof] = gain * velocity
     mujoco.mj_forward(world, data)
     data.qvel[dof] += data.qacc[dof] * (step - dt) / 2  # in both simulations a velocity belongs to half a step before
-    )  # velocities belong to half a step before; `compare` steps by TIME_STEP
     track = np.empty((len(commands), model.n))
     for k, command in enumerate(commands):
         data.ctrl[:], track[k] = command, data.qpos[at]
@@ -83,6 +82,8 @@ def agreement(path: Path, model: RobotModel, recordings: Sequence[Recording], st
     Raises: ModelError, SimulationError as `replay_mjcf`.
     """
     runs = simulate_sets(model, recordings, dt=step)
-    gaps = [np.abs(replay_mjcf(path, model, r, step) - run.at(0).position) for r, run in zip(recordings, runs, strict=True)]
+    gaps = [
+        np.abs(replay_mjcf(path, model, r, step) - run.at(0).position) for r, run in zip(recordings, runs, strict=True)
+    ]
     largest, mean = (np.array([kind(gap, axis=0) for gap in gaps]) for kind in (np.max, np.mean))
     return Agreement(tuple(r.name for r in recordings), model.joints, largest, mean)
