@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from embodiedreamer_gym.engines.export.effects import MJCF, MJCF_BODIES
 from embodiedreamer_gym.engines.export.joints import Joints
-from embodiedreamer_gym.engines.export.parts import Parts, changed_urdf, copy_meshes, parts_of, write_xml
-from embodiedreamer_gym.engines.export.report import Export, Line
+from embodiedreamer_gym.engines.export.meshes import copy_meshes, leave_out_meshes, mesh_notes
+from embodiedreamer_gym.engines.export.parts import Parts, changed_urdf, parts_of, write_xml
+from embodiedreamer_gym.engines.export.report import Export, Line, unit_notes
 from embodiedreamer_gym.engines.export.timestep import armature, choose_timestep
-from embodiedreamer_gym.engines.export.urdf import unit_notes
-from embodiedreamer_gym.engines.mujoco.bodies import robot_specification
+from embodiedreamer_gym.engines.mujoco.bodies import READABLE, robot_specification
 from embodiedreamer_gym.engines.mujoco.library import mujoco
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.robot import RobotModel
@@ -37,42 +37,48 @@ def write_mjcf(model: RobotModel, path: Path, timestep: float | None = None) -> 
     parts = parts_of(model, MJCF, MJCF_BODIES, mujoco)
     chosen, reason = choose_timestep(parts.joints)
     dt = chosen if timestep is None else timestep
-    spec = robot_specification(model, changed_urdf(model, parts.mechanics))
+    urdf = changed_urdf(model, parts.mechanics)
+    missing = leave_out_meshes(urdf, model.urdf.parent, READABLE)
+    try:
+        spec = _specification(model, urdf, parts, dt)
+        spec.compile()
+        root = ElementTree.fromstring(spec.to_xml())
+    except ValueError as error:
+        raise ModelError(f"MuJoCo cannot simulate the robot {model.name}: {error}.") from error
+    copied = copy_meshes([str(mesh.get("file")) for mesh in root.iter("mesh")], model.urdf.parent, path)
+    for mesh in root.iter("mesh"):
+        mesh.set("file", copied[str(mesh.get("file"))])
+    notes = (
+        f"The time step is {1e3 * dt:g} ms" + (f", {reason}." if timestep is None else " as asked for."),
+        *_step_notes(parts.joints, dt),
+        *mesh_notes(copied, missing, path),
+        "Links of the robot do not touch each other, as in `compare`; they touch what else is in a scene.",
+        *unit_notes(model),
+    )
+    written = (Line("servo", "actuator: gainprm, biasprm"), Line("rotor_inertia", "joint: armature"),
+               Line("viscous_friction", "joint: damping"), *parts.written)  # fmt: skip
+    export = Export(model.name, "mjcf", path, written, tuple(parts.lost), notes, dt)
+    write_xml(root, export.comment, path)
+    return export
+
+
+def _specification(model: RobotModel, urdf: ElementTree.Element, parts: Parts, dt: float) -> Any:
+    """MuJoCo's specification of a URDF's bodies with the joints, servos and gravity of a model's parts."""
+    spec = robot_specification(model, urdf)
     spec.compiler.inertiafromgeom = 0  # a body weighs what its inertial says
     spec.option.timestep = dt
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     _set_gravity(spec, model, parts.mechanics.gravity[0])
-    _set_shapes(spec)
+    for geom in spec.geoms:
+        if geom.contype:  # links touch other things, but not each other
+            geom.contype, geom.conaffinity = 1, 0
     _set_joints(spec, model, parts, dt)
     for i, name in enumerate(model.joints):
         _add_servo(spec, name, parts.joints, i, dt)
     for i, name in enumerate(model.joints):  # after the servos, whose order is that of the joints
         inertia = (model.inertia_scale[i] + model.rotor_inertia[i]) / parts.gain[i] ** 2
         _add_passive(spec, name, parts.joints, i, BRISTLE * inertia / dt**2)
-    try:
-        spec.compile()
-        root = ElementTree.fromstring(spec.to_xml())
-    except ValueError as error:
-        raise ModelError(f"MuJoCo cannot simulate the robot {model.name}: {error}.") from error
-    notes = [
-        f"The time step is {1e3 * dt:g} ms" + (f", {reason}." if timestep is None else " as asked for."),
-        *_step_notes(parts.joints, dt),
-    ]
-    files = {str(mesh.get("file")): Path(str(mesh.get("file"))) for mesh in root.iter("mesh")}
-    names = copy_meshes(files, path)
-    for mesh in root.iter("mesh"):
-        mesh.set("file", names[str(mesh.get("file"))])
-    if names:
-        notes.append(f"Meshes are copied into {path.stem}_meshes beside this file; keep both together.")
-    notes += [
-        "Links of the robot do not touch each other, as in `compare`; they touch what else is in a scene.",
-        *unit_notes(model),
-    ]
-    written = (Line("servo", "actuator: gainprm, biasprm"), Line("rotor_inertia", "joint: armature"),
-               Line("viscous_friction", "joint: damping"), *parts.written)  # fmt: skip
-    export = Export(model.name, "mjcf", path, written, tuple(parts.lost), tuple(notes), dt)
-    write_xml(root, export.comment, path)
-    return export
+    return spec
 
 
 def _set_gravity(spec: Any, model: RobotModel, gravity: np.ndarray) -> None:
@@ -88,13 +94,6 @@ def _set_gravity(spec: Any, model: RobotModel, gravity: np.ndarray) -> None:
         turned = spec.joint(tree.joint_names[body]).parent
         here = Rotation.from_quat(np.roll(np.array(turned.quat), -1))
         turned.quat = (here * mount.inv() * tilt * mount).as_quat()[WXYZ]
-
-
-def _set_shapes(spec: Any) -> None:
-    """Let the links touch other things, but not each other."""
-    for geom in spec.geoms:
-        if geom.contype:
-            geom.contype, geom.conaffinity = 1, 0
 
 
 def _set_joints(spec: Any, model: RobotModel, parts: Parts, dt: float) -> None:

@@ -1,4 +1,4 @@
-"""The parts of a model that every format needs: its joints' numbers with the effects, its changed bodies, its meshes."""
+"""The parts of a model that every format needs: its joints' numbers with the effects, its changed bodies."""
 
 from __future__ import annotations
 
@@ -162,30 +162,6 @@ def _inertial(mass: float, moment: np.ndarray, inertia: np.ndarray) -> ElementTr
     names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
     ElementTree.SubElement(element, "inertia", {name: repr(float(about[at])) for name, at in names.items()})
     return element
-
-
-def copy_meshes(meshes: Mapping[str, Path], path: Path) -> dict[str, str]:
-    """Copy mesh files into the folder FILE_meshes beside an exported file; their names there, relative to that file.
-
-    meshes: key -> path. Two files of one name get numbers.
-    """
-    folder, names, taken = path.with_name(f"{path.stem}_meshes"), {}, {}
-    for key, source in meshes.items():
-        name = source.name
-        while taken.setdefault(name, source) != source:
-            name = f"{source.stem}_{len(taken)}{source.suffix}"
-        names[key] = f"{folder.name}/{name}"
-    if taken:
-        try:
-            folder.mkdir(exist_ok=True)
-        except OSError as reason:
-            raise ModelError(f"{folder} cannot be written: {reason.strerror or reason}.") from reason
-    for name, source in taken.items():
-        target = folder / name
-        if not (target.exists() and target.samefile(source)):
-            with atomic_file(target, ModelError) as part:
-                part.write_bytes(source.read_bytes())
-    return names
 
 
 def write_xml(root: ElementTree.Element, comment: str, path: Path) -> None:

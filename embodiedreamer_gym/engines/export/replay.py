@@ -40,8 +40,10 @@ def replay_mjcf(path: Path, model: RobotModel, recording: Recording, step: float
     position, velocity = first_state(recording)
     rest(world, data, at, gain * position + zero, commands[0])
     data.qvel[dof] = gain * velocity
+    for follower, leader, line in zip(world.eq_obj1id, world.eq_obj2id, world.eq_data, strict=True):
+        data.qvel[world.jnt_dofadr[follower]] = line[1] * data.qvel[world.jnt_dofadr[leader]]
     mujoco.mj_forward(world, data)
-    data.qvel[dof] += data.qacc[dof] * (step - dt) / 2  # in both simulations a velocity belongs to half a step before
+    data.qvel += data.qacc * (step - dt) / 2  # in both simulations a velocity belongs to half a step before
     track = np.empty((len(commands), model.n))
     for k, command in enumerate(commands):
         data.ctrl[:], track[k] = command, data.qpos[at]

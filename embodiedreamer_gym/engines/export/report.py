@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from embodiedreamer_gym.robot import RobotModel
+
 
 @dataclass(frozen=True)
 class Line:
@@ -80,6 +82,12 @@ class Export:
         """The same for a comment of XML, which must not hold two dashes in a row."""
         text = f"\n{self}\n".replace("--", "- -")
         return text + " " if text.endswith("-") else text
+
+
+def unit_notes(model: RobotModel) -> list[str]:
+    """What a user must know of joints that are recorded in another unit than a file's."""
+    return [f"{name} is recorded as 0 to 1; here it is {low:g} to {high:g} (rad or m), commands too."
+            for name, (low, high) in model.normalised.items()]  # fmt: skip
 
 
 def _wrap(text: str, indent: int) -> str:
