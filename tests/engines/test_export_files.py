@@ -35,7 +35,7 @@ def model_with(folder: Path, urdf: Path) -> RobotModel:
 def test_a_urdf_reads_back_with_the_same_mechanics(tmp_path: Path) -> None:
     model = RobotModel.load(write_arm(tmp_path, effects=EFFECTS, viscous_friction=[0.2, 0.1]))
     export = export_model(model, tmp_path / "better.urdf", "urdf")
-    assert [line.name for line in export.lost] == ["servo", "rotor_inertia", "torque_bias"]
+    assert [line.name for line in export.lost] == ["servo", "rotor inertia", "torque_bias"]
     read, wanted = model_with(tmp_path, export.path).nominal_mechanics, Drive(model).mechanics
     for name in ("mass", "first_moment", "inertia"):
         np.testing.assert_allclose(getattr(read, name), getattr(wanted, name), rtol=1e-9, atol=1e-12)
@@ -61,6 +61,16 @@ def test_unchanged_links_stay_as_they_are(tmp_path: Path) -> None:
         masses[name] = {str(link.get("name")): link.findall("inertial/mass") for link in root.iter("link")}
     assert float(masses["plain"]["tip"][0].get("value")) == 0.2
     assert masses["loaded"]["tip"] == [] and float(masses["loaded"]["fore"][0].get("value")) == pytest.approx(1.3)
+
+
+def test_a_joint_that_the_model_does_not_drive_is_fixed(tmp_path: Path) -> None:
+    arm = load_arm(tmp_path)
+    arm.urdf.write_text(arm.urdf.read_text().replace('name="end" type="fixed"', 'name="end" type="continuous"'))
+    model = RobotModel.load(write_tool(tmp_path, []))
+    for to in ("mjcf", "urdf"):
+        export = export_model(model, tmp_path / "arm.xml", to)
+        assert "The model does not drive end: fixed at zero." in export.notes
+    assert 'name="end" type="fixed"' in (tmp_path / "arm.xml").read_text()
 
 
 def write_tool(folder: Path, effects: list[dict]) -> Path:
@@ -120,7 +130,7 @@ def test_the_verb_prints_what_it_wrote_and_how_a_replay_agrees(
     out = capsys.readouterr().out
     assert "actuator: gainprm" in out and "not exported: nothing" in out and "mrad at most" in out
     data = json.loads(Path("out.json").read_text())
-    assert data["exported"]["rotor_inertia"] == "joint: armature" and 0 < data["agreement"]["largest_rad"] < 3e-4
+    assert data["exported"]["rotor inertia"] == "joint: armature" and 0 < data["agreement"]["largest_rad"] < 3e-4
     assert main([*words, "--timestep", "0.001"]) == 0  # an older file is replaced
     assert 'timestep="0.001"' in Path("arm.xml").read_text()
 

@@ -13,7 +13,7 @@ from embodiedreamer_gym.engines.export.effects import MJCF, MJCF_BODIES
 from embodiedreamer_gym.engines.export.joints import Joints
 from embodiedreamer_gym.engines.export.meshes import copy_meshes, leave_out_meshes, mesh_notes
 from embodiedreamer_gym.engines.export.parts import Parts, changed_urdf, parts_of, write_xml
-from embodiedreamer_gym.engines.export.report import Export, Line, unit_notes
+from embodiedreamer_gym.engines.export.report import Export, Line, joint_notes
 from embodiedreamer_gym.engines.export.timestep import armature, choose_timestep
 from embodiedreamer_gym.engines.mujoco.bodies import READABLE, robot_specification
 from embodiedreamer_gym.engines.mujoco.library import mujoco
@@ -52,11 +52,11 @@ def write_mjcf(model: RobotModel, path: Path, timestep: float | None = None) -> 
         f"The time step is {1e3 * dt:g} ms" + (f", {reason}." if timestep is None else " as asked for."),
         *_step_notes(parts.joints, dt),
         *mesh_notes(copied, missing, path),
-        "Links of the robot do not touch each other, as in `compare`; they touch what else is in a scene.",
-        *unit_notes(model),
+        "Links of the robot do not touch each other, and the URDF's effort limits do not count, as in `compare`.",
+        *joint_notes(model),
     )
-    written = (Line("servo", "actuator: gainprm, biasprm"), Line("rotor_inertia", "joint: armature"),
-               Line("viscous_friction", "joint: damping"), *parts.written)  # fmt: skip
+    written = (Line("servo", "actuator: gainprm, biasprm"), Line("rotor inertia", "joint: armature"),
+               Line("viscous friction", "joint: damping"), *parts.written)  # fmt: skip
     export = Export(model.name, "mjcf", path, written, tuple(parts.lost), notes, dt)
     write_xml(root, export.comment, path)
     return export

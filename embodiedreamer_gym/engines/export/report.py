@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.urdf import MOVABLE, read_xml
 
 
 @dataclass(frozen=True)
@@ -84,10 +85,15 @@ class Export:
         return text + " " if text.endswith("-") else text
 
 
-def unit_notes(model: RobotModel) -> list[str]:
-    """What a user must know of joints that are recorded in another unit than a file's."""
-    return [f"{name} is recorded as 0 to 1; here it is {low:g} to {high:g} (rad or m), commands too."
-            for name, (low, high) in model.normalised.items()]  # fmt: skip
+def joint_notes(model: RobotModel) -> list[str]:
+    """What a user must know of joints that are recorded in another unit than a file's, or are not driven."""
+    fixed = [str(joint.get("name")) for joint in read_xml(model.urdf).iter("joint")
+             if joint.get("type") in MOVABLE and joint.get("name") not in model.tree.joint_names]  # fmt: skip
+    return [
+        *(f"{name} is recorded as 0 to 1; here it is {low:g} to {high:g} (rad or m), commands too."
+          for name, (low, high) in model.normalised.items()),
+        *([f"The model does not drive {', '.join(fixed)}: fixed at zero."] if fixed else []),
+    ]  # fmt: skip
 
 
 def _wrap(text: str, indent: int) -> str:

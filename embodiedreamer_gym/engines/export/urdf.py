@@ -10,7 +10,7 @@ import numpy as np
 from embodiedreamer_gym.engines.export.effects import URDF, URDF_BODIES
 from embodiedreamer_gym.engines.export.meshes import copy_meshes, mesh_notes
 from embodiedreamer_gym.engines.export.parts import changed_urdf, parts_of, write_xml
-from embodiedreamer_gym.engines.export.report import Export, Line, unit_notes
+from embodiedreamer_gym.engines.export.report import Export, Line, joint_notes
 from embodiedreamer_gym.robot import RobotModel
 
 
@@ -31,12 +31,12 @@ def write_urdf(model: RobotModel, path: Path) -> Export:
     copied = copy_meshes([str(mesh.get("filename")) for mesh in meshes], model.urdf.parent, path)
     for mesh in meshes:
         mesh.set("filename", copied.get(str(mesh.get("filename")), str(mesh.get("filename"))))
-    notes = (*mesh_notes(copied, (), path), *unit_notes(model))
-    written = (Line("viscous_friction", "dynamics: damping"), *parts.written)
+    notes = (*mesh_notes(copied, (), path), *joint_notes(model))
+    written = (Line("viscous friction", "dynamics: damping"), *parts.written)
     controller = (
         Line("servo", "a controller's gains are no part of a URDF; stiffness, N m/rad: "
              f"{_by_joint(model, joints.stiffness)}; damping, N m s/rad: {_by_joint(model, joints.damping)}"),
-        Line("rotor_inertia", f"links alone have an inertia; at the joint, kg m^2: {_by_joint(model, joints.rotor_inertia)}"),
+        Line("rotor inertia", f"links alone have an inertia; at the joint, kg m^2: {_by_joint(model, joints.rotor_inertia)}"),
     )  # fmt: skip
     export = Export(model.name, "urdf", path, written, (*controller, *parts.lost), notes)
     write_xml(root, export.comment, path)
