@@ -31,6 +31,7 @@ VERBS: dict[str, tuple[str, ...]] = {  # a command line that works
     "add": ("backlash", *ARM, "--train", "log.csv", "--test", "log.csv", "--out", "out/m.json"),
     "sessions": ("log.csv", "./log.csv", *ARM, "--effect", "payload"),
     "excite": (*ARM, "--separate", "backlash,coulomb_friction", "--out", "out/m.csv"),
+    "export": (*ARM, "--to", "mjcf", "--out", "out/m.xml"),
     "standin record": ("--effect", "backlash", "--seconds", "1", "--out", "out/s"),
     "standin film": (*TASK, "--out", "out/f", "--frames", "2", "--size", "16x12", "--samples", "1"),
     "demos": (*TASK, "--episodes", "1", "--out", "out/d", "--jobs", "1", "--size", "16x12"),

@@ -167,8 +167,12 @@ def find_mesh(name: str, urdf: Path) -> Path | None:
     return None
 
 
-def resolve_meshes(root: ElementTree.Element, urdf: Path, suffixes: tuple[str, ...] = ()) -> None:
-    """Name the meshes of a URDF's XML by where they are; shapes whose mesh is missing, or of another suffix, are removed."""
+def resolve_meshes(root: ElementTree.Element, urdf: Path, suffixes: tuple[str, ...] = ()) -> list[str]:
+    """Name the meshes of a URDF's XML by where they are; shapes whose mesh is missing, or of another suffix, are removed.
+
+    Returns the names of the meshes that were removed.
+    """
+    removed = []
     for link in root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             mesh = shape.find("geometry/mesh")
@@ -177,5 +181,7 @@ def resolve_meshes(root: ElementTree.Element, urdf: Path, suffixes: tuple[str, .
             file = find_mesh(str(mesh.get("filename", "")), urdf)
             if file is None or (suffixes and file.suffix.lower() not in suffixes):
                 link.remove(shape)
+                removed.append(str(mesh.get("filename")))
             else:
                 mesh.set("filename", str(file.resolve()))
+    return list(dict.fromkeys(removed))

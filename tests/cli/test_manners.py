@@ -34,6 +34,7 @@ INPUTS = {  # what each verb needs at least; the files do not exist
     "add": "payload --model no.json --train no.csv --test no.csv --out b.json",
     "sessions": "no.csv other.csv --model no.json",
     "excite": "--model no.json --separate payload,backlash --out b.csv",
+    "export": "--model no.json --to mjcf --out b.xml",
     "standin record": "--out b", "standin film": "--out b --blender no", "demos": "--task PutCupOnMat --out b",
     "augment": "--data no --out b", "policy train": "--data no --out b",
     "policy evaluate": "--policy no --task PutCupOnMat", "policy prefer": "--policy no --task PutCupOnMat --out b",

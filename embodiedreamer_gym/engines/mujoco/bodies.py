@@ -60,13 +60,14 @@ class MujocoBodies:
         mujoco.mj_step(self.model, self.data)
 
 
-def robot_specification(robot: RobotModel) -> Any:
+def robot_specification(robot: RobotModel, root: ElementTree.Element | None = None) -> Any:
     """A robot's URDF as a specification of MuJoCo's: each link a body, joints that the model does not drive fixed.
 
-    Links without a visual are drawn by their collision shapes; meshes that are missing, or of a format that MuJoCo does not read, are left out.
+    root: another URDF's XML in its place, whose meshes lie where the robot's do. Links without a visual are drawn by their
+    collision shapes; meshes that are missing, or of a format that MuJoCo does not read, are left out.
     Raises: ModelError when MuJoCo refuses the URDF.
     """
-    root = read_xml(robot.urdf)
+    root = read_xml(robot.urdf) if root is None else root
     driven = set(robot.tree.joint_names)
     for joint in root.iter("joint"):
         for mimic in joint.findall("mimic"):

@@ -1,0 +1,34 @@
+"""`embodiedreamer export`."""
+
+from embodiedreamer_gym.cli import options as o
+from embodiedreamer_gym.cli.logs import load_logs, load_model
+
+WITHOUT = ("--seed", "--jobs", "--report", "--resume")  # which have no part in an export
+
+
+@o.verb(
+    o.option(
+        "recordings",
+        "REC",
+        "to replay in MuJoCo from the written file, and to compare with `compare`'s rollouts",
+        nargs="*",
+    ),
+    o.MODEL,
+    o.option("--to", None, "format of the file", o.REQUIRED, choices=("mjcf", "urdf")),
+    o.out_file("FILE", "the file; meshes go into FILE_meshes beside it"),
+    o.option(
+        "--timestep",
+        "S",
+        "of an MJCF, s (default: chosen by what the model contains)",
+        None,
+        o.number(float, 1e-6, 0.05),
+    ),
+    *(one for one in o.LOGS if one.name not in WITHOUT),
+)
+def run(a, progress):
+    """Write a model with its effects as MJCF or URDF, and list what the format cannot say."""
+    from embodiedreamer_gym.engines.export import export_model
+
+    model = load_model(a, a.model)
+    logs = load_logs(a, model, a.recordings) if a.recordings else ()
+    return o.Result(export_model(model, a.out, a.to, a.timestep, logs))

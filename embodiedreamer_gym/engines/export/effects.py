@@ -1,0 +1,158 @@
+"""How each effect is written: one small function an effect, and one table a format.
+
+A function changes the joints' numbers by the effect's parameters (n,), and returns what is lost of it, if anything. A
+change of mechanics needs none: the changed masses are written, as far as the format has a place for what it changes. An
+effect of neither kind is listed as not exported, with its symptom.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+
+from embodiedreamer_gym.engines.export.joints import Joints
+
+
+class Entry(NamedTuple):
+    """An effect of a format.
+
+    write: changes the joints, returns what is lost.
+    place: where in the file it stands.
+    needs: what of MuJoCo's module a version must have.
+    otherwise: what an older version writes in its place.
+    """
+
+    write: Callable[[Joints, SimpleNamespace], str | None]
+    place: str
+    needs: str = ""
+    otherwise: Entry | None = None
+
+
+def command_delay(joints: Joints, p: SimpleNamespace) -> None:
+    """A delay of the actuator's input."""
+    joints.delay = joints.delay + p.seconds
+
+
+def command_lowpass(joints: Joints, p: SimpleNamespace) -> None:
+    """A filter of the actuator's input."""
+    joints.lowpass = joints.lowpass + p.time_constant
+
+
+def command_rate_limit(joints: Joints, p: SimpleNamespace) -> str | None:
+    """A ramp of the actuator's input; an actuator has one kind of memory."""
+    if joints.lowpass.any():
+        return "an actuator cannot both filter and ramp its input; limit the slope of the commands that you send"
+    joints.rate = np.minimum(joints.rate, p.rate)
+    return None
+
+
+def torque_saturation(joints: Joints, p: SimpleNamespace) -> None:
+    """A highest torque."""
+    joints.limit = np.minimum(joints.limit, p.limit)
+
+
+def torque_constant(joints: Joints, p: SimpleNamespace) -> None:
+    """Gains and limits of the torque that arrives."""
+    for name in ("stiffness", "damping", "limit"):
+        setattr(joints, name, getattr(joints, name) * p.gain)
+
+
+def velocity_limit(joints: Joints, p: SimpleNamespace) -> str:
+    """The highest speed, and the torque at rest as the highest torque."""
+    joints.speed = np.minimum(joints.speed, np.minimum(p.forward, p.backward))
+    joints.limit = np.minimum(joints.limit, p.stall_torque)
+    speeds = f"{np.min(p.forward):.3g} rad/s forward and {np.min(p.backward):.3g} backward at the slowest joint"
+    return f"the fall of the torque to nothing at the highest speed ({speeds}): fast moves are too fast"
+
+
+def coulomb_friction(joints: Joints, p: SimpleNamespace) -> None:
+    """Dry friction."""
+    joints.dry_friction = joints.dry_friction + p.torque
+
+
+def direction_dependent_friction(joints: Joints, p: SimpleNamespace) -> None:
+    """The mean of both directions as dry friction, half the difference as a constant torque: the sum is exact."""
+    joints.dry_friction = joints.dry_friction + 0.5 * (p.forward + p.backward)
+    joints.bias = joints.bias + 0.5 * (p.backward - p.forward)
+
+
+def sliding_friction(joints: Joints, p: SimpleNamespace) -> str:
+    """Stribeck's sliding level."""
+    joints.dry_friction = joints.dry_friction + p.sliding
+    return f"the extra friction near standstill, up to {p.extra_static.max():.3g} N m: slow moves stick less than the robot"
+
+
+def stribeck_friction(joints: Joints, p: SimpleNamespace) -> None:
+    """The sliding level as dry friction, which stays rigid, and beside it a bristle for the extra level near standstill."""
+    joints.dry_friction = joints.dry_friction + p.sliding
+    joints.extra_static, joints.stribeck_speed = p.extra_static, p.speed
+
+
+def hysteresis(joints: Joints, p: SimpleNamespace) -> None:
+    """A bristle of one level: Dahl's law is LuGre's without its falling curve and its damper."""
+    joints.hysteresis, joints.travel = p.torque, p.travel
+
+
+def torque_ripple(joints: Joints, p: SimpleNamespace) -> None:
+    """A motor's cogging."""
+    joints.ripple, joints.ripple_frequency, joints.ripple_phase = p.amplitude, p.frequency, p.phase
+
+
+def quadratic_drag(joints: Joints, p: SimpleNamespace) -> None:
+    """Damping in proportion to the speed."""
+    joints.drag = joints.drag + p.coefficient
+
+
+def torque_bias(joints: Joints, p: SimpleNamespace) -> None:
+    """A constant torque."""
+    joints.bias = joints.bias + p.torque
+
+
+def joint_spring(joints: Joints, p: SimpleNamespace) -> None:
+    """A spring of the joint."""
+    joints.spring, joints.spring_angle = joints.spring + p.stiffness, p.angle
+
+
+def encoder_offset(joints: Joints, p: SimpleNamespace) -> None:
+    """Another number for the same angle."""
+    joints.offset = joints.offset + p.angle
+
+
+PASSIVE = "mjtCtrlInput.mjINPUT_NONE"  # actuators that only resist
+
+MJCF: Mapping[str, Entry] = {
+    "command_delay": Entry(command_delay, "actuator: delay, nsample", "MjsActuator.delay"),
+    "command_lowpass": Entry(command_lowpass, "actuator: dyntype filterexact, actearly"),
+    "command_rate_limit": Entry(command_rate_limit, "actuator: dyntype pid, slewmax", "mjtDyn.mjDYN_PID"),
+    "torque_saturation": Entry(torque_saturation, "actuator: forcerange"),
+    "velocity_limit": Entry(velocity_limit, "actuator: forcerange (torque at rest)"),
+    "torque_constant": Entry(torque_constant, "actuator: gainprm, biasprm, forcerange"),
+    "coulomb_friction": Entry(coulomb_friction, "joint: frictionloss"),
+    "stribeck_friction": Entry(
+        stribeck_friction,
+        "joint: frictionloss; passive dcmotor: lugre",
+        PASSIVE,
+        Entry(sliding_friction, "joint: frictionloss"),
+    ),
+    "hysteresis": Entry(hysteresis, "passive dcmotor: lugre", PASSIVE),
+    "torque_ripple": Entry(torque_ripple, "passive dcmotor: cogging", PASSIVE),
+    "direction_dependent_friction": Entry(direction_dependent_friction, "joint: frictionloss; actuator: biasprm"),
+    "quadratic_drag": Entry(quadratic_drag, "joint: second coefficient of damping", "mjNPOLY"),
+    "torque_bias": Entry(torque_bias, "actuator: biasprm, forcerange"),
+    "joint_spring": Entry(joint_spring, "joint: stiffness, springref"),
+    "encoder_offset": Entry(encoder_offset, "joint: ref"),
+}
+MJCF_BODIES: Mapping[str, str] = {
+    "mass": "body: inertial", "first_moment": "body: inertial", "inertia": "body: inertial", "rotor_inertia": "joint: armature",
+    "gravity": "option: gravity, or the body's quat",
+}  # fmt: skip
+URDF: Mapping[str, Entry] = {
+    "torque_saturation": Entry(torque_saturation, "limit: effort"),
+    "velocity_limit": Entry(velocity_limit, "limit: velocity, effort (torque at rest)"),
+    "coulomb_friction": Entry(coulomb_friction, "dynamics: friction"),
+    "stribeck_friction": Entry(sliding_friction, "dynamics: friction"),
+}
+URDF_BODIES: Mapping[str, str] = dict.fromkeys(("mass", "first_moment", "inertia"), "inertial")

@@ -1,0 +1,78 @@
+"""What a calibrated model says of its joints, as numbers that file formats have places for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from embodiedreamer_gym.robot import RobotModel
+
+POWERS = {  # of the stroke, by which numbers of a recorded unit become those of the URDF's
+    **dict.fromkeys(("stiffness", "damping", "rotor_inertia", "viscous_friction", "spring"), -2),
+    **dict.fromkeys(("dry_friction", "extra_static", "hysteresis", "ripple", "bias", "limit"), -1),
+    **dict.fromkeys(("stribeck_speed", "travel", "rate", "speed", "offset"), 1),
+    "drag": -3, "ripple_frequency": -1,
+}  # fmt: skip
+SIGNED = ("bias", "offset", "ripple", "ripple_frequency")  # that change their sign with the direction of the joint
+
+
+@dataclass
+class Joints:
+    """Numbers (n,) of the driven joints, to be changed in place by the effects.
+
+    stiffness, damping, rotor_inertia, viscous_friction: as in a robot model, the first two with the drive's gain;
+    dry_friction: N m, the same in both directions; drag: N m s^2/rad^2; bias: constant torque, N m;
+    extra_static, stribeck_speed: dry friction near standstill beyond that, N m, and the speed of its fall, rad/s;
+    hysteresis, travel: friction that builds up over a travel, N m and rad;
+    ripple, ripple_frequency, ripple_phase: a torque A sin(N q + phase), N m, 1/rad and rad;
+    spring, spring_angle: N m/rad and rad; limit: highest torque of the drive, N m; speed: the highest, rad/s;
+    delay, lowpass: of the command, s; rate: its highest slope, rad/s; offset: of the encoder, rad.
+    """
+
+    stiffness: np.ndarray
+    damping: np.ndarray
+    rotor_inertia: np.ndarray
+    viscous_friction: np.ndarray
+    dry_friction: np.ndarray
+    drag: np.ndarray
+    bias: np.ndarray
+    extra_static: np.ndarray
+    stribeck_speed: np.ndarray
+    hysteresis: np.ndarray
+    travel: np.ndarray
+    ripple: np.ndarray
+    ripple_frequency: np.ndarray
+    ripple_phase: np.ndarray
+    spring: np.ndarray
+    spring_angle: np.ndarray
+    limit: np.ndarray
+    speed: np.ndarray
+    delay: np.ndarray
+    lowpass: np.ndarray
+    rate: np.ndarray
+    offset: np.ndarray
+
+    def of_urdf(self, gain: np.ndarray, zero: np.ndarray) -> Joints:
+        """The same numbers where the joint's value is gain * recorded + zero, each (n,)."""
+        values = {name: getattr(self, name) * np.abs(gain) ** power for name, power in POWERS.items()}
+        values |= {name: values[name] * np.sign(gain) for name in SIGNED}
+        phase = self.ripple_phase - values["ripple_frequency"] * zero
+        return replace(self, **values, ripple_phase=phase, spring_angle=gain * self.spring_angle + zero)
+
+
+def plain_joints(model: RobotModel) -> Joints:
+    """The joints of a model without its effects."""
+    names = [name for name in Joints.__dataclass_fields__ if not hasattr(model, name)]
+    far = {"limit", "speed", "rate"}
+    return Joints(
+        **{name: getattr(model, name).copy() for name in ("stiffness", "damping", "rotor_inertia", "viscous_friction")},
+        **{name: np.full(model.n, np.inf if name in far else 0.0) for name in names},
+    )
+
+
+def scales(model: RobotModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Body that each driven joint moves, and the joint's value as gain * recorded + zero, each (n,)."""
+    tree = model.tree
+    bodies = np.array([tree.joint_names.index(name) for name in model.joints])
+    return bodies, tree.gain[bodies], tree.offset[bodies]

@@ -1,0 +1,208 @@
+"""A calibrated model as an MJCF: bodies, actuators that are the servos, frictions, and the step that they need."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from embodiedreamer_gym.engines.export.effects import MJCF, MJCF_BODIES
+from embodiedreamer_gym.engines.export.joints import Joints
+from embodiedreamer_gym.engines.export.meshes import copy_meshes, mesh_notes
+from embodiedreamer_gym.engines.export.parts import Parts, changed_urdf, parts_of, write_xml
+from embodiedreamer_gym.engines.export.report import Export, Line, joint_notes
+from embodiedreamer_gym.engines.export.timestep import armature, choose_timestep
+from embodiedreamer_gym.engines.mujoco.bodies import READABLE, robot_specification
+from embodiedreamer_gym.engines.mujoco.library import mujoco
+from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.data import GRAVITY
+from embodiedreamer_gym.robot.tree import WORLD
+from embodiedreamer_gym.robot.urdf import resolve_meshes
+
+BRISTLE = 0.1  # stiffness of a bristle, of inertia over squared step: a step resolves it
+LEAST = 0.05  # of Stribeck's extra friction, which its bristle keeps at any speed
+STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp: nothing gives way; the highest impedance that MuJoCo allows
+WXYZ = [3, 0, 1, 2]
+
+
+def write_mjcf(model: RobotModel, path: Path, timestep: float | None = None) -> Export:
+    """Write a model as an MJCF, its meshes into FILE_meshes beside it.
+
+    timestep: s; None: chosen by what the model contains.
+    Raises: ModelError when a file cannot be read or written, or MuJoCo refuses the model.
+    """
+    parts = parts_of(model, MJCF, MJCF_BODIES, mujoco)
+    chosen, reason = choose_timestep(parts.joints)
+    dt = chosen if timestep is None else timestep
+    urdf = changed_urdf(model, parts.mechanics)
+    missing = resolve_meshes(urdf, model.urdf, READABLE)
+    try:
+        spec = _specification(model, urdf, parts, dt)
+        spec.compile()
+        root = ElementTree.fromstring(spec.to_xml())
+    except ValueError as error:
+        raise ModelError(f"MuJoCo cannot simulate the robot {model.name}: {error}.") from error
+    copied = copy_meshes([str(mesh.get("file")) for mesh in root.iter("mesh")], model.urdf.parent, path)
+    for mesh in root.iter("mesh"):
+        mesh.set("file", copied[str(mesh.get("file"))])
+    notes = (
+        f"The time step is {1e3 * dt:g} ms" + (f", {reason}." if timestep is None else " as asked for."),
+        *_step_notes(parts.joints, dt),
+        *mesh_notes(copied, missing, path),
+        "Links of the robot do not touch each other, and the URDF's effort limits do not count, as in `compare`.",
+        *joint_notes(model),
+    )
+    written = (Line("servo", "actuator: gainprm, biasprm"), Line("rotor inertia", "joint: armature"),
+               Line("viscous friction", "joint: damping"), *parts.written)  # fmt: skip
+    export = Export(model.name, "mjcf", path, written, tuple(parts.lost), notes, dt)
+    write_xml(root, export.comment, path)
+    return export
+
+
+def _specification(model: RobotModel, urdf: ElementTree.Element, parts: Parts, dt: float) -> Any:
+    """MuJoCo's specification of a URDF's bodies with the joints, servos and gravity of a model's parts."""
+    spec = robot_specification(model, urdf)
+    spec.compiler.inertiafromgeom = 0  # a body weighs what its inertial says
+    spec.option.timestep = dt
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    _set_gravity(spec, model, parts.mechanics.gravity[0])
+    for geom in spec.geoms:
+        if geom.contype:  # links touch other things, but not each other
+            geom.contype, geom.conaffinity = 1, 0
+    _set_joints(spec, model, parts, dt)
+    for i, name in enumerate(model.joints):
+        _add_servo(spec, name, parts.joints, i, dt)
+    for i, name in enumerate(model.joints):  # after the servos, whose order is that of the joints
+        inertia = (model.inertia_scale[i] + model.rotor_inertia[i]) / parts.gain[i] ** 2
+        _add_passive(spec, name, parts.joints, i, BRISTLE * inertia / dt**2)
+    return spec
+
+
+def _set_gravity(spec: Any, model: RobotModel, gravity: np.ndarray) -> None:
+    """Turn gravity (arms, 3); where it differs between arms, turn each arm's first moving body instead."""
+    tree = model.tree
+    if np.allclose(gravity, gravity[0]):
+        spec.option.gravity = gravity[0]
+        return
+    for body in np.flatnonzero(tree.parent == WORLD):
+        felt = gravity[tree.arm[tree.coordinate[body]]]
+        mount = Rotation.from_matrix(tree.rotation[body])
+        tilt = Rotation.align_vectors(GRAVITY[None], felt[None])[0]
+        turned = spec.joint(tree.joint_names[body]).parent
+        here = Rotation.from_quat(np.roll(np.array(turned.quat), -1))
+        turned.quat = (here * mount.inv() * tilt * mount).as_quat()[WXYZ]
+
+
+def _set_joints(spec: Any, model: RobotModel, parts: Parts, dt: float) -> None:
+    """Write the driven joints, and hold those that follow them by stiff equalities."""
+    tree, joints, inertia = model.tree, parts.joints, armature(parts.joints, dt)
+    stiff = [2 * dt, 1.0]
+    for k, name in enumerate(tree.joint_names):
+        joint, i = spec.joint(name), int(tree.coordinate[k])
+        joint.actfrclimited, joint.actfrcrange, joint.frictionloss, joint.armature = 0, [0.0, 0.0], 0.0, 0.0
+        joint.solref_limit, joint.solimp_limit = stiff, STIFF
+        if k != parts.bodies[i]:
+            ratio = tree.gain[k] / parts.gain[i]
+            joint.limited, joint.damping, joint.stiffness = 0, _polynomial(0.0), _polynomial(0.0)
+            equality = spec.add_equality()
+            equality.type, equality.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
+            equality.name1, equality.name2 = name, model.joints[i]
+            equality.data[:2] = [tree.offset[k] - ratio * parts.zero[i], ratio]
+            equality.solref, equality.solimp = stiff, STIFF
+            continue
+        joint.armature = inertia[i]
+        joint.damping = _polynomial(joints.viscous_friction[i], joints.drag[i])
+        joint.stiffness, joint.springref = _polynomial(joints.spring[i]), joints.spring_angle[i] + joints.offset[i]
+        rigid = joints.dry_friction[i] - sliding_share(joints)[i]
+        if rigid > 0:
+            joint.frictionloss, joint.solref_friction, joint.solimp_friction = rigid, stiff, STIFF
+        joint.ref = joints.offset[i]
+        ends = np.sort(parts.gain[i] * np.array([tree.lower[i], tree.upper[i]]) + parts.zero[i])
+        joint.limited = int(np.isfinite(ends).all())
+        joint.range = ends + joints.offset[i] if joint.limited else [0.0, 0.0]
+
+
+def _polynomial(*coefficients: float) -> Any:
+    """Coefficients of a damping or a stiffness, which are one number in older versions of MuJoCo."""
+    whole = [*coefficients, *[0.0] * (3 - len(coefficients))]
+    return whole if hasattr(mujoco, "mjNPOLY") else whole[0]
+
+
+def _add_servo(spec: Any, name: str, joints: Joints, i: int, dt: float) -> None:
+    """Add a joint's servo: force = stiffness (command - position) - damping velocity + bias, inside its limits."""
+    actuator, types = spec.add_actuator(), mujoco
+    actuator.name = actuator.target = name
+    actuator.trntype = types.mjtTrn.mjTRN_JOINT
+    stiffness, bias, limit = joints.stiffness[i], joints.bias[i], joints.limit[i]
+    if np.isfinite(joints.rate[i]):
+        actuator.set_to_pid(kp=stiffness, kv=joints.damping[i], slewmax=joints.rate[i], ctrlspec=1)
+    actuator.gainprm[0] = stiffness if not np.isfinite(joints.rate[i]) else 0.0
+    actuator.biastype = types.mjtBias.mjBIAS_AFFINE
+    actuator.biasprm[:3] = [bias, -stiffness, -joints.damping[i]]
+    if np.isfinite(limit):
+        actuator.forcelimited, actuator.forcerange = 1, [bias - limit, bias + limit]
+    if joints.lowpass[i] > 0:
+        actuator.dyntype, actuator.actearly = types.mjtDyn.mjDYN_FILTEREXACT, 1
+        actuator.dynprm[0] = filter_constant(joints.lowpass[i], dt)
+    if joints.delay[i] >= dt:
+        actuator.delay, actuator.nsample, actuator.interp = (
+            joints.delay[i],
+            int(np.ceil(joints.delay[i] / dt - 1e-9)) + 1,
+            1,
+        )
+
+
+def _add_passive(spec: Any, name: str, joints: Joints, i: int, stiffest: float) -> None:
+    """Add motors without a circuit that only resist: bristles of LuGre's friction model, and cogging."""
+    least = sliding_share(joints)[i]
+    kinds = {
+        "stribeck": (joints.extra_static[i], {"lugre": [stiffest, 0.0, least, least + joints.extra_static[i], joints.stribeck_speed[i]]}),
+        "hysteresis": (joints.hysteresis[i], {"lugre": [joints.hysteresis[i] / max(joints.travel[i], 1e-9), 0.0, *[joints.hysteresis[i]] * 2, 1.0]}),
+        "ripple": (joints.ripple[i], {"cogging": [joints.ripple[i], joints.ripple_frequency[i],
+                                                  joints.ripple_phase[i] - joints.ripple_frequency[i] * joints.offset[i]]}),
+    }  # fmt: skip
+    for kind, (size, law) in kinds.items():
+        if size:
+            motor = spec.add_actuator()
+            motor.name, motor.target, motor.trntype = f"{name}_{kind}", name, mujoco.mjtTrn.mjTRN_JOINT
+            motor.set_to_dcmotor(
+                motorconst=[0.0, 0.0], resistance=1.0, ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_NONE), **law
+            )
+
+
+def sliding_share(joints: Joints) -> np.ndarray:
+    """What Stribeck's bristles keep of the dry friction (n,) at any speed: their law divides by it."""
+    return np.clip(
+        LEAST * joints.extra_static,
+        1e-3 * joints.extra_static,
+        np.maximum(joints.dry_friction, 1e-3 * joints.extra_static),
+    )
+
+
+def filter_constant(constant: float, dt: float) -> float:
+    """Time constant, s, of a filter that takes each command as held for a step, and lags behind a ramp by `constant`."""
+    return dt / float(np.log1p(dt / constant))
+
+
+def _step_notes(joints: Joints, dt: float) -> list[str]:
+    """What depends on the step, and so is wrong at another."""
+    half = 0.5 * dt * (joints.damping + joints.viscous_friction)
+    notes = ["The armature is the rotor inertia less half a step of damping, since the integrator adds a whole step of it; with "
+             "another time step, export again."]  # fmt: skip
+    if np.any(half > joints.rotor_inertia * (1 + 1e-9)):
+        notes.append(
+            "Half a step of damping is more than the rotor inertia of a joint, which moves as if it were heavier."
+        )
+    if joints.lowpass.any():
+        notes.append(
+            "dynprm is the time constant at which a command that is held for a step lags as the controller's filter does."
+        )
+    if joints.delay.any():
+        notes.append(
+            "MuJoCo's delay lines begin at zero: call mj_initCtrlHistory with the first command before the first step."
+        )
+    return notes
