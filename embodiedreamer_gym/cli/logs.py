@@ -77,7 +77,9 @@ def _gains(a: argparse.Namespace) -> dict[str, float]:
     paths = matching_files(*given) if a.gain else ()
     for pattern, _ in a.gain:
         if not any(path.match(pattern) for path in paths):
-            raise RecordingError(f"--gain {pattern}: none of the recordings has such a name; the first is {paths[0]}.")
+            raise RecordingError(
+                f"--gain {pattern}: none of the recordings has such a name: {', '.join(map(str, paths[:3]))}."
+            )
     return dict(a.gain)
 
 
