@@ -24,6 +24,10 @@ class EffectError(EmbodieDreamerError):
     """A physical effect is unknown or breaks one of the laws every effect must keep."""
 
 
+class RobotError(EmbodieDreamerError):
+    """A real robot cannot be moved as asked, or its motion was stopped."""
+
+
 class SimulationError(EmbodieDreamerError):
     """A simulation cannot run or has diverged."""
 

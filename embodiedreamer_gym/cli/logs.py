@@ -17,11 +17,22 @@ def load_model(a: argparse.Namespace, source: str) -> Any:
     """Return the model of a file or a built-in robot, with the user's effects."""
     from embodiedreamer_gym.effects import CATALOGUE, load_effects
     from embodiedreamer_gym.robot import RobotModel
+    from embodiedreamer_gym.robot.urdf_notes import urdf_notes
 
     catalogue = load_effects(a.effects) if a.effects else CATALOGUE
     model = readable(f"model {source}", lambda: RobotModel.load(source, catalogue))
+    for note in urdf_notes(model.urdf):
+        print(f"warning: {note}", file=sys.stderr)
     if getattr(a, "fix", None):
         model = model.with_fixed(*(name.strip() for name in a.fix.split(",")))
+    if getattr(a, "zero", None) or getattr(a, "reverse", None):
+        from embodiedreamer_gym.robot.transmission import direct
+
+        names = [name.strip() for name in a.reverse.split(",")] if a.reverse else []
+        between = (model.transmission or direct(model.joints)).with_motors(
+            _motor_zeros(a.zero) if a.zero else {}, names
+        )
+        model = model.with_(transmission=between)
     if getattr(a, "urdf_trust", None):
         model = model.with_(urdf_error=_urdf_error(a.urdf_trust))
     return model
@@ -46,14 +57,19 @@ def load_split(a: argparse.Namespace, model: Any) -> tuple[Any, Any]:
 def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: bool = False) -> Any:
     """Return recordings without their bad samples; prints the findings. fit: a model will be fitted to them."""
     from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight
+    from embodiedreamer_gym.recordings.motor_units import read_motor_calibration
+    from embodiedreamer_gym.robot.play import motor_units
+    from embodiedreamer_gym.robot.transmission import direct
 
-    stated = {"hz": a.hz, "joints": model.joints, "command_hold": a.hold, "time_unit": a.time_unit, "gains": _gains(a)}
-    ends = zip(model.joints, model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True)
-    limits = {joint: (low, high) for joint, low, high in ends}
-    checked = [
-        preflight(r.with_(units=model.units), limits)
-        for r in readable("a recording", lambda: load_recordings(*patterns, **stated))
-    ]
+    ends = list(zip(model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True))
+    between = model.transmission or direct(model.joints)
+    load = lambda: load_recordings(  # noqa: E731
+        *patterns, hz=a.hz, joints=between.motors, command_hold=a.hold, time_unit=a.time_unit, episodes=a.episodes,
+        state_topic=a.state_topic, command_topic=a.command_topic, gains=_gains(a),
+        units=motor_units(model, a.units, read_motor_calibration(a.motor_calibration) if a.motor_calibration else {}),
+    )  # fmt: skip
+    logs = [between.to_joints(r, model.joints).with_(units=model.units) for r in readable("a recording", load)]
+    checked = [preflight(r, dict(zip(model.joints, ends, strict=True))) for r in logs]
     findings: dict[Any, list[Any]] = {}
     for one in checked:
         for finding in one.findings:
@@ -69,17 +85,29 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
     return Recordings(one.recording for one in checked)
 
 
+def _motor_zeros(text: str) -> dict[str, float]:
+    """Zeros of motors from "elbow=1.57,wrist=-0.1"."""
+    zeros = {}
+    for part in text.split(","):
+        name, _, value = part.partition("=")
+        try:
+            zeros[name.strip()] = float(value)
+        except ValueError as error:
+            raise EmbodieDreamerError(
+                f"--zero {text} is not motors with values such as elbow=1.57,wrist=-0.1."
+            ) from error
+    return zeros
+
+
 def _gains(a: argparse.Namespace) -> dict[str, float]:
     """Pattern -> gain of --gain. Raises: RecordingError for a pattern that names no file of the command."""
     from embodiedreamer_gym.recordings.files import matching_files
 
     given = [one for name in ("recordings", "train", "test", "sessions") for one in getattr(a, name, [])]
-    paths = matching_files(*given) if a.gain else ()
+    paths = list(matching_files(*given)) if a.gain else []
     for pattern, _ in a.gain:
         if not any(path.match(pattern) for path in paths):
-            raise RecordingError(
-                f"--gain {pattern}: none of the recordings has such a name: {', '.join(map(str, paths[:3]))}."
-            )
+            raise RecordingError(f"--gain {pattern}: none of the recordings has such a name; {paths[0]} is one.")
     return dict(a.gain)
 
 

@@ -194,12 +194,24 @@ UNITS = ("s", "ms", "us", "ns")
 TIME_UNIT = option("--time-unit", None, "of the logs' time stamps (default: recognised from the log)", choices=UNITS)
 SIZE = option("--size", "WxH", "of the pictures", "128x96")
 TASK = option("--task", "TASK", "such as PutCupOnMat-v0", REQUIRED)
+KINDS = ("rad", "degrees", "degrees-middle", "range")
+MOTORS = (
+    option("--episodes", "0,3-7", "of LeRobot sets without a choice of their own, SET:0,3-7"),
+    option("--units", None, "of LeRobot sets: degrees-middle is about the middle of the calibrated range, range -100 .. 100",
+           choices=KINDS),
+    option("--motor-calibration", "FILE.json", "LeRobot's calibration file of the robot"),
+    option("--state-topic", "TOPIC", "of positions in a ROS bag that has several"),
+    option("--command-topic", "TOPIC", "of commands, the like"),
+    option("--zero", "J=RAD,...", "what the log shows where a joint is at zero, in place of the model's"),
+    option("--reverse", "J,...", "joints that the log counts in the other direction than the URDF"),
+)  # fmt: skip
 JSON = option("--json", "FILE", "write the result as JSON", None, output_file)
 VIS_ALIGNER = {"metavar": "ALIGNER", "nargs": "?", "const": "lean"}
 LOGS = (
     option("--effects", "FILE.py", "your own effects too; the file is executed"),
     HZ,
     TIME_UNIT,
+    *MOTORS,
     option("--hold", None, "how the controller reaches the next command", choices=("linear", "hold")),
     option(
         "--gain",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, score
 from embodiedreamer_gym.diagnosis.refit_cache import CachedFit
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.effects import Effect
@@ -38,9 +38,9 @@ class Candidate:
     rollouts: int
 
     @property
-    def trained(self) -> np.ndarray:
-        """chi2 (n,) on the training recordings."""
-        return self.problem.joint_rms(self.fit.residuals)[0] ** 2
+    def trained_score(self) -> float:
+        """The score of a `HeldOut`, on the training recordings."""
+        return score(self.problem.joint_rms(self.fit.residuals)[0] ** 2, self.problem.sigma)
 
 
 def refit(

@@ -11,6 +11,7 @@ import numpy as np
 from embodiedreamer_gym.diagnosis.diagnosis import Attempt, Diagnosis, summarise
 from embodiedreamer_gym.diagnosis.explainable import explainable_chi2
 from embodiedreamer_gym.diagnosis.held_out import evaluate
+from embodiedreamer_gym.diagnosis.notes import notes_on
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
 from embodiedreamer_gym.diagnosis.search import Search, SearchState, screen_all, search_effects
@@ -86,6 +87,7 @@ def diagnose(
     return summarise(
         result, model=model, ranking=search.ranking, unobservable=search.unobservable, catalogue=catalogue, test=all_test,
         rollouts=search.rollouts, seconds=time.perf_counter() - begun, baseline=baseline,
+        notes=notes_on(model, logs),
     )  # fmt: skip
 
 

@@ -17,11 +17,12 @@ from embodiedreamer_gym.diagnosis.search import Ranked, SearchState
 from embodiedreamer_gym.diagnosis.trajectory_error import trajectory_losses
 from embodiedreamer_gym.diagnosis.verdict import explained, rank_notes, total_explained
 from embodiedreamer_gym.effects import Effect
+from embodiedreamer_gym.effects.effort_sensor import EffortSensor
 from embodiedreamer_gym.io.tables import MILLI, finite
 from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.phys_aligner.linear_baseline import TERMS
 from embodiedreamer_gym.recordings import Recording
-from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.simulation import Rollout
 
 LABELS = ("nominal", "calibrated", "with_effect", "noise")
@@ -47,6 +48,7 @@ class Diagnosis:
     chi2: held-out mean square per joint in sensor noises: calibrated, with_effect, and of faultless robots (usual:
         median, most: 95 %).
     model: the better model.
+    notes: what has to be known before the verdict is read.
     """
 
     verdict: str
@@ -69,6 +71,7 @@ class Diagnosis:
     nominal: RobotModel
     calibrated: RobotModel
     model: RobotModel
+    notes: tuple[str, ...] = ()
 
     @property
     def best(self) -> str | None:
@@ -79,6 +82,13 @@ class Diagnosis:
     def gains_guessed(self) -> bool:
         """Whether servo gains of the nominal model are the package's first guess, and matter: inverse runs use none."""
         return self.unit == "rad" and gains_are_guessed(self.nominal)
+
+    @property
+    def effort_offsets(self) -> dict[str, dict[str, Any]]:
+        """Joint -> value, low, high, unit of the effort shown at no torque (current zero, spring balance), where it is not zero."""
+        rows = self.model.parameters().select(ParameterKey("offset", EffortSensor.name))
+        return {r.key.place: {"value": r.value, "low": r.interval[0], "high": r.interval[1], "unit": self.unit}
+                for r in rows if r.interval and not r.interval[0] <= 0.0 <= r.interval[1]}  # fmt: skip
 
     def models_by_label(self) -> dict[str, RobotModel]:
         """Nominal and calibrated model, and the one with the named effects."""
@@ -92,10 +102,12 @@ class Diagnosis:
         return {
             "verdict": self.verdict,
             "sentence": self.sentence,
+            "notes": list(self.notes),
             "effects": list(self.effects),
             "closest": list(self.closest),
             "joints": {k: list(v) for k, v in self.joints.items()},
             "parameters": self.parameters,
+            **({"effort_offsets": self.effort_offsets} if self.effort_offsets else {}),
             "ranking": [{k: v for k, v in asdict(r).items() if k != "screening"} for r in self.ranking],
             "gains_guessed": self.gains_guessed,
             "error": {"unit": self.unit, **self.error},
@@ -110,7 +122,7 @@ class Diagnosis:
         }
 
     def __str__(self) -> str:
-        lines = [self.sentence, "", f"{'held-out error':<34} {MILLI[self.unit]:>10}"]
+        lines = [*self.notes, self.sentence, "", f"{'held-out error':<34} {MILLI[self.unit]:>10}"]
         for label, error in self.steps:
             note = f" ({GUESSED})" if label == "nominal" and self.gains_guessed else ""
             lines.append(f"  {label + note:<32} {error * 1e3:>10.3f}")
@@ -122,8 +134,8 @@ class Diagnosis:
             for k, r in enumerate(self.ranking, 1):
                 lines.append(f"{k:>4}  {r.effect:<30} {r.held_out_chi2:>16.2f} {r.gain:>10.2f} +- {r.gain_error:.2f}")
                 lines += [f"      not named: {r.note}"] if r.note else []
-        for effect, rows in self.parameters.items():
-            lines.append("")
+        for effect, rows in (*self.parameters.items(), ("offset of the effort", self.effort_offsets)):
+            lines += [""] if rows else []
             for joint, row in rows.items():
                 spread = "" if row["low"] is None else f"  [{row['low']:.4g}, {row['high']:.4g}]"
                 lines.append(f"{effect} of {joint}: {row['value']:.4g} {row['unit']}{spread}")
@@ -156,6 +168,7 @@ class Attempt:
 def summarise(
     attempt: Attempt, *, model: RobotModel, ranking: Sequence[Ranked], unobservable: tuple[str, ...],
     catalogue: Mapping[str, type[Effect]], test: Sequence[Recording], rollouts: int, seconds: float, baseline: float | None,
+    notes: tuple[str, ...] = (),
 ) -> Diagnosis:  # fmt: skip
     """Put a search's results into a Diagnosis."""
     verdict, calibrated, final, p_value = attempt.verdict, attempt.calibrated, attempt.final, attempt.p_value
@@ -183,15 +196,15 @@ def summarise(
         between = compare([c.model for c in steps[:-1]], test).error.tolist() if len(steps) > 1 else []
         stages += [(f"+ {c.kind.name}", e) for c, e in zip(steps, [*between, errors["with_effect"]], strict=True)]
     parameters = {c.kind.name: _parameters(better, c.kind.name) for c in steps}
-    notes = rank_notes([r.effect for r in ranking], [r.gain for r in ranking], effects, catalogue)
+    remarks = rank_notes([r.effect for r in ranking], [r.gain for r in ranking], effects, catalogue)
     return Diagnosis(
         verdict=verdict, sentence=_sentence(verdict, effects, parameters, closest, base, held, null, p_value),
         effects=effects, joints={e: _places(rows) for e, rows in parameters.items()}, parameters=parameters,
-        ranking=tuple(replace(r, note=note) for r, note in zip(ranking, notes, strict=True)), error=error,
+        ranking=tuple(replace(r, note=note) for r, note in zip(ranking, remarks, strict=True)), error=error,
         end_effector_mm={label: finite(millimetres.get(label, np.nan)) for label in LABELS}, unobservable=unobservable,
         unexplained=unexplained, steps=tuple(stages), p_value=p_value, rollouts=rollouts, seconds=seconds,
         unit=comparison.unit, chi2=_chi2(base, held, null, kept),
-        closest=() if named else tuple(c.kind.name for c in steps), nominal=model, calibrated=calibrated.model, model=better,
+        closest=() if named else tuple(c.kind.name for c in steps), nominal=model, calibrated=calibrated.model, model=better, notes=notes,
     )  # fmt: skip
 
 

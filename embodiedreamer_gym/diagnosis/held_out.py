@@ -18,14 +18,20 @@ BLOCKS = 24  # pieces of held-out time from which the spread of a difference is 
 class HeldOut:
     """Errors of one model on held-out recordings.
 
-    chi2 (n,): mean square residual of each joint in sensor noises; rms (n,): in the joint's unit; blocks
-    (pieces, n), counts (pieces, n): sums of squares and samples of consecutive pieces of time.
+    chi2 (n,): mean square residual of each joint in sensor noises; sigma (n,): that noise, in the joint's unit, which for
+    efforts depends on the model's inertia; blocks (pieces, n), counts (pieces, n): sums of squares and samples of consecutive
+    pieces of time.
     """
 
     chi2: np.ndarray
-    rms: np.ndarray
+    sigma: np.ndarray
     blocks: np.ndarray
     counts: np.ndarray
+
+    @property
+    def rms(self) -> np.ndarray:
+        """Root mean square error (n,) of each joint, in its unit."""
+        return np.sqrt(self.chi2) * self.sigma
 
     @property
     def error(self) -> float:
@@ -34,13 +40,13 @@ class HeldOut:
 
     @property
     def score(self) -> float:
-        """Sum over joints of log chi2; below the noise nothing counts."""
-        return score(self.chi2)
+        """Sum over joints of the logarithm of the mean square error; below the noise nothing counts."""
+        return score(self.chi2, self.sigma)
 
 
-def score(chi2: np.ndarray) -> float:
-    """Sum over joints of log chi2 (n,), each at least the noise."""
-    return float(np.sum(np.log(np.maximum(chi2, 1.0))))
+def score(chi2: np.ndarray, sigma: np.ndarray) -> float:
+    """Sum over joints of the logarithm of the mean square error, chi2 (n,) in units of sigma (n,), each at least the noise."""
+    return float(np.sum(np.log(np.maximum(chi2, 1.0) * sigma**2)))
 
 
 def evaluate(model: RobotModel, recordings: Sequence[Recording], hold: str | None = None) -> HeldOut:
@@ -56,7 +62,7 @@ def evaluate(model: RobotModel, recordings: Sequence[Recording], hold: str | Non
             counts.append(usable[part].sum(axis=0))
     total, number = np.sum(blocks, axis=0), np.maximum(np.sum(counts, axis=0), 1)
     chi2 = total / number
-    return HeldOut(chi2, np.sqrt(chi2) * signals.sigma, np.array(blocks), np.array(counts))
+    return HeldOut(chi2, signals.sigma, np.array(blocks), np.array(counts))
 
 
 def gain(before: HeldOut, after: HeldOut) -> tuple[float, float]:
@@ -66,8 +72,8 @@ def gain(before: HeldOut, after: HeldOut) -> tuple[float, float]:
     counts = before.counts.sum(axis=0) - before.counts
     number = np.maximum(counts, 1)
     without = [
-        score((before.blocks.sum(0) - before.blocks[k]) / number[k])
-        - score((after.blocks.sum(0) - after.blocks[k]) / number[k])
+        score((before.blocks.sum(0) - before.blocks[k]) / number[k], before.sigma)
+        - score((after.blocks.sum(0) - after.blocks[k]) / number[k], after.sigma)
         for k in range(pieces)
     ]
     return fall, float(np.sqrt((pieces - 1) / pieces * np.sum((np.array(without) - np.mean(without)) ** 2)))

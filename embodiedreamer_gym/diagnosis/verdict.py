@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.candidates import Candidate
-from embodiedreamer_gym.diagnosis.held_out import HeldOut, gain, score
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, gain
 from embodiedreamer_gym.effects import Effect
 
 VERDICTS = ("nothing_missing", "missing", "ambiguous", "unknown")
@@ -80,8 +80,7 @@ def _worse(before: HeldOut, best: Candidate, other: Candidate) -> bool:
         return fall > max(least, RICHER * (before.score - best.held_out.score))
     if fall > least:
         return True
-    trained = score(other.trained) - score(best.trained)
-    return fall > 0.0 and trained > 3.0 * TIE
+    return fall > 0.0 and other.trained_score - best.trained_score > 3.0 * TIE
 
 
 def is_convincing(before: HeldOut, after: HeldOut, null: np.ndarray, explainable: np.ndarray | None = None) -> bool:

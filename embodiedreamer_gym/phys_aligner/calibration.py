@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,15 +13,17 @@ import numpy as np
 from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence, silent
+from embodiedreamer_gym.phys_aligner.base_parameters import BaseParameter, base_parameter_table, base_parameters
 from embodiedreamer_gym.phys_aligner.intervals import NORMAL_95, spread
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.signals import with_effort_sensor, with_effort_unit
 from embodiedreamer_gym.phys_aligner.starts import scan_starts
 from embodiedreamer_gym.recordings import Recording, thin
-from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot import ParameterTable, RobotModel
 
 METHODS = ("least-squares", "surrogate", "surrogate-trajectory", "annealing", "annealing-scaled", "cma-es")
+IDLE = ("stiffness", "damping")  # of the servo, where no command is in the logs
 RULES = ("linear", "hold")
 
 
@@ -48,8 +51,21 @@ class Calibration:
         """Unit of the error: rad, or N m or A of logs without a command."""
         return (self.problem.signals.unit if self.problem else "") or "rad"
 
+    @cached_property
+    def base_parameters(self) -> tuple[BaseParameter, ...]:
+        """What the motion says of the bodies' masses and inertias, of a fit that estimates the URDF's errors."""
+        if self.problem is None or self.fit is None:
+            return ()
+        fit = self.fit
+        uncertainty = spread(self.problem, fit.x, fit.residuals * fit.weight, fit.jacobian * fit.weight[:, None])
+        return base_parameters(self.problem, fit.x, uncertainty)
+
     def __str__(self) -> str:
-        lines = [str(self.model.parameters()), ""]
+        hidden = {InertialError.name, *(IDLE if self.unit != "rad" else ())}
+        rows = [r for r in self.model.parameters() if not {r.key.effect, r.key.parameter} & hidden]
+        lines = [str(ParameterTable(tuple(rows))), ""]
+        if self.base_parameters:
+            lines += [base_parameter_table(self.base_parameters), ""]
         milli = "mrad" if self.unit == "rad" else f"m{self.unit}"
         lines.append(
             f"{self.method}: {self.error * 1e3:.3f} {milli} after {self.rollouts} rollouts, {self.seconds:.1f} s"
@@ -68,6 +84,7 @@ class Calibration:
             for r in self.model.parameters()
         }  # fmt: skip
         return {"method": self.method, "error": {"unit": self.unit, "value": self.error}, "parameters": rows,
+                **({"base_parameters": [p.as_dict() for p in self.base_parameters]} if self.base_parameters else {}),
                 "command_hold": self.model.command_hold, "undetermined": list(self.undetermined),
                 "rollouts": self.rollouts, "seconds": self.seconds, "converged": bool(self.converged)}  # fmt: skip
 
@@ -155,7 +172,7 @@ def finish(problem: Problem, fit: Fit, seconds: float, sway: np.ndarray | None =
             intervals[row.name] = (float(max(low[i], row.low)), float(min(high[i], row.high)))
         else:
             intervals.pop(row.name, None)
-        if uncertainty.undetermined[i]:
+        if uncertainty.undetermined[i] and not problem.of_urdf[i]:
             undetermined.append(row.name)
     model = problem.model_at(fit.x, intervals)
     if problem.hold is not None:

@@ -32,4 +32,4 @@ def log_evidence(problem: Problem, fit: Fit) -> float:
         misfit += np.sum(precision * (centre + step) ** 2)
         volume = np.linalg.slogdet(information)[1] - np.sum(np.log(precision))
         best = max(best, -0.5 * (misfit + volume))
-    return float(best - 0.5 * problem.independent * np.sum(np.log(chi2[problem.joint_of])))
+    return float(best - 0.5 * problem.independent * np.sum(np.log((chi2 * problem.sigma**2)[problem.joint_of])))

@@ -81,7 +81,9 @@ def read_aloha_hdf5(
         }
         if USABLE in file:
             optional["usable"] = file.read(USABLE).astype(bool)
-        time, notes = file.times(position, time_unit) or (_even_times(file, len(position), hz), ())
+        stamps = file.times(position, time_unit)
+        time, notes = stamps or (_even_times(file, len(position), hz), ())
+        nominal = stamps is None or bool(attributes.get("nominal_time", False))
         frames = {
             camera: Hdf5Frames(str(file.path.resolve()), camera, int(data.shape[0]))
             for camera, data in file.cameras().items()
@@ -95,6 +97,7 @@ def read_aloha_hdf5(
         frames=frames,
         source=str(path),
         notes=notes,
+        nominal_time=nominal,
         **signals,
         **optional,
     )
@@ -145,3 +148,5 @@ def write_aloha_hdf5(recording: Recording, path: str | Path) -> None:
             file.attrs["gain"] = recording.gain
         for name in ("command_hold", "kind", "effort_unit"):
             file.attrs[name] = getattr(recording, name)
+        if recording.nominal_time:
+            file.attrs["nominal_time"] = True

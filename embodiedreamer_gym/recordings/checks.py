@@ -28,6 +28,13 @@ def time_base(recording: Recording) -> Iterator[Finding]:
     """Irregular steps, gaps and a low rate."""
     step = np.diff(recording.time)
     median = float(np.median(step))
+    if recording.nominal_time:
+        yield Finding(
+            "info",
+            "nominal-time",
+            (),
+            f"the times are sample numbers divided by {recording.hz:.4g} Hz, not measured; a delay may be the recorder's",
+        )
     gap = step > 1.6 * median
     jitter = float(np.percentile(np.abs(step[~gap] - median), 95)) / median
     if jitter > 0.2:

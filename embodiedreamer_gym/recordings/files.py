@@ -5,21 +5,40 @@ from __future__ import annotations
 import glob
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.io.files import atomic_file
 from embodiedreamer_gym.recordings.aloha_hdf5 import read_aloha_hdf5, write_aloha_hdf5
+from embodiedreamer_gym.recordings.episode_choice import parse_episodes, split_episodes
 from embodiedreamer_gym.recordings.hdf5 import SUFFIXES as HDF5
+from embodiedreamer_gym.recordings.joint_names import find_joints
+from embodiedreamer_gym.recordings.motor_units import MotorUnits, read_motor_calibration
 from embodiedreamer_gym.recordings.plain_csv import read_plain_csv, write_plain_csv
 from embodiedreamer_gym.recordings.recording import COMMAND_HOLDS, Recording, Recordings
+from embodiedreamer_gym.recordings.rosbag import SUFFIXES as ROS
+from embodiedreamer_gym.recordings.rosbag import is_rosbag
 from embodiedreamer_gym.recordings.sage_csv import is_sage_folder, read_sage_csv
 from embodiedreamer_gym.recordings.time_axis import check_unit
 
 CSV = ".csv"
-ALLOWED = ".hdf5, .h5 or .csv, or a SAGE folder with control.csv and state_motor.csv"
+ALLOWED = ".hdf5, .h5 or .csv, a SAGE folder with control.csv and state_motor.csv, a LeRobot set, .mcap or a rosbag2"
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How logs are read: the arguments of `load_recordings`."""
+
+    hz: float | None
+    joints: tuple[str, ...] | None
+    command_hold: str | None
+    time_unit: str | None
+    units: MotorUnits
+    state_topic: str | None
+    command_topic: str | None
 
 
 @renamed_arguments(rate="hz")
@@ -29,16 +48,27 @@ def load_recordings(
     joints: Iterable[str] | None = None,
     command_hold: str | None = None,
     time_unit: str | None = None,
+    episodes: str | Iterable[int] | None = None,
+    units: str | MotorUnits | None = None,
+    motor_calibration: str | os.PathLike[str] | None = None,
+    state_topic: str | None = None,
+    command_topic: str | None = None,
     gains: Mapping[str, float] | None = None,
 ) -> Recordings:
     """Recordings of files, folders and globs, in natural order (step_2 before step_10), none twice.
 
-    A folder is a SAGE log, or stands for every recording directly in it.
+    A folder is a SAGE log, a LeRobot set (`SET:0,3-7` for some of its episodes), or stands for every recording directly in
+    it.
 
     hz: sampling rate, Hz, for files without times.
     joints: names for files that have none; of a file with names, the joints to take.
     command_hold: "linear" or "hold", where the log does not state it or states it wrongly.
     time_unit: "s", "ms", "us" or "ns", where the log does not state the unit of its times and does not show it.
+    episodes: of LeRobot sets without a choice of their own, as numbers or text such as "0,3-7"; default: all.
+    units: of LeRobot sets, which carry none: "rad", "degrees", "degrees-middle" (about the middle of the calibrated range) or
+        "range" (-100 .. 100).
+    motor_calibration: LeRobot's calibration file of the robot.
+    state_topic, command_topic: of MCAP files and rosbag2 folders that have several.
     gains: pattern of a path's end ("fast_*", "high/*.csv") -> firmware gain, in place of what the log states; the last that
         fits counts.
 
@@ -49,17 +79,33 @@ def load_recordings(
     if command_hold is not None and command_hold not in COMMAND_HOLDS:
         raise RecordingError(f"command_hold {command_hold!r} is not one of {', '.join(COMMAND_HOLDS)}")
     check_unit(time_unit)
-    names = None if joints is None else tuple(joints)
-    loaded = [_load(path, hz, names, command_hold, time_unit) for path in matching_files(*patterns)]
-    return Recordings(with_gain(recording, gains or {}) for recording in loaded)
+    motors = {} if motor_calibration is None else read_motor_calibration(motor_calibration)
+    motor_units = units if isinstance(units, MotorUnits) else MotorUnits(units, motors)
+    reading = Reading(
+        hz, None if joints is None else tuple(joints), command_hold, time_unit, motor_units, state_topic, command_topic
+    )
+    default = parse_episodes(episodes) if isinstance(episodes, str) else None if episodes is None else tuple(episodes)
+    chosen: dict[Path, dict[int, None] | None] = {}
+    for pattern in patterns:
+        text, own = split_episodes(os.fspath(pattern))
+        for path in _matches(text):
+            numbers = own or default
+            if own and not is_lerobot_set(path):
+                raise RecordingError(f"{pattern}: {path} is no LeRobot set, of which episodes could be chosen")
+            before = chosen.get(path, {})
+            chosen[path] = None if before is None or numbers is None else before | dict.fromkeys(numbers)
+    loaded = (one for path, numbers in chosen.items() for one in _load(path, reading, numbers))
+    return Recordings(with_gain(one, gains or {}) for one in loaded)
 
 
 def matching_files(*patterns: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Files and SAGE folders that files, folders and globs stand for, none twice.
+    """Files and folders of recordings that files, folders and globs stand for, none twice.
 
     Raises: RecordingError where a pattern matches nothing.
     """
-    return tuple(dict.fromkeys(path for pattern in patterns for path in _matches(os.fspath(pattern))))
+    return tuple(
+        dict.fromkeys(path for pattern in patterns for path in _matches(split_episodes(os.fspath(pattern))[0]))
+    )
 
 
 def with_gain(recording: Recording, gains: Mapping[str, float]) -> Recording:
@@ -105,26 +151,55 @@ def natural(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", str(path))]
 
 
+def is_lerobot_set(path: Path) -> bool:
+    """Whether a folder holds a LeRobot set."""
+    return (path / "meta" / "info.json").is_file()
+
+
 def _expanded(path: Path) -> list[Path]:
-    if not path.is_dir() or is_sage_folder(path):
+    folders = (is_sage_folder, is_lerobot_set, is_rosbag)
+    if not path.is_dir() or any(is_log(path) for is_log in folders):
         return [path]
-    inside = [one for one in path.iterdir() if one.suffix in (*HDF5, CSV) or (one.is_dir() and is_sage_folder(one))]
+    inside = [
+        one
+        for one in path.iterdir()
+        if one.suffix in (*HDF5, CSV, *ROS) or (one.is_dir() and any(is_log(one) for is_log in folders))
+    ]
     if not inside:
         raise RecordingError(f"{path}: there is no recording in this folder; expected {ALLOWED}")
     return sorted(inside, key=natural)
 
 
-def _load(
-    path: Path, hz: float | None, joints: tuple[str, ...] | None, command_hold: str | None, time_unit: str | None
-) -> Recording:
+def _load(path: Path, reading: Reading, episodes: Iterable[int] | None) -> Iterator[Recording]:
+    """The recordings of a file or folder; episodes: of a LeRobot set."""
+    hold = reading.command_hold
+    for recording in _read(path, reading, None if episodes is None else tuple(episodes)):
+        chosen = recording
+        if reading.joints is not None and recording.joints != reading.joints:
+            columns, notes = find_joints(recording.joints, reading.joints, recording.source or recording.name)
+            chosen = recording.only(recording.joints[k] for k in columns)
+            chosen = chosen.with_(joints=reading.joints, notes=recording.notes + notes)
+        yield chosen if hold in (None, chosen.command_hold) else chosen.with_(command_hold=hold)
+
+
+def _read_bag(path: Path, reading: Reading) -> Recording:
+    from embodiedreamer_gym.recordings.ros_log import read_rosbag
+
+    return read_rosbag(path, reading.joints, reading.state_topic, reading.command_topic, reading.command_hold)
+
+
+def _read(path: Path, reading: Reading, episodes: Sequence[int] | None) -> Iterable[Recording]:
+    hold = reading.command_hold or "unknown"
+    if is_lerobot_set(path):
+        from embodiedreamer_gym.recordings.lerobot_log import read_lerobot_set
+
+        return read_lerobot_set(path, episodes, reading.joints, reading.units, hold)
+    if is_rosbag(path):
+        return (_read_bag(path, reading),)
     if path.is_dir():
-        recording = read_sage_csv(path, command_hold or "unknown", time_unit)
-    elif path.suffix in HDF5:
-        recording = read_aloha_hdf5(path, hz, joints, time_unit)
-    elif path.suffix == CSV:
-        recording = read_plain_csv(path, time_unit)
-    else:
-        raise RecordingError(f"{path}: the suffix {path.suffix!r} is not known; expected {ALLOWED}")
-    if joints is not None and recording.joints != joints:
-        recording = recording.only(joints)
-    return recording if command_hold in (None, recording.command_hold) else recording.with_(command_hold=command_hold)
+        return (read_sage_csv(path, hold, reading.time_unit),)
+    if path.suffix in HDF5:
+        return (read_aloha_hdf5(path, reading.hz, reading.joints, reading.time_unit),)
+    if path.suffix == CSV:
+        return (read_plain_csv(path, reading.time_unit),)
+    raise RecordingError(f"{path}: the suffix {path.suffix!r} is not known; expected {ALLOWED}")

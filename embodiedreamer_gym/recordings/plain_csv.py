@@ -75,9 +75,32 @@ def read_plain_csv(path: str | Path, time_unit: str | None = None) -> Recording:
         units=_units(comments.get("units", ""), len(joints), path),
         source=str(path),
         notes=notes + clock.notes,
+        nominal_time=comments.get("nominal_time", "").lower() == "true",
         **signals,  # pyright: ignore[reportArgumentType]
         **optional,
     )
+
+
+def read_commands(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Joints, times (T,) s and commands (T, n) of a csv of commands, as `embodiedreamer excite` writes it.
+
+    Raises: RecordingError where the file is missing, too large, not of this form, or its times do not increase.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise RecordingError(f"{path}: there is no such file")
+    with open_text(path) as file:
+        lines = lines_of(file, path)
+        _, first, number = _comments(lines)
+        header, _ = _header(first, path)
+        values = table(csv.reader(lines), number + 1, len(header), path, lambda row, line: _floats(row, line, path))
+    joints = tuple(dict.fromkeys(column.rpartition(".")[0] for column in header[1:]))
+    command = _signal(values, header, joints, "command", path)
+    if command is None:
+        raise RecordingError(f"{path}: there is no column <joint>.command")
+    if len(values) < 2 or not np.isfinite(values).all() or (np.diff(values[:, 0]) <= 0).any():
+        raise RecordingError(f"{path}: a number is not finite, or the times do not increase")
+    return joints, values[:, 0] - values[0, 0], command
 
 
 def _comments(lines: Iterator[str]) -> tuple[dict[str, str], str, int]:
@@ -156,6 +179,7 @@ def write_plain_csv(recording: Recording, path: str | Path) -> None:
         "noise": json.dumps(recording.noise.tolist()),
         "quantum": json.dumps(recording.quantum.tolist()),
     }
+    comments |= {"nominal_time": "true"} if recording.nominal_time else {}
     if (recording.gain != 1).any():
         comments["gain"] = json.dumps(recording.gain.tolist())
     columns = [recording.time.tolist()]

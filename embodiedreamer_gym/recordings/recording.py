@@ -37,6 +37,7 @@ class Recording:
     motor's current, or "unknown".
     noise and quantum (n,): sensor sd and encoder step, estimated where not given (0: none found).
     command_hold: how the controller got from one command to the next, "linear", "hold" or "unknown".
+    nominal_time: whether the times are sample numbers divided by a rate, and not measured.
     gain (n,): the firmware's position gain over the one that the model's stiffness stands for; one number for all joints.
     kind: kind of motion, by default the name without its number. usable (T, n) bool: samples a physics fit
     may use. frames: camera name -> frames read on demand. source: the file it was read from. notes: what the reader
@@ -62,6 +63,7 @@ class Recording:
     frames: Mapping[str, FrameSource] = field(default_factory=dict)
     source: str = ""
     notes: tuple[str, ...] = ()
+    nominal_time: bool = False
     gain: np.ndarray = field(default_factory=_empty)
 
     def __post_init__(self) -> None:

@@ -61,7 +61,7 @@ def read_sage_csv(folder: str | Path, command_hold: str = "unknown", time_unit: 
         joints=joints,
         time=time,
         position=state["positions"],
-        command=_resample(control_time, control["positions"], time, command_hold == "linear"),
+        command=resample(control_time, control["positions"], time, command_hold == "linear"),
         velocity=state.get("velocities"),
         effort=state.get("torques"),
         command_hold=command_hold,
@@ -110,7 +110,7 @@ def _numbers(text: str | None, count: int, path: Path, name: str, line: int) -> 
     return values
 
 
-def _resample(time: np.ndarray, command: np.ndarray, at: np.ndarray, linear: bool) -> np.ndarray:
+def resample(time: np.ndarray, command: np.ndarray, at: np.ndarray, linear: bool) -> np.ndarray:
     """Command (T, n) at other times: linear, or the latest before; the first one before that."""
     if time.shape == at.shape and np.array_equal(time, at):
         return command

@@ -13,6 +13,7 @@ from embodiedreamer_gym.effects import CATALOGUE, NUISANCES, Effect, Mechanics, 
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.robot.dynamics import RigidBodies
 from embodiedreamer_gym.robot.parameters import ParameterKey
+from embodiedreamer_gym.robot.transmission import Transmission
 from embodiedreamer_gym.robot.tree import KinematicTree
 
 SERVO_GROUPS = ("stiffness", "damping", "rotor_inertia", "viscous_friction")
@@ -64,6 +65,7 @@ class RobotData:
     normalised: joint -> its value in the URDF, m or rad, at 0 and at 1;
     urdf_error: how far the URDF's masses, centres and inertias may be off;
     fixed: groups of parameters and effects that no fit changes, as text ("stiffness", "coulomb_friction");
+    transmission: between the motors of the logs and the joints; None where the logs are of the joints;
     end_effectors: links whose pose is compared; () takes the last link of each arm;
     catalogue: effects that `RobotModel.with_effect` finds by name.
     Raises: ModelError when a value is out of place.
@@ -85,6 +87,7 @@ class RobotData:
     end_effectors: tuple[str, ...] = field(default=(), repr=False)
     urdf_error: UrdfError = UrdfError()
     fixed: frozenset[str] = frozenset()
+    transmission: Transmission | None = field(default=None, repr=False)
     catalogue: Mapping[str, type[Effect]] = field(default_factory=lambda: CATALOGUE, repr=False)
 
     def __post_init__(self) -> None:
@@ -100,6 +103,8 @@ class RobotData:
             object.__setattr__(self, group, values)
         if not isinstance(self.command_hold, str) or self.command_hold not in HOLDS:
             raise ModelError(f"model {self.name}: command_hold '{self.command_hold}' is none of {', '.join(HOLDS)}.")
+        if self.transmission is not None and len(self.transmission.motors) != len(self.joints):
+            raise ModelError(f"model {self.name}: transmission has not as many motors as there are joints.")
         names = [e.name for e in self.effects]
         if len(set(names)) != len(names):
             raise ModelError(f"model {self.name}: an effect is listed twice ({', '.join(names)}).")

@@ -15,7 +15,7 @@ from embodiedreamer_gym.io.files import read_json as read_checked_json
 ASSETS = Path(str(resources.files("embodiedreamer_gym") / "assets"))
 BUILT_IN_URDF = "embodiedreamer:"  # prefix of a URDF that the package ships
 KEYS = ("name", "robot", "servo", "rotor_inertia", "viscous_friction", "command_hold", "effects", "estimated", "fixed",
-        "urdf_error", "intervals")  # fmt: skip
+        "urdf_error", "transmission", "intervals")  # fmt: skip
 
 
 def built_in_robots() -> tuple[str, ...]:

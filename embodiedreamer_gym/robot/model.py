@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 from embodiedreamer_gym.effects import CATALOGUE, NUISANCES, Effect, find_effect
 from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.recordings import Recording, Recordings
 from embodiedreamer_gym.robot import model_file
 from embodiedreamer_gym.robot.data import SERVO_GROUPS, RobotData
 from embodiedreamer_gym.robot.parameters import ParameterKey, ParameterRow, ParameterTable, by_key
@@ -86,6 +87,14 @@ class RobotModel(RobotData):
             if effect.family:
                 groups.setdefault(effect.family, set()).add(effect.name)
         return replace(self, fixed=self.fixed.union(*(groups.get(name, {name}) for name in names)))
+
+    def from_motors(self, recordings: Iterable[Recording]) -> Recordings:
+        """Recordings of the motors as recordings of the joints, by the model's transmission; unchanged without one."""
+        if self.transmission is None:
+            return Recordings(recordings)
+        return Recordings(
+            self.transmission.to_joints(one.only(self.transmission.motors), self.joints) for one in recordings
+        )
 
     def parameters(self) -> ParameterTable:
         """Every number of the model as a table: servo, rotor inertia, viscous friction, then the effects'."""

@@ -16,9 +16,11 @@ from embodiedreamer_gym.io.files import write_json
 from embodiedreamer_gym.robot import files
 from embodiedreamer_gym.robot.data import SERVO_GROUPS, RobotData, UrdfError
 from embodiedreamer_gym.robot.parameters import ParameterKey
+from embodiedreamer_gym.robot.transmission import Transmission
 from embodiedreamer_gym.robot.tree import build_tree
 
 ROBOT_KEYS = ("urdf", "joints", "end_effectors", "normalised")
+TRANSMISSION_KEYS = ("motors", "matrix", "sign", "zero")
 Model = TypeVar("Model", bound=RobotData)
 
 
@@ -54,6 +56,7 @@ def read_model(source: str | Path, catalogue: Mapping[str, type[Effect]], kind: 
         **dict.fromkeys(SERVO_GROUPS, np.zeros(len(joints))), **given, "given": frozenset(given) - estimated,
         "command_hold": data.get("command_hold", "unknown"), "catalogue": catalogue, "intervals": intervals,
         "normalised": normalised, "end_effectors": tips, "fixed": frozenset(files.names(data.get("fixed", []), "fixed", path)),
+        "transmission": _read_transmission(data, joints, path),
         "urdf_error": UrdfError(**files.table(data, "urdf_error", ("mass", "centre", "inertia"), path)),
     }  # fmt: skip
     fields |= {group: values for group, values in kind(**fields).first_guess().items() if group not in given}
@@ -61,6 +64,37 @@ def read_model(source: str | Path, catalogue: Mapping[str, type[Effect]], kind: 
         raise ModelError(f"model {path}: effects must be a list of objects, each with a name.")
     plain = kind(**fields)
     return kind(**fields, effects=tuple(_read_effect(entry, plain, path) for entry in data.get("effects", [])))
+
+
+def _read_transmission(data: dict[str, Any], joints: tuple[str, ...], path: Path) -> Transmission | None:
+    """The key `transmission`, of which every part may be left out."""
+    if "transmission" not in data:
+        return None
+    table = files.table(data, "transmission", TRANSMISSION_KEYS, path)
+    motors = files.names(table.get("motors", list(joints)), "transmission.motors", path)
+    rows = table.get("matrix", np.eye(len(joints)).tolist())
+    if not isinstance(rows, list) or len(rows) != len(joints) or len(motors) != len(joints):
+        raise ModelError(
+            f"model {path}: transmission needs {len(joints)} motors and rows of its matrix, one per joint."
+        )
+    signs = {
+        key: files.by_joint(table.get(key, {}), motors, f"transmission.{key}", path) for key in TRANSMISSION_KEYS[2:]
+    }
+    unknown = [name for values in signs.values() for name in values if name not in motors]
+    if unknown:
+        raise ModelError(
+            f"model {path}: transmission names the motor '{unknown[0]}'; its motors are {', '.join(motors)}."
+        )
+    matrix = [files.numbers(row, len(joints), "a row of transmission.matrix", path) for row in rows]
+    try:
+        return Transmission(
+            motors,
+            np.array(matrix),
+            np.array([signs["sign"].get(name, 1.0) for name in motors]),
+            np.array([signs["zero"].get(name, 0.0) for name in motors]),
+        )
+    except ModelError as error:
+        raise ModelError(f"model {path}: {error}") from error
 
 
 def _read_effect(entry: Any, model: RobotData, path: Path) -> Effect:
@@ -101,6 +135,15 @@ def write_model(model: RobotData, path: Path) -> None:
         "intervals": {k: list(v) for k, v in model.intervals.items()},
         **({"estimated": estimated} if estimated else {}),
         **({"fixed": fixed} if fixed else {}),
+        **({"transmission": _transmission(model.transmission)} if model.transmission is not None else {}),
         **({"urdf_error": asdict(model.urdf_error)} if model.urdf_error != UrdfError() else {}),
     }
     write_json(data, path, ModelError)
+
+
+def _transmission(of: Transmission) -> dict[str, Any]:
+    """A transmission as it stands in a model's file, without what is as usual."""
+    data: dict[str, Any] = {"motors": list(of.motors)}
+    data |= {} if of.is_direct else {"matrix": of.matrix.tolist()}
+    data |= {"sign": dict(zip(of.motors, of.sign.tolist(), strict=True))} if (of.sign != 1).any() else {}
+    return data | ({"zero": dict(zip(of.motors, of.zero.tolist(), strict=True))} if of.zero.any() else {})

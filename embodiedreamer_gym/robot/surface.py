@@ -13,7 +13,7 @@ import yourdfpy
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.robot.forward_kinematics import joint_poses, joint_values, joints_from_root
 from embodiedreamer_gym.robot.model import RobotModel
-from embodiedreamer_gym.robot.urdf import MOVABLE, read_urdf, root_link
+from embodiedreamer_gym.robot.urdf import MOVABLE, find_mesh, read_urdf, root_link
 from embodiedreamer_gym.vis_aligner.camera_calibration import Body
 
 ROUND = 32  # sides of a cylinder
@@ -130,7 +130,7 @@ def _mesh(geometry: yourdfpy.Geometry, link: str, path: Path) -> trimesh.Trimesh
         return trimesh.creation.icosphere(subdivisions=2, radius=geometry.sphere.radius)
     if geometry.mesh is None:
         raise ModelError(f"{path.name}: link '{link}' has a shape that is no box, cylinder, sphere or mesh.")
-    file = _file(geometry.mesh.filename, path)
+    file = find_mesh(geometry.mesh.filename, path)
     if file is None:
         raise ModelError(
             f"{path.name}: the mesh {geometry.mesh.filename} of link '{link}' is missing; put it beside the URDF."
@@ -147,15 +147,3 @@ def _mesh(geometry: yourdfpy.Geometry, link: str, path: Path) -> trimesh.Trimesh
     if geometry.mesh.scale is not None:
         mesh.apply_scale(np.broadcast_to(np.asarray(geometry.mesh.scale, float), 3))
     return mesh
-
-
-def _file(name: str, urdf: Path) -> Path | None:
-    """Where a mesh is: its path, or what follows the package's name, from the URDF's folder or one above it."""
-    scheme, _, rest = name.rpartition("://")
-    given = Path(rest)
-    inner = Path(*given.parts[1:]) if scheme == "package" and len(given.parts) > 1 else given
-    for folder in urdf.absolute().parents:
-        for path in (folder / given, folder / inner):
-            if path.is_file():
-                return path
-    return None

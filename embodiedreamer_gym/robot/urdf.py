@@ -153,3 +153,29 @@ def _check_shape(shape: yourdfpy.Visual | yourdfpy.Collision, link: str, path: P
     scale = np.ravel(1.0 if mesh.scale is None else mesh.scale).astype(float)
     if not mesh.filename or len(scale) not in (1, 3) or not np.all(np.isfinite(scale) & (scale != 0)):
         raise ModelError(f"{path.name}: a mesh of link '{link}' needs a file name, and a scale of 1 or 3 numbers.")
+
+
+def find_mesh(name: str, urdf: Path) -> Path | None:
+    """Where a mesh is: its path, or what follows the package's name, from the URDF's folder or one above it."""
+    scheme, _, rest = name.rpartition("://")
+    given = Path(rest)
+    inner = Path(*given.parts[1:]) if scheme == "package" and len(given.parts) > 1 else given
+    for folder in urdf.absolute().parents:
+        for path in (folder / given, folder / inner):
+            if path.is_file():
+                return path
+    return None
+
+
+def resolve_meshes(root: ElementTree.Element, urdf: Path, suffixes: tuple[str, ...] = ()) -> None:
+    """Name the meshes of a URDF's XML by where they are; shapes whose mesh is missing, or of another suffix, are removed."""
+    for link in root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            mesh = shape.find("geometry/mesh")
+            if mesh is None:
+                continue
+            file = find_mesh(str(mesh.get("filename", "")), urdf)
+            if file is None or (suffixes and file.suffix.lower() not in suffixes):
+                link.remove(shape)
+            else:
+                mesh.set("filename", str(file.resolve()))

@@ -60,7 +60,8 @@ PATH_TYPES = (Path, output_file, output_folder)
 PATHS = [
     (verb, action.option_strings[0])
     for verb, action in OPTIONS
-    if action.option_strings and (action.type in PATH_TYPES or action.option_strings[0] in ("--effects", "--mirror"))
+    if action.option_strings
+    and (action.type in PATH_TYPES or action.option_strings[0] in ("--effects", "--mirror", "--motor-calibration"))
 ]
 
 

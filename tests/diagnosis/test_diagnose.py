@@ -174,11 +174,16 @@ def held(chi2: np.ndarray, spread: float = 0.0, seed: int = 0) -> HeldOut:
     """A HeldOut of 12 pieces of 100 samples whose chi2 vary by `spread`."""
     noise = 1 + spread * np.random.default_rng(seed).standard_normal((12, len(chi2)))
     blocks = 100 * chi2 * np.abs(noise)
-    return HeldOut(blocks.sum(0) / 1200, np.sqrt(chi2), blocks, np.full((12, len(chi2)), 100))
+    return HeldOut(blocks.sum(0) / 1200, np.ones(len(chi2)), blocks, np.full((12, len(chi2)), 100))
 
 
 def test_score_counts_nothing_below_the_noise() -> None:
-    assert score(np.array([0.5, np.e])) == pytest.approx(1.0)
+    assert score(np.array([0.5, np.e]), np.ones(2)) == pytest.approx(1.0)
+
+
+def test_a_model_that_claims_more_noise_scores_no_better() -> None:
+    """Errors twice as large in units of a noise half as large are the same errors."""
+    assert score(np.array([4.0, 16.0]), np.full(2, 0.5)) == pytest.approx(score(np.array([1.0, 4.0]), np.ones(2)))
 
 
 def test_a_gain_needs_to_be_larger_than_its_accidents() -> None:
@@ -200,7 +205,7 @@ def test_the_special_case_goes_before_the_richer_law() -> None:
     class Fake:
         def __init__(self, name: str, chi2: float) -> None:
             self.kind = CATALOGUE[name]
-            self.held_out, self.trained = held(np.array([chi2])), np.array([chi2])
+            self.held_out, self.trained_score = held(np.array([chi2])), float(np.log(chi2))
 
     before = held(np.array([99.0]))
     close = contenders(before, [Fake("stribeck_friction", 1.50), Fake("coulomb_friction", 1.52), Fake("payload", 9.0)])  # type: ignore[list-item]

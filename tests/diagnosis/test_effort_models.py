@@ -92,9 +92,16 @@ def test_never_worse_than_plain_least_squares(rubbing) -> None:
     assert evaluate(problem.model_at(fit.x), list(test)).error < 1.02 * baseline
 
 
-def test_a_diagnosis_shows_the_baseline(rubbing) -> None:
+def test_a_diagnosis_shows_the_baseline_and_offsets(rubbing) -> None:
+    """An offset of the effort is in the table with its interval, and does not spoil the verdict."""
     model, train, test = rubbing
+    train, test = (Recordings(r.with_(effort=np.asarray(r.effort) + OFFSET) for r in logs) for logs in (train, test))
     found = diagnose(model, train, test, jobs=1)
+    assert found.effects == ("coulomb_friction",)
+    row = found.effort_offsets["joint1"]
+    assert row["low"] <= 0.5 <= row["high"] and row["unit"] == "N m"
+    assert "offset of the effort of joint1: 0.5" in str(found) or "offset of the effort of joint1: 0.4" in str(found)
+    assert found.as_dict()["effort_offsets"] == found.effort_offsets
     assert found.error["least_squares"] == pytest.approx(np.mean(least_squares_rms(model, train, test)))
     assert "plain least squares" in str(found)
     assert not compare(model.with_(given=frozenset()), test).gains_guessed  # gains play no part

@@ -11,6 +11,7 @@ import pytest
 
 from embodiedreamer_gym.diagnosis import Diagnosis, compare, error_breakdown
 from embodiedreamer_gym.diagnosis.diagnosis import Ranked
+from embodiedreamer_gym.diagnosis.notes import notes_on
 from embodiedreamer_gym.diagnosis.report import write_report
 from embodiedreamer_gym.diagnosis.report.sentences import false_alarm_sentence, verdict_sentence
 from embodiedreamer_gym.errors import EmbodieDreamerError
@@ -128,6 +129,19 @@ def test_a_page_of_a_calibration_alone(delayed, logs, tmp_path) -> None:
     page = opened(write_report(tmp_path, calibration=fit))
     assert "Calibrated by least-squares" in page.text and "stiffness[shoulder]" in page.text
     assert len(page.images) == 1  # intervals
+
+
+def test_notes_stand_before_the_verdict(arm, delayed, logs, tmp_path) -> None:
+    """The times of one log are frame numbers over a rate: whoever reads of a delay has to know."""
+    assert notes_on(arm, logs) == ()
+    (note,) = notes_on(arm, [logs[0].with_(nominal_time=True), logs[1]])
+    assert "1 of 2 recordings" in note and "rate of 100 Hz, not measured" in note and "10 ms" in note
+    found = replace(answer(arm, delayed), notes=(note,))
+    assert str(found).splitlines()[:2] == [note, "Missing: command_delay on shoulder."]
+    assert (
+        found.as_dict()["notes"] == [note]
+        and note in opened(write_report(tmp_path, diagnosis=found, recordings=logs)).text
+    )
 
 
 def test_a_page_of_a_diagnosis(arm, delayed, logs, tmp_path) -> None:

@@ -146,7 +146,7 @@ def _of_diagnosis(diagnosis: Diagnosis) -> dict[str, Any]:
         "at_fault": tuple({joint for joints in diagnosis.joints.values() for joint in joints}),
         "unexplained": [(joint, sentences.percent(share)) for joint, share in diagnosis.unexplained.items()],
         "unseen": sentences.unseen_sentences(data),
-        "trust": [sentences.alarm_sentence(data), sentences.false_alarm_sentence()],
+        "trust": [*data["notes"], sentences.alarm_sentence(data), sentences.false_alarm_sentence()],
     }  # fmt: skip
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -20,7 +19,7 @@ import numpy as np
 from embodiedreamer_gym.effects import Mechanics
 from embodiedreamer_gym.engines.plant import rotor_shares
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.robot.urdf import read_xml
+from embodiedreamer_gym.robot.urdf import read_xml, resolve_meshes
 
 FIXED = "fixed"
 
@@ -36,7 +35,7 @@ class ArmBody:
 def arm_bodies(model: RobotModel) -> tuple[ArmBody, ...]:
     """URDF of each arm, cut where the arms leave the static part of the robot; meshes by absolute path."""
     root = read_xml(model.urdf)
-    _absolute_meshes(root, model.urdf.parent)
+    resolve_meshes(root, model.urdf)
     return tuple(ArmBody(_write(part), _weightless(part)) for part in _cut(root))
 
 
@@ -96,13 +95,6 @@ def _cut(root: Element) -> Iterator[Element]:
 
 def _below(link: str, children: dict[str, list[Element]]) -> set[str]:
     return {link}.union(*(_below(_end(joint, "child"), children) for joint in children.get(link, [])))
-
-
-def _absolute_meshes(root: Element, folder: Path) -> None:
-    for mesh in root.iter("mesh"):
-        name = str(mesh.get("filename", ""))
-        if "://" not in name and not Path(name).is_absolute():
-            mesh.set("filename", str(folder / name))
 
 
 def _weightless(root: Element) -> frozenset[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -14,7 +13,7 @@ from embodiedreamer_gym.engines.mujoco.library import mujoco
 from embodiedreamer_gym.engines.plant import rotor_shares
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.robot.urdf import read_xml
+from embodiedreamer_gym.robot.urdf import read_xml, resolve_meshes
 
 READABLE = (".stl", ".obj", ".msh")  # meshes that MuJoCo reads
 
@@ -64,7 +63,7 @@ class MujocoBodies:
 def robot_specification(robot: RobotModel) -> Any:
     """A robot's URDF as a specification of MuJoCo's: each link a body, joints that the model does not drive fixed.
 
-    Links without a visual are drawn by their collision shapes; meshes of a format that MuJoCo does not read are left out.
+    Links without a visual are drawn by their collision shapes; meshes that are missing, or of a format that MuJoCo does not read, are left out.
     Raises: ModelError when MuJoCo refuses the URDF.
     """
     root = read_xml(robot.urdf)
@@ -74,13 +73,8 @@ def robot_specification(robot: RobotModel) -> Any:
             joint.remove(mimic)
         if joint.get("name") not in driven:
             joint.set("type", "fixed")
+    resolve_meshes(root, robot.urdf, READABLE)
     for link in root.iter("link"):
-        for shape in [*link.findall("visual"), *link.findall("collision")]:
-            mesh = shape.find("geometry/mesh")
-            if mesh is not None and Path(str(mesh.get("filename"))).suffix.lower() not in READABLE:
-                link.remove(shape)
-            elif mesh is not None:
-                mesh.set("filename", str((robot.urdf.parent / str(mesh.get("filename"))).resolve()))
         if link.find("visual") is None:
             for shape in link.findall("collision"):
                 drawn = copy.deepcopy(shape)

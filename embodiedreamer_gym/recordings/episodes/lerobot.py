@@ -1,10 +1,11 @@
-"""Episodes of a LeRobot v3 folder: numbers in parquet tables, frames in videos.
+"""Episodes of a LeRobot folder, v2.0 to v3: numbers in parquet tables, frames in videos.
 
 Source: lerobot/datasets (dataset_metadata.py, dataset_reader.py) of huggingface/lerobot 0.6.1.
 """
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,11 @@ import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.io.files import check_regular
-from embodiedreamer_gym.recordings.episodes.episode_set import STATE, Episode, EpisodeSet, check_numbers
-from embodiedreamer_gym.recordings.episodes.extras import load_extra
+from embodiedreamer_gym.recordings.csv_text import lines_of, open_text
+from embodiedreamer_gym.recordings.episodes.episode_set import Episode, EpisodeSet, check_numbers
 from embodiedreamer_gym.recordings.episodes.lerobot_info import Info, inside, read_info
 from embodiedreamer_gym.recordings.episodes.video import VideoReader
+from embodiedreamer_gym.recordings.extras import load_extra
 from embodiedreamer_gym.recordings.hdf5 import MAX_NUMBERS
 
 
@@ -42,8 +44,8 @@ class LeRobotEpisode(Episode):
         return self.reader.read(path, times, self.info.hz, self.info.cameras[camera][1:])  # pyright: ignore[reportOptionalMemberAccess]
 
     def numbers(self, key: str) -> np.ndarray:
-        """States (T, n) or actions (T, m), float32."""
-        table, width = self.table, self.info.state_size if key == STATE else self.info.action_size
+        """States (T, n), actions (T, m) or another signal that info lists, float32."""
+        table, width = self.table, self.info.widths[key]
         column = _read_table(table, [key], [("episode_index", "=", self.number)]).column(key).combine_chunks()
         nested = hasattr(column.type, "value_type")
         flat = column.flatten() if nested else column
@@ -60,14 +62,15 @@ class LeRobotEpisode(Episode):
 
 
 class LeRobotEpisodes(EpisodeSet):
-    """Episodes of a LeRobot v3 folder; cameras are named without `observation.images.`.
+    """Episodes of a LeRobot folder; cameras are named without `observation.images.`.
 
+    videos: False for the numbers alone, which need neither av nor the files of videos.
     Raises: RecordingError where something is missing or does not fit; MissingExtraError without pyarrow or av.
     """
 
-    def __init__(self, folder: str | Path) -> None:
+    def __init__(self, folder: str | Path, videos: bool = True) -> None:
         folder = Path(folder).absolute()  # a relative path might look like another protocol to ffmpeg
-        info = read_info(folder)
+        self.info = info = read_info(folder, videos)
         load_extra("pyarrow.parquet")
         episodes = _read_episodes(folder, info, VideoReader() if info.cameras else None)
         sizes = {camera: (width, height) for camera, (_, width, height) in info.cameras.items()}
@@ -97,18 +100,49 @@ def _read_table(path: Path, columns: list[str], filters: Any = None) -> Any:
 
 
 def _read_episodes(folder: Path, info: Info, reader: VideoReader | None) -> list[LeRobotEpisode]:
-    """All episodes, from meta/episodes."""
+    """All episodes, from meta/episodes, or meta/episodes.jsonl of a v2 set."""
+    if info.chunk is not None:
+        rows = _v2_rows(folder / "meta" / "episodes.jsonl", info, info.chunk)
+        return [_episode(row, folder, info, reader) for row in rows]
     columns = ["episode_index", "length", "tasks", "data/chunk_index", "data/file_index"]
     for key, _, _ in info.cameras.values():
         columns += [f"videos/{key}/{what}" for what in ("chunk_index", "file_index", "from_timestamp")]
     paths = sorted((folder / "meta" / "episodes").glob("*/*.parquet"))
     rows = [row for path in paths for row in _read_table(path, columns).to_pylist()]
-    if [row["episode_index"] for row in rows] != list(range(info.episodes)):
+    _check_numbering(folder, [row["episode_index"] for row in rows], info)
+    return [_episode(row, folder, info, reader) for row in rows]
+
+
+def _check_numbering(folder: Path, numbers: list[Any], info: Info) -> None:
+    """Raises: RecordingError where the episodes are not as many as info says, numbered from 0."""
+    if numbers != list(range(info.episodes)):
         raise RecordingError(
-            f"{folder}: meta/episodes has {len(rows)} episodes, meta/info.json says {info.episodes}; "
+            f"{folder}: meta/episodes has {len(numbers)} episodes, meta/info.json says {info.episodes}; "
             "they must be numbered from 0 without a gap"
         )
-    return [_episode(row, folder, info, reader) for row in rows]
+
+
+def _v2_rows(path: Path, info: Info, chunk: int) -> list[dict[str, Any]]:
+    """The rows of meta/episodes.jsonl, with the columns that meta/episodes of a v3 set has."""
+    rows = []
+    with open_text(path) as file:
+        for number, line in enumerate(lines_of(file, path), 1):
+            try:
+                row = json.loads(line)
+            except (ValueError, RecursionError) as error:
+                raise RecordingError(f"{path}: line {number} is no JSON") from error
+            if not isinstance(row, dict) or len(rows) == info.episodes:
+                raise RecordingError(
+                    f"{path}: line {number} is no object, or one more than the {info.episodes} of meta/info.json"
+                )
+            rows.append({key: row.get(key) for key in ("episode_index", "length", "tasks")})
+    _check_numbering(path.parent.parent, [row["episode_index"] for row in rows], info)
+    for k, row in enumerate(rows):
+        row |= {"data/chunk_index": k // chunk, "data/file_index": k}
+        for key, _, _ in info.cameras.values():
+            at = f"videos/{key}/"
+            row |= {f"{at}chunk_index": k // chunk, f"{at}file_index": k, f"{at}from_timestamp": 0.0}
+    return rows
 
 
 def _episode(row: dict[str, Any], folder: Path, info: Info, reader: VideoReader | None) -> LeRobotEpisode:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.recordings.episodes.extras import load_extra
+from embodiedreamer_gym.recordings.extras import load_extra
 
 EPISODES_PATH = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 BUFFERED = 50  # rows of the table of episodes that are kept in memory before they are written

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
-from embodiedreamer_gym.recordings.episodes.extras import load_extra
+from embodiedreamer_gym.recordings.extras import load_extra
 from embodiedreamer_gym.recordings.frames import MAX_EDGE
 from embodiedreamer_gym.recordings.hdf5 import MAX_BYTES
 

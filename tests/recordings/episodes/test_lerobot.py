@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import MissingExtraError, RecordingError
-from embodiedreamer_gym.recordings.episodes import LeRobotWriter, extras, lerobot, open_episodes
+from embodiedreamer_gym.recordings import extras
+from embodiedreamer_gym.recordings.episodes import LeRobotWriter, lerobot, open_episodes
 
 pytest.importorskip("av", reason="LeRobot sets need av: pip install 'embodiedreamer-gym[data]'")
 parquet = pytest.importorskip("pyarrow.parquet", reason="LeRobot sets need pyarrow")
@@ -79,7 +80,7 @@ def hole(rows: list[list[float]]) -> list[list[float]]:
 
 
 OPENING = {
-    "version v2.1, but v3 is read; convert it with `python -m lerobot": setting("codebase_version", value="v2.1"),
+    "version 'v1.6'; v2.0, v2.1 and v3 are read": setting("codebase_version", value="v1.6"),
     "meta/info.json is missing": gone("meta/info.json"),
     "is no readable JSON": lambda folder: (folder / "meta/info.json").write_text("{"),
     "features must be an object": setting("features", value=3),
@@ -96,7 +97,9 @@ OPENING = {
     "names the file /etc/passwd": setting("data_path", value="/etc/passwd"),
     "names the file a/../../b": setting("video_path", value="a/../../b"),
     r"not '\{chunk_index.__class__\}'": setting("data_path", value="{chunk_index.__class__}"),
-    r"data_path must be a path with \{chunk_index\}": setting("data_path", value="{chunk_index:999999999d}"),
+    r"data_path must be a path with fields such as \{chunk_index\}": setting(
+        "data_path", value="{chunk_index:999999999d}"
+    ),
     "must be a path": setting("data_path", value="{"),
     "file-000.parquet: the column length is missing": lambda folder: parquet.write_table(
         parquet.read_table(folder / EPISODES).drop_columns(["length"]), folder / EPISODES

@@ -1,0 +1,23 @@
+"""What has to be known before a verdict is read: of the URDF and the recordings' times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.urdf_notes import urdf_notes
+
+
+def notes_on(model: RobotModel, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Sentences on model and recordings that a diagnosis begins with; none where nothing is out of the ordinary."""
+    notes = tuple(f"Note: {note}." for note in urdf_notes(model.urdf))
+    nominal = [recording for recording in recordings if recording.nominal_time]
+    if not nominal:
+        return notes
+    many = "" if len(nominal) == len(recordings) else f"{len(nominal)} of {len(recordings)} recordings: "
+    return (
+        *notes,
+        f"Note: {many}the times are sample numbers divided by a rate of {nominal[0].hz:.4g} Hz, not measured: command and state "
+        f"of a sample may be apart by up to {1e3 / nominal[0].hz:.0f} ms or more, so a delay that is named includes the recorder's.",
+    )

@@ -1,0 +1,31 @@
+"""Which joints of a log are those that are asked for, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from embodiedreamer_gym.errors import RecordingError
+
+
+def find_joints(have: Sequence[str], wanted: Sequence[str], source: str) -> tuple[list[int], tuple[str, ...]]:
+    """Columns of the joints wanted among those of a log, and a note on those that are left out.
+
+    A name matches itself, or the one name of the log that ends in it: `main_elbow` and `arm/elbow` are `elbow`.
+    Raises: RecordingError for a joint that the log does not have.
+    """
+    columns, missing = [], []
+    for joint in wanted:
+        found = [k for k, name in enumerate(have) if name == joint]
+        found = found or [k for k, name in enumerate(have) if name.endswith(("_" + joint, "/" + joint, "." + joint))]
+        missing += [] if len(found) == 1 else [joint]
+        columns += found[:1]
+    if missing or not wanted:
+        raise RecordingError(
+            f"{source}: asked for {', '.join(missing) or 'no joint at all'}; it has the joints {', '.join(have)}; "
+            "leave out of the model's `joints` what the log does not have, or give it the log's names"
+        )
+    rest = [name for k, name in enumerate(have) if k not in columns]
+    note = (
+        f"{', '.join(rest)} of the log {'is no joint' if len(rest) == 1 else 'are no joints'} of the model and left out"
+    )
+    return columns, (note,) if rest else ()
