@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate, prune
+from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate, polish, prune
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
-from embodiedreamer_gym.diagnosis.verdict import TIE, contenders
+from embodiedreamer_gym.diagnosis.verdict import TIE, contenders, improves
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
@@ -26,6 +26,37 @@ def drop_redundant(
             kept = [s for s in steps[:-1] if s is not early]
             steps = [*kept, replace(less, kind=last.kind, rollouts=last.rollouts + less.rollouts)]
     return steps
+
+
+def drop_last(
+    before: HeldOut, steps: Sequence[Candidate], train: Sequence[Recording], test: Sequence[Recording]
+) -> list[Candidate]:  # fmt: skip
+    """Remove the last step while the others, refitted, do no worse on held-out motion, or not significantly.
+
+    before: held-out error without any effect.
+    """
+    steps = list(steps)
+    while steps:
+        last, others = steps[-1], steps[:-1]
+        options: list[Candidate] = []
+        if others:
+            options = [replace(_exchanged(last, last, None, train, test), kind=others[-1].kind)]
+            if _names(others[-1]) == _names(options[0]):
+                options.append(others[-1])  # the fit from which the last step began
+        without = [option.held_out for option in options] or [before]
+        if all(improves(held, last.held_out) and last.held_out.error < held.error for held in without):
+            break
+        spent = last.rollouts + sum(option.rollouts for option in options[:1])
+        if options:
+            best = polish(min(options, key=lambda option: option.held_out.score), test)
+            others[-1] = replace(best, rollouts=best.rollouts + spent)
+        steps = others
+    return steps
+
+
+def _names(candidate: Candidate) -> set[str]:
+    """Effects of a candidate's model."""
+    return {effect.name for effect in candidate.model.effects}
 
 
 def resolve_tie(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.backward_elimination import drop_redundant, prune_all, resolve_tie
+from embodiedreamer_gym.diagnosis.backward_elimination import drop_last, drop_redundant, prune_all, resolve_tie
 from embodiedreamer_gym.diagnosis.candidates import Candidate, polish, refit
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, gain
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution, draw_null
@@ -160,6 +160,8 @@ def add_effects(
             state.tie = close
         chosen = polish(close[0], search.test)
         search.rollouts += chosen.rollouts - close[0].rollouts
+        if not improves(held, chosen.held_out):
+            return
         state.steps.append(chosen)
         state.null = _null(search, state)
         search.progress(
@@ -171,7 +173,10 @@ def add_effects(
 
 
 def eliminate(search: Search, state: SearchState) -> None:
-    """Drop redundant effects, resolve a tie for the first, and take each effect off the joints that do not need it."""
+    """Drop redundant effects, resolve a tie for the first, and take each effect off the joints that do not need it.
+
+    The last effect goes too where the held-out error does not fall by it, or not significantly.
+    """
     if not state.steps:
         return
     search.progress("backward elimination", 0, len(state.steps), held_out_error=search.milli(state.held.error))
@@ -185,6 +190,9 @@ def eliminate(search: Search, state: SearchState) -> None:
         state.tie = close if len(close) > 1 else []
     state.steps = prune_all(state.steps, search.train, search.test)
     state.steps[-1] = polish(state.steps[-1], search.test)
+    state.steps = drop_last(state.base, state.steps, search.train, search.test)
+    if not state.steps:
+        state.tie = []
     search.rollouts += sum(s.rollouts for s in state.steps) - spent
     state.null = _null(search, state)
 

@@ -88,19 +88,23 @@ def is_convincing(before: HeldOut, after: HeldOut, null: np.ndarray, explainable
 
     Right effects leave what faultless robots have, or little more and nearly nothing of the former excess. Where no joint
     comes near its noise, the sensors resolve more than such models predict anyway, and effects that explain most of the
-    excess are enough; so are effects that explain nearly all that a general regression explains, where that too leaves most
-    joints far from their noise (explainable (n,): the chi2 that it leaves, see `explainable_chi2`).
+    excess are enough; so they are where joints are less far from it and none reaches it, if they would be enough so far away.
+    So are effects that explain nearly all that a general regression explains, where that too leaves most joints far from
+    their noise (explainable (n,): the chi2 that it leaves, see `explainable_chi2`).
     """
     if total_explained(before, after, null) < EXPLAINED:
         return False
-    beyond = after.chi2 / np.quantile(null, 0.95, axis=0)
+    usual, most = np.quantile(null, (0.5, 0.95), axis=0)
+    beyond = after.chi2 / most
     if beyond.max() <= USUAL:
         return True
-    usual = np.median(null, axis=0)
-    was, rest = (np.maximum(h.chi2 - usual, 0.0).sum() for h in (before, after))
+    far = np.maximum(after.chi2, FAR * most)
+    was, rest, rest_if_far = (np.maximum(chi2 - usual, 0.0).sum() for chi2 in (before.chi2, after.chi2, far))
     if beyond.min() > FAR:
         return bool(rest <= (1 - EXPLAINED) * was)
-    if explainable is not None and np.median(explainable / np.quantile(null, 0.95, axis=0)) > BEYOND_NOISE:
+    if explainable is None and beyond.min() > USUAL and rest_if_far <= (1 - EXPLAINED) * was:
+        return True  # what convinces at a larger error does at a smaller one
+    if explainable is not None and np.median(explainable / most) > BEYOND_NOISE:
         return share_of_explainable(before, after, null, explainable) >= MOSTLY
     was_log, rest_log = (np.log(np.maximum(h.chi2 / usual, 1.0)).sum() for h in (before, after))
     return bool(beyond.max() <= FAR and rest <= (1 - NEARLY) * was and rest_log <= (1 - MOSTLY) * was_log)

@@ -6,13 +6,14 @@ from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
 class LoadFriction(TorqueBudget):
-    """Gear friction |coefficient * drive - external * load|, of the drive's torque and of the load's against it.
+    """Gear friction |coefficient * drive - external * load|, and more near standstill: static * |drive - load| there.
 
-    A drive that holds a load has the other sign, so both shares add up. They are equal where gears lose as much driving as
-    being driven back; external is zero where only the drive's torque counts.
+    drive is the drive's torque, load the one on the joint beside it: a drive that holds a load has the other sign, so both
+    shares add up. They are equal where gears lose as much driving as being driven back; external is zero where only the
+    drive's torque counts.
 
     Source: Duclusaud, Passault, Padois and Ly, "Extended Friction Models for the Physics Simulation of Servo Actuators",
-    arXiv 2410.08650, models M3 (equal shares) and M5 (one for each side).
+    arXiv 2410.08650, models M3 (equal shares), M4 (static friction) and M5 (a share for each side).
     """
 
     name = "load_friction"
@@ -21,6 +22,8 @@ class LoadFriction(TorqueBudget):
     parameters = (
         Parameter("coefficient", "1", off=0.0, low=0.0, high=0.9, typical=0.1),
         Parameter("external", "1", off=0.0, low=0.0, high=0.9, typical=0.1),
+        Parameter("static", "1", off=0.0, low=0.0, high=0.9, typical=0.1),
+        Parameter("speed", "rad/s", off=0.2, low=0.005, high=2.0, typical=0.2, shape=True),
     )
     symptom = "friction that grows with the torque the joint carries, so it differs from pose to pose"
     reveals = "the same slow motion in poses of high and of low gravity torque"
@@ -28,6 +31,7 @@ class LoadFriction(TorqueBudget):
 
     @staticmethod
     def friction(joint, p):
-        """Share of the torque (B, n) N m that passes the gears."""
+        """Share of the torque (B, n) N m that passes the gears; static friction falls with speed as in `StribeckFriction`."""
         torque = np.abs(p.coefficient * joint.torque - p.external * joint.external)
+        torque = torque + p.static * np.abs(joint.torque - joint.external) * np.exp(-((joint.velocity / p.speed) ** 2))
         return torque, torque

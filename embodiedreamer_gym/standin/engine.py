@@ -121,7 +121,8 @@ class Engine:
     def _friction_law(self, varying: Callable[[Array, Array, Array], Array]) -> Callable[[], None]:
         """Set the friction level by speed, the actuators' torque and what acts on the joints beside it."""
         model, data, get, at, dof = self._model, self._data, self._hidden.get, self._plant.position, self._plant.dof
-        loss, none, outside = model.dof_frictionloss, np.zeros(len(dof)), get("load_friction", "external").any()
+        loss, none = model.dof_frictionloss, np.zeros(len(dof))
+        outside = any(get("load_friction", name).any() for name in ("external", "static"))
         spring, angle = model.jnt_stiffness[model.dof_jntid[dof]], model.qpos_spring[at]
 
         def set_friction() -> None:

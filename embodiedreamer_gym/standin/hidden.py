@@ -49,7 +49,12 @@ EFFECTS: dict[str, dict[str, tuple[str, int]]] = {
     "torque_fade": {"loss": ("joint", 0), "time": ("joint", 0)},
     "coulomb_friction": {"torque": ("joint", -1)},
     "stribeck_friction": {"sliding": ("joint", -1), "extra_static": ("joint", -1), "speed": ("joint", 1)},
-    "load_friction": {"coefficient": ("joint", 0), "external": ("joint", 0)},
+    "load_friction": {
+        "coefficient": ("joint", 0),
+        "external": ("joint", 0),
+        "static": ("joint", 0),
+        "speed": ("joint", 1),
+    },
     "direction_dependent_friction": {"forward": ("joint", -1), "backward": ("joint", -1)},
     "hysteresis": {"torque": ("joint", -1), "travel": ("joint", 1)},
     "quadratic_drag": {"coefficient": ("joint", -3)},
@@ -161,17 +166,23 @@ def friction_law(hidden: Hidden) -> tuple[Array, Callable[[Array, Array, Array],
         hidden.get("stribeck_friction", "extra_static"),
     )
     speed = hidden.get("stribeck_friction", "speed")
-    share, outer_share = (hidden.get("load_friction", name) for name in ("coefficient", "external"))
+    share, outer_share, resting, fading = (
+        hidden.get("load_friction", name) for name in ("coefficient", "external", "static", "speed")
+    )
     if np.any((extra > 0) & (speed <= 0)):
         raise EffectError("stribeck_friction needs a speed above zero wherever extra_static is not zero.")
+    if np.any((resting > 0) & (fading <= 0)):
+        raise EffectError("load_friction needs a speed above zero wherever its static share is not zero.")
     level = level + sliding
-    if not (extra.any() or share.any() or outer_share.any()):
+    if not (extra.any() or share.any() or outer_share.any() or resting.any()):
         return level, None
+    still = 1.0 / np.where(fading > 0, fading, 1.0)
     slowness = 1.0 / np.where(speed > 0, speed, 1.0)
 
     def varying(v: Array, torque: Array, outer: Array) -> Array:
-        scaled = v * slowness
-        return level + extra * np.exp(-scaled * scaled) + np.abs(share * torque - outer_share * outer)
+        scaled, own = v * slowness, v * still
+        gears = np.abs(share * torque - outer_share * outer) + resting * np.exp(-own * own) * np.abs(torque - outer)
+        return level + extra * np.exp(-scaled * scaled) + gears
 
     return level, varying
 

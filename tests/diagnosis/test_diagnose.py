@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.diagnosis import add_effect, diagnose
-from embodiedreamer_gym.diagnosis.backward_elimination import drop_redundant
+from embodiedreamer_gym.diagnosis.backward_elimination import drop_last, drop_redundant
 from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain, score
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
@@ -247,6 +247,9 @@ def faultless_null() -> np.ndarray:
         pytest.param([9.0, 9.0, 1.0], [1.0, 8.0, 1.0], False, id="one joint mended of two"),
         pytest.param([900.0, 400.0, 90.0], [200.0, 60.0, 20.0], True, id="no joint near the noise, most explained"),
         pytest.param([900.0, 400.0, 90.0], [800.0, 300.0, 80.0], False, id="no joint near the noise, little explained"),
+        pytest.param([900.0, 400.0, 90.0], [4.0, 4.0, 2.8], True, id="nearer than that, one joint less far"),
+        pytest.param([900.0, 400.0, 90.0], [2.5, 2.5, 2.5], True, id="all joints nearer than far"),
+        pytest.param([5.0, 5.0, 5.0], [2.5, 2.5, 2.5], False, id="nearer than far, of little excess"),
     ],
 )
 def test_what_is_named_leaves_no_more_than_a_faultless_robot_has(before, after, sure, faultless_null) -> None:
@@ -264,15 +267,39 @@ def test_an_effect_that_others_make_needless_is_dropped(model) -> None:
     """Torque bias beside the payload that truly is there: without the bias the motion is as well explained."""
     truth = model.with_effect("payload").with_values({"payload.mass": {model.arms[0]: 0.3}})
     train, test = logs(truth)
-    fits = []
-    trial = model
-    for name in ("torque_bias", "payload"):
-        trial = trial.with_effect(name)
-        problem, fit = fit_least_squares(trial, train)
-        fitted = problem.model_at(fit.x)
-        kind = CATALOGUE[name]
-        fits.append(Candidate(kind, fitted, problem, fit, evaluate(fitted, test, problem.hold), problem.rollouts))
+    fits = added(model, ("torque_bias", "payload"), train, test)
     kept = drop_redundant(fits, train, test)
     assert [step.kind.name for step in kept] == ["payload"]
     assert [effect.name for effect in kept[-1].model.effects] == ["payload"]
     assert kept[-1].held_out.score < fits[-1].held_out.score + 0.1
+
+
+def added(model, names, train, test) -> list[Candidate]:
+    """A candidate for each effect, added one after the other."""
+    fits = []
+    for name in names:
+        model = model.with_effect(name)
+        problem, fit = fit_least_squares(model, train)
+        fitted = problem.model_at(fit.x)
+        held_out = evaluate(fitted, test, problem.hold)
+        fits.append(Candidate(CATALOGUE[name], fitted, problem, fit, held_out, problem.rollouts))
+    return fits
+
+
+def test_the_last_effect_is_dropped_where_the_held_out_error_does_not_fall_by_it(model) -> None:
+    """After the payload that truly is there a bias brings nothing; of a robot without faults nothing stays."""
+    truth = model.with_effect("payload").with_values({"payload.mass": {model.arms[0]: 0.3}})
+    train, test = logs(truth)
+    fits = added(model, ("payload", "torque_bias"), train, test)
+    before = evaluate(model, test)
+    kept = drop_last(before, fits, train, test)
+    assert [step.kind.name for step in kept] == ["payload"]
+    assert [effect.name for effect in kept[-1].model.effects] == ["payload"]
+    assert kept[-1].held_out.error < before.error
+    assert drop_last(before, kept, train, test)[0] is kept[0]
+    train, test = logs(model)
+    problem, fit = fit_least_squares(model, train)
+    assert (
+        drop_last(evaluate(problem.model_at(fit.x), test), added(model, ("torque_bias",), train, test), train, test)
+        == []
+    )

@@ -33,9 +33,15 @@ def test_the_stribeck_curve() -> None:
 
 def test_friction_that_grows_with_the_load() -> None:
     joint = state(0.0, [2.0, -3.0, 2.0, 2.0], [0.0, 0.0, -2.0, 3.0])  # drive alone, holding a load, driven by it
-    forward, backward = LoadFriction.friction(joint, SimpleNamespace(coefficient=0.2, external=0.1))
+    p = SimpleNamespace(coefficient=0.2, external=0.1, static=0.0, speed=0.1)
+    forward, backward = LoadFriction.friction(joint, p)
     np.testing.assert_allclose(forward[0], [0.4, 0.6, 0.6, 0.1])
     np.testing.assert_allclose(backward, forward)
+    p.static = 0.3
+    for speed, share in ((0.0, 1.0), (-0.1, np.exp(-1.0)), (10.0, 0.0)):
+        joint.velocity = np.full((1, 4), speed)
+        more = LoadFriction.friction(joint, p)[1] - backward
+        np.testing.assert_allclose(more[0], 0.3 * share * np.array([2.0, 3.0, 4.0, 1.0]), atol=1e-12)
 
 
 def test_friction_has_one_level_for_each_direction() -> None:
