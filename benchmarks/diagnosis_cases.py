@@ -28,28 +28,30 @@ from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_square
 from embodiedreamer_gym.recordings import load_recordings, save_recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.cases import Case, draw_case
-from embodiedreamer_gym.standin.effect_sizes import SIZES
+from embodiedreamer_gym.standin.effect_sizes import FIRMWARE, SIZES
 
 SEEDS = {"development": 20011, "test": 70001}
 BARELY, PLAIN, STRONG = 0.15, 1.0, 2.5  # strengths; 1.0 is a plain effect
 ATTEMPTS = 5  # robots drawn until one rests at its first command
 
 # With a logged command the fitted gains take up a torque constant whole: only effort without a command shows it.
-SINGLES = tuple(name for name in SIZES if name != "torque_constant")
+# What servos do in firmware has a benchmark of its own.
+SINGLES = tuple(name for name in SIZES if name != "torque_constant" and name not in FIRMWARE)
 # Laws that others of the catalogue contain: left out of it, they are not outside it. Direction-dependent friction is
 # Coulomb friction and a bias.
 CONTAINED = ("direction_dependent_friction", "coulomb_friction", "torque_saturation", "torque_bias", "torque_constant")
-OUTSIDE = tuple(name for name in SIZES if name not in CONTAINED)
+OUTSIDE = tuple(name for name in SIZES if name not in (*CONTAINED, *FIRMWARE))
 IN_EFFORT = ("payload", "coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
              "torque_constant", "torque_bias", "rotor_inertia")  # fmt: skip
 FAMILIES = {
     "command": ("command_delay", "command_lowpass", "command_rate_limit"),
-    "drive": ("servo_deadzone", "torque_saturation", "velocity_limit", "torque_constant", "torque_fade"),
+    "drive": ("servo_deadzone", "torque_saturation", "voltage_limit", "torque_constant", "torque_fade"),
     "friction": ("coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
                  "hysteresis", "quadratic_drag"),
     "load": ("torque_bias", "joint_spring", "payload", "base_tilt", "encoder_offset", "torque_ripple"),
     "gear": ("joint_elasticity", "backlash", "rotor_inertia"),
     "log": ("timestamp_jitter",),
+    "firmware": FIRMWARE,
 }  # fmt: skip
 TIES = (
     ("command_delay", "command_lowpass"),

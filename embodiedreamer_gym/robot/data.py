@@ -62,6 +62,7 @@ class RobotData:
     given: the servo groups that the user stated; a calibration estimates the others;
     intervals: text form of a `ParameterKey` -> 95 % interval of the last calibration;
     normalised: joint -> its value in the URDF, m or rad, at 0 and at 1;
+    gravity_compensation (n,): share of the URDF's weight that the servo carries by itself, without an error;
     urdf_error: how far the URDF's masses, centres and inertias may be off;
     fixed: groups of parameters and effects that no fit changes, as text ("stiffness", "coulomb_friction");
     end_effectors: links whose pose is compared; () takes the last link of each arm;
@@ -83,6 +84,7 @@ class RobotData:
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict, repr=False)
     normalised: Mapping[str, tuple[float, float]] = field(default_factory=dict, repr=False)
     end_effectors: tuple[str, ...] = field(default=(), repr=False)
+    gravity_compensation: np.ndarray = field(default_factory=lambda: np.zeros(1), repr=False)
     urdf_error: UrdfError = UrdfError()
     fixed: frozenset[str] = frozenset()
     catalogue: Mapping[str, type[Effect]] = field(default_factory=lambda: CATALOGUE, repr=False)
@@ -98,6 +100,10 @@ class RobotData:
                 raise ModelError(f"model {self.name}: {group} must be finite and not negative.")
             values.setflags(write=False)
             object.__setattr__(self, group, values)
+        share = np.array(np.broadcast_to(self.gravity_compensation, len(self.joints)), float)
+        if not np.all((share >= 0) & (share <= 2)):
+            raise ModelError(f"model {self.name}: gravity_compensation is a share from 0 to 2.")
+        object.__setattr__(self, "gravity_compensation", share)
         if not isinstance(self.command_hold, str) or self.command_hold not in HOLDS:
             raise ModelError(f"model {self.name}: command_hold '{self.command_hold}' is none of {', '.join(HOLDS)}.")
         names = [e.name for e in self.effects]
