@@ -67,13 +67,14 @@ TIES = (
 
 @dataclass(frozen=True)
 class Design:
-    """A set of cases: how many of each kind, which effects in rotation, which arms, how it is recorded."""
+    """A set of cases: how many of each kind, which effects in rotation, which arms, how it is recorded, how strong a single effect is."""
 
     number: int
     counts: Mapping[str, int]
     singles: tuple[str, ...] = SINGLES
     arms: tuple[str, ...] = ("arm6",)
     recording: Mapping[str, Any] = field(default_factory=dict)
+    strengths: tuple[float, float] = (BARELY, STRONG)
 
 
 FEW = {"null": 24, "single": 56}
@@ -87,6 +88,7 @@ SETS = {
     "no_command": Design(4, FEW, singles=IN_EFFORT, recording={"with_command": False}),
     "poor_urdf": Design(7, FEW, singles=IN_EFFORT, recording={"with_command": False, "imperfect": POOR}),
     "other_arm": Design(5, {"null": 33, "single": 27, "pair": 10, "outside": 10}, arms=("arm6b", "arm7")),
+    "firmware": Design(8, {"null": 20, "single": 16}, singles=FIRMWARE, strengths=(0.7, 1.5)),
     "ties": Design(6, {"tie": 80}, recording=SLOW),
 }
 
@@ -126,7 +128,7 @@ def _label(design: Design, index: int, kind: str, k: int, rng: np.random.Generat
     if kind == "null":
         return Label(index, kind, (), 0.0, arm)
     if kind == "single":
-        return Label(index, kind, (effect,), _strength(rng, BARELY), arm)
+        return Label(index, kind, (effect,), _strength(rng, *design.strengths), arm)
     if kind == "outside":
         return Label(index, kind, (effect,), _strength(rng, PLAIN), arm)
     if kind == "pair":

@@ -17,9 +17,10 @@ from embodiedreamer_gym.io.files import write_json
 from embodiedreamer_gym.robot import files
 from embodiedreamer_gym.robot.data import SERVO_GROUPS, RobotData, UrdfError
 from embodiedreamer_gym.robot.parameters import ParameterKey
+from embodiedreamer_gym.robot.servo_preset import preset_effects, read_preset
 from embodiedreamer_gym.robot.tree import build_tree
 
-SERVO_KEYS = (*SERVO_GROUPS[:2], "gravity_compensation")
+SERVO_KEYS = (*SERVO_GROUPS[:2], "gravity_compensation", "preset")
 ROBOT_KEYS = ("urdf", "joints", "end_effectors", "normalised")
 Model = TypeVar("Model", bound=RobotData)
 
@@ -42,8 +43,7 @@ def read_model(source: str | Path, catalogue: Mapping[str, type[Effect]], kind: 
         for joint, ends in files.table(robot, "normalised", joints, path).items()
     }
     tree = build_tree(urdf, joints, normalised, tips)
-    weightless = servo.get("gravity_compensation", [0.0] * len(joints))
-    weightless = np.array(files.numbers(weightless, len(joints), "servo.gravity_compensation", path))
+    preset = read_preset(servo.get("preset"), path)
     stated = {group: data.get(group, servo.get(group)) for group in SERVO_GROUPS}
     given = {k: np.array(files.numbers(v, len(joints), k, path)) for k, v in stated.items() if v is not None}
     estimated = frozenset(files.names(data.get("estimated", []), "estimated", path))
@@ -58,14 +58,22 @@ def read_model(source: str | Path, catalogue: Mapping[str, type[Effect]], kind: 
         **dict.fromkeys(SERVO_GROUPS, np.zeros(len(joints))), **given, "given": frozenset(given) - estimated,
         "command_hold": data.get("command_hold", "unknown"), "catalogue": catalogue, "intervals": intervals,
         "normalised": normalised, "end_effectors": tips, "fixed": _read_fixed(data, path),
-        "gravity_compensation": weightless,
+        "gravity_compensation": _read_compensation({**preset, **servo}, joints, path),
         "urdf_error": UrdfError(**files.table(data, "urdf_error", ("mass", "centre", "inertia"), path)),
     }  # fmt: skip
     fields |= {group: values for group, values in kind(**fields).first_guess().items() if group not in given}
     if not isinstance(data.get("effects", []), list):
         raise ModelError(f"model {path}: effects must be a list of objects, each with a name.")
     plain = kind(**fields)
-    return kind(**fields, effects=tuple(_read_effect(entry, plain, path) for entry in data.get("effects", [])))
+    effects = [_read_effect(entry, plain, path) for entry in data.get("effects", [])]
+    stated = preset_effects(preset, plain, {effect.name for effect in effects})
+    fields["fixed"] |= {effect.name for effect in stated}
+    return kind(**fields, effects=(*effects, *stated))
+
+
+def _read_compensation(servo: Mapping[str, Any], joints: tuple[str, ...], path: Path) -> np.ndarray:
+    share = files.by_joint(servo.get("gravity_compensation", 0.0), joints, "servo.gravity_compensation", path)
+    return np.array([share.get(joint, 0.0) for joint in joints])
 
 
 def _read_fixed(data: Mapping[str, Any], path: Path) -> frozenset[str]:
