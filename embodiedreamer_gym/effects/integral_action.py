@@ -4,7 +4,7 @@ import numpy as np
 
 from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
-HELD = 5.0  # s, for which the arm has stood still when a motion begins
+HELD = 60.0  # s, for which the arm has stood still when a motion begins
 
 
 class IntegralAction(SignalLaw):
