@@ -1,6 +1,6 @@
 """Blind diagnosis: robots with none, one or two hidden effects, made in another engine; what `diagnose` says of them.
 
-python -m benchmarks.diagnosis [--set main|positions|teleoperation|no_command|poor_urdf|other_arm|ties] [--seeds test|development]
+python -m benchmarks.diagnosis [--set main|positions|teleoperation|no_command|poor_urdf|other_arm|ties|firmware] [--seeds test|development]
                                [--cases N] [--jobs 2] [--oracle singles|all|none] [--brute N] [--out FILE.jsonl]
                                [--beside MAIN.jsonl] [--figures-only]
 

@@ -28,28 +28,30 @@ from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_square
 from embodiedreamer_gym.recordings import load_recordings, save_recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.cases import Case, draw_case
-from embodiedreamer_gym.standin.effect_sizes import SIZES
+from embodiedreamer_gym.standin.effect_sizes import FIRMWARE, SIZES
 
 SEEDS = {"development": 20011, "test": 70001}
 BARELY, PLAIN, STRONG = 0.15, 1.0, 2.5  # strengths; 1.0 is a plain effect
 ATTEMPTS = 5  # robots drawn until one rests at its first command
 
 # With a logged command the fitted gains take up a torque constant whole: only effort without a command shows it.
-SINGLES = tuple(name for name in SIZES if name != "torque_constant")
+# What servos do in firmware has a benchmark of its own.
+SINGLES = tuple(name for name in SIZES if name != "torque_constant" and name not in FIRMWARE)
 # Laws that others of the catalogue contain: left out of it, they are not outside it. Direction-dependent friction is
 # Coulomb friction and a bias.
 CONTAINED = ("direction_dependent_friction", "coulomb_friction", "torque_saturation", "torque_bias", "torque_constant")
-OUTSIDE = tuple(name for name in SIZES if name not in CONTAINED)
+OUTSIDE = tuple(name for name in SIZES if name not in (*CONTAINED, *FIRMWARE))
 IN_EFFORT = ("payload", "coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
              "torque_constant", "torque_bias", "rotor_inertia")  # fmt: skip
 FAMILIES = {
     "command": ("command_delay", "command_lowpass", "command_rate_limit"),
-    "drive": ("servo_deadzone", "torque_saturation", "velocity_limit", "torque_constant", "torque_fade"),
+    "drive": ("servo_deadzone", "torque_saturation", "voltage_limit", "torque_constant", "torque_fade"),
     "friction": ("coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
                  "hysteresis", "quadratic_drag"),
     "load": ("torque_bias", "joint_spring", "payload", "base_tilt", "encoder_offset", "torque_ripple"),
     "gear": ("joint_elasticity", "backlash", "rotor_inertia"),
     "log": ("timestamp_jitter",),
+    "firmware": FIRMWARE,
 }  # fmt: skip
 TIES = (
     ("command_delay", "command_lowpass"),
@@ -65,13 +67,14 @@ TIES = (
 
 @dataclass(frozen=True)
 class Design:
-    """A set of cases: how many of each kind, which effects in rotation, which arms, how it is recorded."""
+    """A set of cases: how many of each kind, which effects in rotation, which arms, how it is recorded, how strong a single effect is."""
 
     number: int
     counts: Mapping[str, int]
     singles: tuple[str, ...] = SINGLES
     arms: tuple[str, ...] = ("arm6",)
     recording: Mapping[str, Any] = field(default_factory=dict)
+    strengths: tuple[float, float] = (BARELY, STRONG)
 
 
 FEW = {"null": 24, "single": 56}
@@ -85,6 +88,7 @@ SETS = {
     "no_command": Design(4, FEW, singles=IN_EFFORT, recording={"with_command": False}),
     "poor_urdf": Design(7, FEW, singles=IN_EFFORT, recording={"with_command": False, "imperfect": POOR}),
     "other_arm": Design(5, {"null": 33, "single": 27, "pair": 10, "outside": 10}, arms=("arm6b", "arm7")),
+    "firmware": Design(8, {"null": 20, "single": 16}, singles=FIRMWARE, strengths=(0.7, 1.5)),
     "ties": Design(6, {"tie": 80}, recording=SLOW),
 }
 
@@ -124,7 +128,7 @@ def _label(design: Design, index: int, kind: str, k: int, rng: np.random.Generat
     if kind == "null":
         return Label(index, kind, (), 0.0, arm)
     if kind == "single":
-        return Label(index, kind, (effect,), _strength(rng, BARELY), arm)
+        return Label(index, kind, (effect,), _strength(rng, *design.strengths), arm)
     if kind == "outside":
         return Label(index, kind, (effect,), _strength(rng, PLAIN), arm)
     if kind == "pair":

@@ -22,6 +22,7 @@ LIMITS = (0.25, 0.45, 0.7, 0.95, 1.2, 1.6)  # of a limit, relative to the larges
 SHAPES = (0.3, 1.0, 3.0)
 SECONDS = 40.0  # of motion to screen on
 COARSE = 2 * TIME_STEP  # s, of the plant that shows what an effect changes
+SLOPE = 0.1  # s, over which a slope is taken to find the largest acceleration
 START_FALL = 0.02  # fall of a joint's log mean square from which an effect is started there
 USEFUL_FALL = 0.005  # the like, below which a joint is left without the effect
 VISIBLE_SHARE = 0.5  # of the calibrated residual that an effect must change to be observable
@@ -160,7 +161,7 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[Par
             spread = (-1.0, 0.0, 1.0) if p.low < 0 else SHAPES
             choices.append([np.clip(f * typical, low, high) for f in spread])
         elif p.off == p.high:
-            top = _top_torque(model, problem) if p.unit == "N m" else _top_speed(problem.recordings)
+            top = _top(p.unit, model, problem)
             choices.append([np.clip(f * top, low, high) for f in LIMITS])
         else:
             signs = (1.0, -1.0) if p.low < 0 else (1.0,)
@@ -208,6 +209,23 @@ def _refitted(model: RobotModel, problem: Problem, point: LinearisationPoint, ch
         shares[:, j] = share
         seen[:, j] = np.sqrt(power / len(rows)) / max(floor[j], 1.0)
     return left, shares, float(np.median(seen, axis=0).max())
+
+
+def _top(unit: str, model: RobotModel, problem: Problem) -> np.ndarray:
+    """Largest value (n,) seen of what a limit in this unit holds down."""
+    if unit == "N m":
+        return _top_torque(model, problem)
+    return _top_acceleration(problem.recordings) if unit == "rad/s^2" else _top_speed(problem.recordings)
+
+
+def _top_acceleration(recordings: Sequence[Recording]) -> np.ndarray:
+    """Largest measured acceleration (n,), robust: the 99th percentile of differences between slopes over 0.1 s each."""
+    found = []
+    for r in recordings:
+        k = max(1, min(round(SLOPE * r.hz), (len(r.time) - 1) // 2))
+        slope = (r.position[k:] - r.position[:-k]) / (r.time[k:] - r.time[:-k])[:, None]
+        found.append(np.abs(slope[k:] - slope[:-k]) / (r.time[2 * k :] - r.time[k:-k])[:, None])
+    return np.maximum(np.percentile(np.concatenate(found), 99, axis=0), 1e-2)
 
 
 def _top_speed(recordings: Sequence[Recording]) -> np.ndarray:

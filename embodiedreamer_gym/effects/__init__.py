@@ -7,6 +7,7 @@ from embodiedreamer_gym.effects.effect import (
     Mechanics,
     MechanicsChange,
     Parameter,
+    ServoState,
     SignalLaw,
     TorqueBudget,
 )
@@ -19,6 +20,7 @@ __all__ = [
     "Mechanics",
     "MechanicsChange",
     "Parameter",
+    "ServoState",
     "SignalLaw",
     "TorqueBudget",
     "find_effect",

@@ -13,17 +13,24 @@ from embodiedreamer_gym.effects.command_delay import CommandDelay
 from embodiedreamer_gym.effects.command_lowpass import CommandLowpass
 from embodiedreamer_gym.effects.command_rate_limit import CommandRateLimit
 from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
+from embodiedreamer_gym.effects.derivative_on_error import DerivativeOnError
 from embodiedreamer_gym.effects.direction_dependent_friction import DirectionDependentFriction
 from embodiedreamer_gym.effects.effect import Effect, MechanicsChange, SignalLaw, TorqueBudget
 from embodiedreamer_gym.effects.effort_sensor import EffortSensor
 from embodiedreamer_gym.effects.encoder_offset import EncoderOffset
+from embodiedreamer_gym.effects.friction_compensation import FrictionCompensation
+from embodiedreamer_gym.effects.gravity_compensation import GravityCompensation
 from embodiedreamer_gym.effects.hysteresis import Hysteresis
 from embodiedreamer_gym.effects.inertial_error import InertialError
+from embodiedreamer_gym.effects.integral_action import IntegralAction
 from embodiedreamer_gym.effects.joint_elasticity import JointElasticity
 from embodiedreamer_gym.effects.joint_spring import JointSpring
 from embodiedreamer_gym.effects.laws import check_laws
 from embodiedreamer_gym.effects.load_friction import LoadFriction
+from embodiedreamer_gym.effects.lookahead import Lookahead
 from embodiedreamer_gym.effects.payload import Payload
+from embodiedreamer_gym.effects.profile import Profile
+from embodiedreamer_gym.effects.pwm_deadband import PwmDeadband
 from embodiedreamer_gym.effects.quadratic_drag import QuadraticDrag
 from embodiedreamer_gym.effects.rotor_inertia import RotorInertia
 from embodiedreamer_gym.effects.servo_deadzone import ServoDeadzone
@@ -34,8 +41,10 @@ from embodiedreamer_gym.effects.torque_constant import TorqueConstant
 from embodiedreamer_gym.effects.torque_fade import TorqueFade
 from embodiedreamer_gym.effects.torque_ripple import TorqueRipple
 from embodiedreamer_gym.effects.torque_saturation import TorqueSaturation
-from embodiedreamer_gym.effects.velocity_limit import VelocityLimit
+from embodiedreamer_gym.effects.velocity_cascade import VelocityCascade
+from embodiedreamer_gym.effects.voltage_limit import VoltageLimit
 from embodiedreamer_gym.errors import EffectError
+from embodiedreamer_gym.io.deprecation import present_name
 
 Catalogue = Mapping[str, type[Effect]]
 
@@ -45,9 +54,17 @@ CATALOGUE: Catalogue = {
         CommandDelay,
         CommandLowpass,
         CommandRateLimit,
+        Profile,
+        Lookahead,
         ServoDeadzone,
+        DerivativeOnError,
+        FrictionCompensation,
+        GravityCompensation,
+        IntegralAction,
+        VelocityCascade,
+        PwmDeadband,
         TorqueSaturation,
-        VelocityLimit,
+        VoltageLimit,
         TorqueConstant,
         TorqueFade,
         CoulombFriction,
@@ -69,15 +86,18 @@ CATALOGUE: Catalogue = {
     )
 }
 
+RENAMED = {"velocity_limit": "voltage_limit"}
+
 NUISANCES: Catalogue = {kind.name: kind for kind in (EffortSensor, InertialError)}
 """What fits estimate beside the effects, and no diagnosis names."""
 
 
 def find_effect(name: str, catalogue: Catalogue = CATALOGUE) -> type[Effect]:
-    """Return the effect of that name.
+    """Return the effect of that name; a former name is taken with a DeprecationWarning.
 
     Raises: EffectError that lists the known names.
     """
+    name = name if name in catalogue else present_name("effect", name, RENAMED)
     if name not in catalogue:
         raise EffectError(f"there is no effect '{name}'; known effects: {', '.join(catalogue)}.")
     return catalogue[name]

@@ -13,7 +13,7 @@ class CommandRateLimit(SignalLaw):
     parameters = (Parameter("rate", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),)
     symptom = "steps become ramps of one slope, and small slow moves are followed exactly"
     reveals = "large steps and fast point-to-point moves"
-    confused_with = ("command_lowpass", "command_delay", "velocity_limit")
+    confused_with = ("command_lowpass", "command_delay", "voltage_limit")
 
     @staticmethod
     def start(signal, p, dt):

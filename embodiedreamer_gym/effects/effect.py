@@ -6,7 +6,7 @@ static method written so that a leading axis of parameter sets `(B, n)` broadcas
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any, ClassVar, Literal
@@ -16,7 +16,7 @@ import numpy as np
 from embodiedreamer_gym.errors import EffectError
 
 Array = np.ndarray
-STAGES = ("command", "servo", "drive", "load", "sensor", "effort", "clock")
+STAGES = ("command", "servo", "torque", "drive", "load", "sensor", "effort", "clock")
 PER = {"clock": "arm"}  # whose signal a stage has: (B, arms), else that of the joints, (B, n)
 
 
@@ -64,6 +64,25 @@ class JointState:
     dt: float
     time: float
     external: Array | None = None
+
+
+@dataclass(kw_only=True)
+class ServoState(JointState):
+    """What a law of the stage "torque" may know beside: the joints as the servo sees them, of their motors.
+
+    pull: stiffness times position error, N m; damping: of the servo, N m s/rad; command_velocity: of the command that
+    reaches the servo, rad/s; weigh: what `gravity_torque` asks, at positions (B, n).
+    """
+
+    pull: Array
+    damping: Array
+    command_velocity: Array
+    weigh: Callable[[Array], Array]
+
+    @property
+    def gravity_torque(self) -> Array:
+        """Torque (B, n) N m that holds the URDF's links, without payload or tilt, at the measured positions."""
+        return self.weigh(self.position)
 
 
 @dataclass
@@ -141,8 +160,8 @@ class Effect:
 class SignalLaw(Effect):
     """A pure function of a signal: (signal, joint, memory, p) -> (signal, memory).
 
-    stage "command": the commanded position; "servo": the position error; "drive": the servo's torque, of which the
-    law says what arrives at the joint (a log's effort is what goes in: a current says no more); "load": an extra
+    stage "command": the commanded position; "servo": the position error; "torque": what the servo asks for, of which its
+    limits and damping are still to come off (the law gets a `ServoState`); "drive": the servo's torque, of which the law says what arrives at the joint (a log's effort is what goes in: a current says no more); "load": an extra
     torque on the joint (the law adds to it); "sensor": the measured position. These signals are (B, n).
     "effort": the drive's torque as a log's effort shows it; only comparisons of efforts pass through this stage.
     "clock": the standard deviation of the errors of a log's time stamps, (B, arms), s. The robot does not feel it: only the
@@ -153,12 +172,19 @@ class SignalLaw(Effect):
 
     @staticmethod
     def start(signal: Array, p: SimpleNamespace, dt: float) -> Any:
-        """Memory at rest, given the signal (B, n) of the first instant; of a load, the torque left over at rest."""
+        """Memory at rest, given the signal (B, n) of the first instant.
+
+        Of a load, the torque left over at rest; of a torque, what the servo has to ask for beyond its pull and the laws
+        before to stay at rest.
+        """
         return None
 
     @staticmethod
-    def law(signal: Array, joint: JointState, memory: Any, p: SimpleNamespace) -> tuple[Array, Any]:
-        """Return the changed signal and the new memory, both as new arrays: what is passed in stays as it is."""
+    def law(signal: Array, joint: Any, memory: Any, p: SimpleNamespace) -> tuple[Array, Any]:
+        """Return the changed signal and the new memory, both as new arrays: what is passed in stays as it is.
+
+        joint: a JointState, on the stage "torque" a ServoState.
+        """
         raise NotImplementedError
 
 

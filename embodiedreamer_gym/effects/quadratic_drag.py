@@ -11,7 +11,7 @@ class QuadraticDrag(TorqueBudget):
     parameters = (Parameter("coefficient", "N m s^2/rad^2", off=0.0, low=0.0, high=6.0, typical=0.05, scale="torque"),)
     symptom = "fast moves fall behind more than in proportion to their speed"
     reveals = "the same move at several speeds"
-    confused_with = ("velocity_limit", "torque_saturation")
+    confused_with = ("voltage_limit", "torque_saturation")
 
     @staticmethod
     def friction(joint, p):

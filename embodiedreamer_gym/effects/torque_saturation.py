@@ -12,7 +12,7 @@ class TorqueSaturation(TorqueBudget):
     parameters = (Parameter("limit", "N m", off=1e3, low=0.05, high=1e3, typical=0.6, scale="torque"),)
     symptom = "heavy or fast moves fall behind while small ones are followed well"
     reveals = "heavy fast moves"
-    confused_with = ("velocity_limit", "command_rate_limit", "quadratic_drag", "torque_fade")
+    confused_with = ("voltage_limit", "command_rate_limit", "quadratic_drag", "torque_fade")
 
     @staticmethod
     def drive(joint, p):

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from embodiedreamer_gym.effects.effect import PER, Array, Effect, JointState, Mechanics
+from embodiedreamer_gym.effects.effect import PER, Array, Effect, JointState, Mechanics, ServoState
 
 N, ARMS, BODIES = 3, 2, 5
 SETS, OFF, TYPICAL = 7, slice(0, 2), 4  # parameter sets: off, off but for shapes, low, high, typical, two at random
@@ -50,6 +50,7 @@ class Motion:
     """
 
     def __init__(self, rng: np.random.Generator, stage: str = "", external: bool = False) -> None:
+        self.stage = stage
         time, shape = DT * np.arange(STEPS)[:, None, None], (SETS, N)
         rate, phase = rng.uniform(10.0, 40.0, (3, *shape)), rng.uniform(0.0, 6.28, (3, *shape))
         size = rng.uniform(0.02, 0.4, shape)
@@ -65,7 +66,12 @@ class Motion:
         """The joints at a step."""
         position, velocity, torque = (locked(x[k, rows]) for x in (self.position, self.velocity, self.torque))
         external = None if self.external is None else locked(self.external[k, rows])
-        return JointState(position, velocity, torque, DT, k * DT, external)
+        if self.stage != "torque":
+            return JointState(position, velocity, torque, DT, k * DT, external)
+        pull, speed = locked(self.signal[k, rows]), locked(velocity + 0.1)
+        damping, weight = locked(np.full_like(pull, 0.5)), locked(np.cos(position))
+        return ServoState(position, velocity, torque, DT, k * DT, pull=pull, damping=damping, command_velocity=speed,
+                          weigh=lambda _: weight)  # fmt: skip
 
 
 def ordinary_bodies(batch: int) -> Mechanics:

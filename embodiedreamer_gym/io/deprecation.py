@@ -33,6 +33,13 @@ def deprecated_names(module: str, names: Mapping[str, str]) -> Callable[[str], A
     return get
 
 
+def present_name(what: str, name: str, names: Mapping[str, str]) -> str:
+    """The present name of something, such as an "effect", whose former names map to present ones."""
+    if name in names:
+        warnings.warn(f"{what} {name!r} is now {names[name]!r}", DeprecationWarning, stacklevel=3)
+    return names.get(name, name)
+
+
 def renamed_arguments(**names: str) -> Callable[[T], T]:
     """Decorate a function or class that takes keyword arguments by their old names too: old="new"."""
 

@@ -63,6 +63,7 @@ class RobotData:
     given: the servo groups that the user stated; a calibration estimates the others;
     intervals: text form of a `ParameterKey` -> 95 % interval of the last calibration;
     normalised: joint -> its value in the URDF, m or rad, at 0 and at 1;
+    gravity_compensation (n,): share of the URDF's weight that the servo carries by itself, without an error;
     urdf_error: how far the URDF's masses, centres and inertias may be off;
     fixed: groups of parameters and effects that no fit changes, as text ("stiffness", "coulomb_friction");
     transmission: between the motors of the logs and the joints; None where the logs are of the joints;
@@ -85,6 +86,7 @@ class RobotData:
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict, repr=False)
     normalised: Mapping[str, tuple[float, float]] = field(default_factory=dict, repr=False)
     end_effectors: tuple[str, ...] = field(default=(), repr=False)
+    gravity_compensation: np.ndarray = field(default_factory=lambda: np.zeros(1), repr=False)
     urdf_error: UrdfError = UrdfError()
     fixed: frozenset[str] = frozenset()
     transmission: Transmission | None = field(default=None, repr=False)
@@ -101,6 +103,10 @@ class RobotData:
                 raise ModelError(f"model {self.name}: {group} must be finite and not negative.")
             values.setflags(write=False)
             object.__setattr__(self, group, values)
+        share = np.array(np.broadcast_to(self.gravity_compensation, len(self.joints)), float)
+        if not np.all((share >= 0) & (share <= 2)):
+            raise ModelError(f"model {self.name}: gravity_compensation is a share from 0 to 2.")
+        object.__setattr__(self, "gravity_compensation", share)
         if not isinstance(self.command_hold, str) or self.command_hold not in HOLDS:
             raise ModelError(f"model {self.name}: command_hold '{self.command_hold}' is none of {', '.join(HOLDS)}.")
         if self.transmission is not None and len(self.transmission.motors) != len(self.joints):

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from embodiedreamer_gym.effects import NUISANCES, Effect, find_effect
+from embodiedreamer_gym.effects.catalogue import RENAMED
 from embodiedreamer_gym.effects.effort_sensor import EffortSensor
 from embodiedreamer_gym.errors import EffectError, ModelError
 from embodiedreamer_gym.io.files import write_json
 from embodiedreamer_gym.robot import files
 from embodiedreamer_gym.robot.data import SERVO_GROUPS, RobotData, UrdfError
 from embodiedreamer_gym.robot.parameters import ParameterKey
+from embodiedreamer_gym.robot.servo_preset import preset_effects, read_preset
 from embodiedreamer_gym.robot.transmission import Transmission
 from embodiedreamer_gym.robot.tree import build_tree
 
+SERVO_KEYS = (*SERVO_GROUPS[:2], "gravity_compensation", "preset")
 ROBOT_KEYS = ("urdf", "joints", "end_effectors", "normalised")
 TRANSMISSION_KEYS = ("motors", "matrix", "sign", "zero")
 Model = TypeVar("Model", bound=RobotData)
@@ -31,7 +34,7 @@ def read_model(source: str | Path, catalogue: Mapping[str, type[Effect]], kind: 
     """
     path = files.find_model(source)
     data = files.read_json(path)
-    robot, servo = files.table(data, "robot", ROBOT_KEYS, path), files.table(data, "servo", SERVO_GROUPS[:2], path)
+    robot, servo = files.table(data, "robot", ROBOT_KEYS, path), files.table(data, "servo", SERVO_KEYS, path)
     urdf = files.urdf_path(robot["urdf"], path)
     joints = files.names(robot.get("joints"), "robot.joints", path)
     if not joints:
@@ -42,28 +45,48 @@ def read_model(source: str | Path, catalogue: Mapping[str, type[Effect]], kind: 
         for joint, ends in files.table(robot, "normalised", joints, path).items()
     }
     tree = build_tree(urdf, joints, normalised, tips)
-    stated = {**{group: data.get(group) for group in SERVO_GROUPS[2:]}, **servo}
+    preset = read_preset(servo.get("preset"), path)
+    stated = {group: data.get(group, servo.get(group)) for group in SERVO_GROUPS}
     given = {k: np.array(files.numbers(v, len(joints), k, path)) for k, v in stated.items() if v is not None}
     estimated = frozenset(files.names(data.get("estimated", []), "estimated", path))
     if estimated - set(SERVO_GROUPS):
         raise ModelError(f"model {path}: estimated may name {', '.join(SERVO_GROUPS)} only.")
     intervals = {
-        str(ParameterKey.of(text)): files.pair(ends, f"interval of {text}", path)
+        str(_present(ParameterKey.of(text))): files.pair(ends, f"interval of {text}", path)
         for text, ends in files.table(data, "intervals", None, path).items()
     }
     fields: dict[str, Any] = {
         "name": data.get("name", path.stem), "urdf": urdf, "joints": joints, "tree": tree,
         **dict.fromkeys(SERVO_GROUPS, np.zeros(len(joints))), **given, "given": frozenset(given) - estimated,
         "command_hold": data.get("command_hold", "unknown"), "catalogue": catalogue, "intervals": intervals,
-        "normalised": normalised, "end_effectors": tips, "fixed": frozenset(files.names(data.get("fixed", []), "fixed", path)),
+        "normalised": normalised, "end_effectors": tips, "fixed": _read_fixed(data, path),
         "transmission": _read_transmission(data, joints, path),
+        "gravity_compensation": _read_compensation({**preset, **servo}, joints, path),
         "urdf_error": UrdfError(**files.table(data, "urdf_error", ("mass", "centre", "inertia"), path)),
     }  # fmt: skip
     fields |= {group: values for group, values in kind(**fields).first_guess().items() if group not in given}
     if not isinstance(data.get("effects", []), list):
         raise ModelError(f"model {path}: effects must be a list of objects, each with a name.")
     plain = kind(**fields)
-    return kind(**fields, effects=tuple(_read_effect(entry, plain, path) for entry in data.get("effects", [])))
+    effects = [_read_effect(entry, plain, path) for entry in data.get("effects", [])]
+    stated = preset_effects(preset, plain, {effect.name for effect in effects})
+    fields["fixed"] |= {effect.name for effect in stated}
+    return kind(**fields, effects=(*effects, *stated))
+
+
+def _read_compensation(servo: Mapping[str, Any], joints: tuple[str, ...], path: Path) -> np.ndarray:
+    share = files.by_joint(servo.get("gravity_compensation", 0.0), joints, "servo.gravity_compensation", path)
+    return np.array([share.get(joint, 0.0) for joint in joints])
+
+
+def _read_fixed(data: Mapping[str, Any], path: Path) -> frozenset[str]:
+    names = files.names(data.get("fixed", []), "fixed", path)
+    return frozenset(RENAMED.get(name) or str(_present(ParameterKey.of(name))) for name in names)
+
+
+def _present(key: ParameterKey) -> ParameterKey:
+    """A parameter's key with the present name of its effect."""
+    return replace(key, effect=RENAMED.get(key.effect, key.effect))
 
 
 def _read_transmission(data: dict[str, Any], joints: tuple[str, ...], path: Path) -> Transmission | None:
@@ -124,10 +147,12 @@ def write_model(model: RobotData, path: Path) -> None:
     scaled = any(isinstance(effect, EffortSensor) and effect.values["scale"] for effect in model.effects)
     fixed = sorted(model.fixed | ({f"{EffortSensor.name}.scale"} if scaled else set()))
     estimated = sorted(set(SERVO_GROUPS) - model.given)
+    share = model.gravity_compensation
+    weightless = {"gravity_compensation": share.tolist()} if share.any() else {}
     data = {
         "name": model.name,
         "robot": robot,
-        "servo": {"stiffness": model.stiffness.tolist(), "damping": model.damping.tolist()},
+        "servo": {"stiffness": model.stiffness.tolist(), "damping": model.damping.tolist(), **weightless},
         "rotor_inertia": model.rotor_inertia.tolist(),
         "viscous_friction": model.viscous_friction.tolist(),
         "command_hold": model.command_hold,

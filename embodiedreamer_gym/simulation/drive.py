@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from operator import is_
 from types import SimpleNamespace
 from typing import Any
@@ -17,6 +16,7 @@ from embodiedreamer_gym.robot.data import SERVO_GROUPS
 from embodiedreamer_gym.robot.dynamics import lanes
 from embodiedreamer_gym.robot.parameters import by_key
 from embodiedreamer_gym.simulation.drive_setup import (
+    Law,
     arm_blocks,
     changed_mechanics,
     cut_memory,
@@ -25,6 +25,7 @@ from embodiedreamer_gym.simulation.drive_setup import (
     tile,
 )
 from embodiedreamer_gym.simulation.joint_solver import solve_step, step_joints, within_limits
+from embodiedreamer_gym.simulation.servo_torque import ServoTorque
 
 TIME_STEP = 1.0 / 240.0  # s, the environment's own
 UNLIMITED = 1e12  # N m or rad/s
@@ -33,20 +34,6 @@ PASSES = 2  # over a law of the drive that is no line
 NUDGE, STRAIGHT = 1e-4, 1e-6  # relative torque by which its slope is felt out, and by which it may differ from a line
 # group of parameters, or its text form ("stiffness", "payload.mass") -> values (P, joints or arms)
 Sets = Mapping[str, np.ndarray] | Mapping[ParameterKey, np.ndarray]
-
-
-@dataclass(slots=True)
-class Law:
-    """A signal law in a drive.
-
-    effect: whose law it is.
-    p: its parameters, arrays (B, joints or arms).
-    memory: what it keeps from step to step.
-    """
-
-    effect: SignalLaw
-    p: SimpleNamespace
-    memory: Any = None
 
 
 class Drive:
@@ -77,6 +64,7 @@ class Drive:
             self._servo[SERVO_GROUPS.index("stiffness")] *= np.repeat(gains, self.sets, axis=0)
         tiled = [(e, SimpleNamespace(**{k: tile(v, rollouts) for k, v in p.items()})) for e, p in effects]
         self.laws = {s: [Law(e, p) for e, p in tiled if isinstance(e, SignalLaw) and e.stage == s] for s in STAGES}
+        self._asked = ServoTorque(model, self.laws["torque"], self._servo[1])
         self.budgets = [(e, p) for e, p in tiled if isinstance(e, TorqueBudget)]
         self._limiting = [(e, p) for e, p in self.budgets if type(e).drive is not TorqueBudget.drive]
         self._rubbing = [(e, p) for e, p in self.budgets if type(e).friction is not TorqueBudget.friction]
@@ -100,7 +88,10 @@ class Drive:
         self._joint = JointState(measured, self.velocity, np.zeros_like(self.velocity), self.dt, 0.0)
         self.measured = np.array(measured, float)
         self._joint.position = self.position = 2 * measured - self._begin("sensor", measured)  # exact for an offset
-        pull = self._servo[0] * self._begin("servo", self._begin("command", command) - measured)
+        heard = self._begin("command", command)
+        pull = self._servo[0] * self._begin("servo", heard - measured)
+        if self._asked.counts:
+            pull = self._asked.start(pull, heard, measured, self._joint, self._carried())
         surplus = self._begin("drive", pull) - self._weight()
         load = self._begin("load", surplus) - surplus
         self.motor, self.spin = self.position, self.velocity
@@ -116,6 +107,15 @@ class Drive:
         """Torque (B, n) that holds the joints where they are."""
         still = np.zeros_like(self.position)
         return self.model.bodies.mass_matrix_and_bias(self.position, still, self._masses)[1]
+
+    def _carried(self) -> np.ndarray:
+        """Torque (B, n) that the servo has to ask for to hold the joints where they are."""
+        carried = self._weight() - self._begin("load", np.zeros_like(self.position))
+        if not self.laws["drive"]:
+            return carried
+        self._begin("drive", carried)
+        gain, shift = self._line(carried, self._joint)
+        return np.divide(carried - shift, gain, out=carried, where=gain > 0.0)
 
     def _begin(self, stage: str, signal: np.ndarray) -> np.ndarray:
         """Put a stage's memories at rest at its first signal (B, n); what the stage makes of that signal."""
@@ -146,6 +146,8 @@ class Drive:
         self.measured = self._pass("sensor", motor.position, motor)
         heard = self._pass("command", command, motor)
         pull = self._servo[0] * self._pass("servo", heard - self.measured, motor)
+        if self._asked.counts:
+            pull = self._asked.torque(pull, heard, self.measured, motor)
         load = self._pass("load", self._zero, joint)
         limits, line, friction = self._unlimited, self._straight, self._no_friction
         if self._limiting:
@@ -235,6 +237,7 @@ class Drive:
             setattr(self, name, getattr(self, name)[:b])
         self._gear = np.ascontiguousarray(self._gear[:, :b])
         self._servo = np.ascontiguousarray(self._servo[:, :b])
+        self._asked.keep(self._servo[1])
         self._neutral()
         laws = [law for laws in self.laws.values() for law in laws]
         for p in [*(law.p for law in laws), *(p for _, p in self.budgets)]:

@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.effects import Effect, Mechanics, MechanicsChange
+from embodiedreamer_gym.effects import Effect, Mechanics, MechanicsChange, SignalLaw
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.robot.data import GRAVITY
+
+
+@dataclass(slots=True)
+class Law:
+    """A signal law in a drive.
+
+    effect: whose law it is.
+    p: its parameters, arrays (B, joints or arms).
+    memory: what it keeps from step to step.
+    """
+
+    effect: SignalLaw
+    p: SimpleNamespace
+    memory: Any = None
 
 
 def gear_parts(mechanics: Mechanics, sets: int, n: int, rollouts: int) -> np.ndarray:

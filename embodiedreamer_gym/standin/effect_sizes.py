@@ -2,7 +2,7 @@
 
 Sizes are drawn log-uniformly between the ends given in SIZES, some as shares of what the fault-free arm does
 in the training motions: "peak" its highest torque per joint, "load" the same but at least the servo's torque
-at 0.03 rad, "soft" its reciprocal, "top" its highest speed, "stiffness" and "rotor" its servo's, "mass" all that
+at 0.03 rad, "soft" its reciprocal, "top" its highest speed, "top_acceleration" that times ten per second, "stiffness" and "rotor" its servo's, "mass" all that
 moves. Delay, low-pass and rate limit act on all joints alike, what only a heavy link shows (BY_GRAVITY) where
 gravity does, what else is per joint on one joint, on the half nearer to the base or on all.
 A "shape" does not grow with the strength asked for.
@@ -16,6 +16,7 @@ import numpy as np
 
 from embodiedreamer_gym.errors import EffectError
 from embodiedreamer_gym.motions import Motion, Span
+from embodiedreamer_gym.standin.firmware import PARAMETERS
 from embodiedreamer_gym.standin.robot import StandIn
 
 Array = np.ndarray
@@ -26,7 +27,7 @@ SIZES: dict[str, dict[str, tuple[float, float, str]]] = {
     "command_rate_limit": {"rate": (0.25, 0.7, "top")},
     "servo_deadzone": {"width": (0.004, 0.02, "")},
     "torque_saturation": {"limit": (0.45, 0.8, "peak")},
-    "velocity_limit": {
+    "voltage_limit": {
         "forward": (0.3, 0.7, "top"),
         "backward": (0.3, 0.7, "top"),
         "stall_torque": (1.5, 4.0, "peak shape"),
@@ -57,12 +58,26 @@ SIZES: dict[str, dict[str, tuple[float, float, str]]] = {
     "backlash": {"gap": (0.02, 0.08, "")},
     "rotor_inertia": {"inertia": (4.0, 12.0, "rotor")},
     "timestamp_jitter": {"seconds": (0.002, 0.004, "")},
+    "profile": {"acceleration": (0.25, 0.6, "top_acceleration"), "speed": (0.5, 1.5, "top shape")},
+    "lookahead": {"seconds": (0.03, 0.1, ""), "inverse_gain": (0.15, 0.6, "shape")},
+    "derivative_on_error": {"share": (0.5, 1.0, "")},
+    "friction_compensation": {"dry": (0.05, 0.2, "load"), "viscous": (0.02, 0.1, "drag_line")},
+    "gravity_compensation": {"share": (0.2, 0.9, "")},
+    "integral_action": {"rate": (0.5, 4.0, "")},
+    "velocity_cascade": {"rate": (1.0, 8.0, ""), "speed": (0.4, 1.2, "top shape")},
+    "pwm_deadband": {"level": (0.05, 0.2, "load"), "start": (0.02, 0.1, "load")},
 }
-FACTORS = ("command_rate_limit", "torque_saturation", "velocity_limit", "torque_constant")  # grow by powers
-MOST = {"torque_fade": {"loss": 0.9}, "timestamp_jitter": {"seconds": 0.02}}
+FIRMWARE = tuple(PARAMETERS)
+FACTORS = ("command_rate_limit", "torque_saturation", "voltage_limit", "torque_constant", "profile")  # grow by powers
+MOST = {
+    "torque_fade": {"loss": 0.9},
+    "derivative_on_error": {"share": 1.5},
+    "gravity_compensation": {"share": 1.2},
+    "timestamp_jitter": {"seconds": 0.02},
+}
 PER_ARM = ("payload", "base_tilt", "timestamp_jitter")
-SAME_FOR_ALL = ("command_delay", "command_lowpass", "command_rate_limit")
-BY_GRAVITY = ("encoder_offset", "torque_fade", "joint_elasticity")
+SAME_FOR_ALL = ("command_delay", "command_lowpass", "command_rate_limit", "lookahead")
+BY_GRAVITY = ("encoder_offset", "gravity_compensation", "torque_fade", "joint_elasticity")
 EITHER_SIGN = ("torque_bias", "encoder_offset", "base_tilt")
 STRENGTHS = {"faint": 0.3, "plain": 1.0, "strong": 2.5}
 
@@ -159,7 +174,9 @@ def _scales(nominal: StandIn, motions: Sequence[Motion]) -> dict[str, Array]:
         "peak": peak,
         "load": np.maximum(peak, 0.03 * nominal.true["stiffness"]),
         "top": top,
+        "top_acceleration": 10.0 * top,
         "drag": peak / top**2,
+        "drag_line": peak / top,
         "static": np.abs(nominal.gravity_torque(position[::20])).max(0),
         "stiffness": nominal.true["stiffness"],
         "rotor": nominal.true["rotor_inertia"],

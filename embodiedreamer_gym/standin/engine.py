@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.standin.firmware import ServoFirmware
 from embodiedreamer_gym.standin.hidden import (
     CommandPath,
     Hidden,
@@ -18,7 +19,7 @@ from embodiedreamer_gym.standin.hidden import (
     shape_command,
     torque_speed_line,
 )
-from embodiedreamer_gym.standin.plant import Plant, import_mujoco, rotation_quaternion
+from embodiedreamer_gym.standin.plant import Plant, import_mujoco, rotation_quaternion, turned
 
 Array = np.ndarray
 CREEP = 2e-3  # rad/s
@@ -38,6 +39,7 @@ class Engine:
         zero: Array,
         stroke: Array,
         timestep: float,
+        weigh: Callable[[Array], Array] | None = None,
     ) -> None:
         self._mujoco = import_mujoco()
         self._plant, self._hidden, self.timestep = plant, hidden, timestep
@@ -55,7 +57,8 @@ class Engine:
         self._set_servo(self._strength)
         self._bristle, self._bend = bristle_law(hidden), np.zeros(len(stroke))
         self._set_effects()
-        self._rest: dict[bytes, tuple[Array, Array]] = {}
+        self._firmware = ServoFirmware(hidden.get, self._kp, self._kd, weigh, timestep)
+        self._rest: dict[bytes, tuple[Array, Array, Array]] = {}
         self._path = CommandPath(hidden, timestep)
 
     def _set_servo(self, strength: Array) -> None:
@@ -81,20 +84,13 @@ class Engine:
         for body, roll, pitch in tilts:
             mount = self._data.xquat[model.body_parentid[body]]
             tilt = rotation_quaternion(roll, pitch)
-            model.body_quat[body] = self._turn(mount * (1, -1, -1, -1), tilt, mount, model.body_quat[body])
+            model.body_quat[body] = turned(mount * (1, -1, -1, -1), tilt, mount, model.body_quat[body])
         level, self._varying = friction_law(self._hidden)
         model.dof_frictionloss[dof] = level
         uneven = get("direction_dependent_friction", "backward") - get("direction_dependent_friction", "forward")
         self._constant_torque = get("torque_bias", "torque") + uneven / 2
         self._beside = get("torque_bias", "torque")  # on the joints beside drive, bodies, springs and friction
         self._mujoco.mj_setConst(model, self._data)
-
-    def _turn(self, *quaternions: Array) -> Array:
-        """Product (4,) of quaternions (4,), w first."""
-        product = np.array([1.0, 0.0, 0.0, 0.0])
-        for factor in quaternions:
-            self._mujoco.mju_mulQuat(product, product.copy(), np.array(factor, float))
-        return product
 
     def _laws(self, warming: bool) -> list[Callable[[], None]]:
         """What must be set anew before each step; warming: whether the drives' fade has begun."""
@@ -114,6 +110,13 @@ class Engine:
                 ctrl[:] -= np.minimum(np.maximum(error, -width), width)
 
             laws.append(shrink_error)
+        if self._firmware.counts:
+            shift, motor = self._firmware.shift, self._plant.motor_dof
+
+            def add_torque() -> None:
+                ctrl[:] += shift(self._wanted, ctrl, q[motor_at], data.qvel[motor])
+
+            laws.append(add_torque)
         if self._line is not None:
             laws.append(self._speed_law(*self._line))
         return laws
@@ -241,7 +244,8 @@ class Engine:
 
         A creep below CREEP counts as rest in the end: inside a dead zone a joint may need minutes.
         """
-        self._reset(self._plant.pose(first), np.zeros(len(first)), first)
+        self._reset(self._plant.pose(first), np.zeros(len(first)), np.zeros(len(first)), first)
+        self._firmware.rest(self._firmware.holding(self._plant.load(self._data.qfrc_bias - self._data.qfrc_passive)))
         block = int(0.25 / self.timestep)
         blocks = int(longest / 0.25)
         for left in range(blocks, -1, -1):
@@ -250,14 +254,15 @@ class Engine:
                 return
             _, v, _ = self._play(np.broadcast_to(first, (block, len(first))), warming=False)
             if np.abs(v[-block // 5 :] / self._stroke).max() < (1e-5 if left > 1 else CREEP):
-                self._rest[first.tobytes()] = self._data.qpos.copy(), self._bend.copy()
+                self._rest[first.tobytes()] = self._data.qpos.copy(), self._bend.copy(), self._firmware.integral.copy()
         raise SimulationError(f"the stand-in does not rest at its first command within {longest:g} s.")
 
-    def _reset(self, pose: Array, bend: Array, command: Array) -> None:
+    def _reset(self, pose: Array, bend: Array, integral: Array, command: Array) -> None:
         """Still and cool at a pose (nq,), with the servo's torque, on which friction may depend, already there."""
         model, data = self._model, self._data
         self._set_servo(self._strength)
         self._bend[:] = bend
+        self._firmware.rest(integral)
         self._mujoco.mj_resetData(model, data)
         data.qfrc_applied[self._plant.dof] = self._constant_torque
         data.qpos[:], data.ctrl[:] = pose, command
@@ -269,7 +274,7 @@ class Engine:
         ctrl, qpos, qvel = data.ctrl, data.qpos, data.qvel
         q, v, sent = np.empty((len(wanted), model.nq)), np.empty((len(wanted), model.nv)), np.array(wanted)
         for k in range(len(wanted)):
-            ctrl[:] = wanted[k]
+            ctrl[:] = self._wanted = wanted[k]
             for law in laws:
                 law()
             q[k], v[k], sent[k] = qpos, qvel, ctrl

@@ -16,9 +16,10 @@ springs, bias and ripple act beside it.
 | joint_elasticity, backlash | the motor a body of its own, a tendon's spring or its limits between it and the joint |
 | rotor_inertia | `dof_armature` |
 | torque_saturation | force range of the actuator |
-| velocity_limit | torque-speed line from `stall_torque` at rest; without one, 100 times the servo's damping |
+| voltage_limit | torque-speed line from `stall_torque` at rest; without one, 100 times the servo's damping |
 | servo_deadzone, encoder_offset | the set point the actuator sees |
-| command_delay, command_lowpass, command_rate_limit | the command at every step, in this order |
+| command_delay, command_lowpass, command_rate_limit, profile, lookahead | the command at every step, in this order |
+| gravity_compensation, integral_action and other torques of firmware | a shift of the set point, see `firmware` |
 | payload, base_tilt | a ball welded to the end effector; the arm turned at its root |
 | timestamp_jitter | not at all: the log's one clock, as bad as that of its worst arm |
 """
@@ -32,6 +33,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from embodiedreamer_gym.errors import EffectError
+from embodiedreamer_gym.standin.firmware import PARAMETERS, SecondOrder, trapezoid
 
 Array = np.ndarray
 NEVER = 1e6  # a speed that no joint reaches
@@ -44,7 +46,7 @@ EFFECTS: dict[str, dict[str, tuple[str, int]]] = {
     "command_rate_limit": {"rate": ("joint", 1), "tick": ("joint", 0), "step": ("joint", 1)},
     "servo_deadzone": {"width": ("joint", 1)},
     "torque_saturation": {"limit": ("joint", -1)},
-    "velocity_limit": {"forward": ("joint", 1), "backward": ("joint", 1), "stall_torque": ("joint", -1)},
+    "voltage_limit": {"forward": ("joint", 1), "backward": ("joint", 1), "stall_torque": ("joint", -1)},
     "torque_constant": {"gain": ("joint", 0)},
     "torque_fade": {"loss": ("joint", 0), "time": ("joint", 0)},
     "coulomb_friction": {"torque": ("joint", -1)},
@@ -68,6 +70,7 @@ EFFECTS: dict[str, dict[str, tuple[str, int]]] = {
     "base_tilt": {"roll": ("arm", 0), "pitch": ("arm", 0)},
     "encoder_offset": {"angle": ("joint", 1)},
     "timestamp_jitter": {"seconds": ("arm", 0)},
+    **PARAMETERS,
 }
 
 
@@ -113,6 +116,8 @@ class CommandPath:
         self._hidden, self._dt, self._steps = hidden, dt, 0
         self._filters: dict[int, tuple[float, Array]] = {}
         self._reached: dict[int, tuple[int, float]] = {}
+        self._profiles: dict[int, tuple[float, float]] = {}
+        self._ahead: dict[int, SecondOrder] = {}
 
     def shape(self, setpoint: Callable[[Array], Array], steps: int) -> Array:
         """The next set points (steps, n) that reach the servo, by set points (k,) s -> (k, n) known up to then."""
@@ -133,6 +138,15 @@ class CommandPath:
                 command[:, j] = self._ramp(j, command[:, j], np.floor(time / tick[j] + 1e-9).astype(int), step[j])
             else:
                 command[:, j] = self._ramp(j, command[:, j], np.arange(steps) + self._steps, rate[j] * dt)
+        acceleration, speed = (hidden.get("profile", p) for p in ("acceleration", "speed"))
+        for j in np.flatnonzero(acceleration > 0).tolist():
+            state = self._profiles.get(j, (float(command[0, j]), 0.0))
+            moved = trapezoid(command[:, j], state, acceleration[j], speed[j], dt)
+            command[:, j], self._profiles[j] = moved[:, 0], (moved[-1, 0], moved[-1, 1])
+        ahead, inverse_gain = (hidden.get("lookahead", p) for p in ("seconds", "inverse_gain"))
+        for j in np.flatnonzero(ahead > 0).tolist():
+            given = ahead[j], inverse_gain[j], dt, float(command[0, j])
+            command[:, j] = self._ahead.setdefault(j, SecondOrder(*given))(command[:, j])
         return command
 
     def _first_order(self, j: int, signal: Array, constant: float) -> Array:
@@ -189,10 +203,10 @@ def friction_law(hidden: Hidden) -> tuple[Array, Callable[[Array, Array, Array],
 
 def torque_speed_line(hidden: Hidden, damping: Array) -> tuple[Array, Array, Array, Array] | None:
     """Highest speed, its slope, lowest speed, its slope (n,): torque lies between slope * (speed - v)."""
-    forward, backward = (hidden.get("velocity_limit", side) for side in ("forward", "backward"))
+    forward, backward = (hidden.get("voltage_limit", side) for side in ("forward", "backward"))
     if not (forward.any() or backward.any()):
         return None
-    stall = np.where((forward > 0) | (backward > 0), hidden.get("velocity_limit", "stall_torque"), 0.0)
+    stall = np.where((forward > 0) | (backward > 0), hidden.get("voltage_limit", "stall_torque"), 0.0)
     top, bottom = (np.where(speed > 0, speed, NEVER) for speed in (forward, backward))
     rise, fall = (np.where(stall > 0, stall / speed, STEEP * damping) for speed in (top, bottom))
     return top, rise, -bottom, fall

@@ -54,6 +54,21 @@ class Plant:
             full[place] = offset + multiplier * q[joint]
         return full
 
+    def weight(self) -> Callable[[Array], Array]:
+        """A function of joint positions (n,): torque (n,) that holds the arm still there."""
+        mujoco = import_mujoco()
+        data, force = mujoco.MjData(self.model), np.zeros(self.model.nv)
+
+        def weigh(q: Array) -> Array:
+            data.qpos[:] = self.pose(q)
+            mujoco.mj_kinematics(self.model, data)
+            mujoco.mj_comPos(self.model, data)
+            mujoco.mj_comVel(self.model, data)
+            mujoco.mj_rne(self.model, data, 0, force)
+            return self.load(force)
+
+        return weigh
+
     def load(self, force: Array) -> Array:
         """Generalised force (nv,) as felt at the joints (n,), with what mimic joints pass on."""
         out = force[self.dof].copy()
@@ -254,3 +269,11 @@ def rotation_quaternion(roll: float, pitch: float) -> Array:
     """Quaternion (4,) w first of Ry(pitch) Rx(roll), a URDF rpy without yaw."""
     cr, sr, cp, sp = np.cos(roll / 2), np.sin(roll / 2), np.cos(pitch / 2), np.sin(pitch / 2)
     return np.array([cr * cp, sr * cp, cr * sp, -sr * sp])
+
+
+def turned(*quaternions: Array) -> Array:
+    """Product (4,) of quaternions (4,), w first."""
+    mujoco, product = import_mujoco(), np.array([1.0, 0.0, 0.0, 0.0])
+    for factor in quaternions:
+        mujoco.mju_mulQuat(product, product.copy(), np.array(factor, float))
+    return product

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -77,6 +78,7 @@ class StandIn:
         }
         self.effort_scale = EFFORT_SCALE_ANGLE * self.true["stiffness"]
         root = read_xml(urdf)
+        plain = copy.deepcopy(root)
         disturb_links(root, mass_error, com_error, self.rng)
         self.end_effectors = tips = tuple(end_effector_links or end_effectors(root, self.joints))
         self._hidden = Hidden(effects or {}, self._stroke, len(tips))
@@ -91,7 +93,9 @@ class StandIn:
         plant = build_plant(root, self.joints, self.timestep, gears(self._hidden, self.joints), furnish)
         if len(plant.arm_root) != len(tips):
             raise ModelError(f"the robot has {len(plant.arm_root)} arms but the end effectors {', '.join(tips)}.")
-        self._engine = Engine(plant, self._hidden, self.true, self._zero, self._stroke, self.timestep)
+        compensated = self._hidden.get("gravity_compensation", "share").any()
+        weigh = build_plant(plain, self.joints, self.timestep).weight() if compensated else None
+        self._engine = Engine(plant, self._hidden, self.true, self._zero, self._stroke, self.timestep, weigh)
 
     def __repr__(self) -> str:
         return f"StandIn({len(self.joints)} joints, timestep {self.timestep:g} s)"

@@ -8,7 +8,7 @@ import pytest
 from embodiedreamer_gym.effects.torque_constant import TorqueConstant
 from embodiedreamer_gym.effects.torque_fade import TorqueFade
 from embodiedreamer_gym.effects.torque_saturation import TorqueSaturation
-from embodiedreamer_gym.effects.velocity_limit import VelocityLimit
+from embodiedreamer_gym.effects.voltage_limit import VoltageLimit
 from embodiedreamer_gym.simulation import simulate
 from tests.bank import fast, log, robot
 
@@ -35,7 +35,7 @@ def test_saturation_caps_the_torque(sign: float) -> None:
 
 
 def test_torque_lies_on_the_torque_speed_line() -> None:
-    run, _ = jump(VelocityLimit(forward={"joint1": 3.0}, stall_torque={"joint1": 4.0}))
+    run, _ = jump(VoltageLimit(forward={"joint1": 3.0}, stall_torque={"joint1": 4.0}))
     line = 4.0 * (1 - run.velocity / 3.0)
     at_limit = (TIME > 0.08) & (run.position[:, 0] < 0.5)
     np.testing.assert_allclose(run.torque[at_limit], line[at_limit], atol=0.05)
@@ -47,13 +47,13 @@ def test_the_highest_speed_is_where_line_and_load_meet(direction: str, other: st
     """stall (1 - v/top) = viscous v, with a stiff line even where one step is longer than its time constant."""
     sign = 1.0 if direction == "forward" else -1.0
     for stall in (3.0, 15.0):
-        limit = VelocityLimit(**{direction: {"joint1": 2.0}, "stall_torque": {"joint1": stall}})
+        limit = VoltageLimit(**{direction: {"joint1": 2.0}, "stall_torque": {"joint1": stall}})
         run, model = jump(limit, viscous=0.5, sign=sign)
         bottom = np.argmin(np.abs(run.position[:, 0]))  # no weight there
         speed = stall / (stall / 2.0 + 0.5)
         assert run.velocity[bottom, 0] * sign == pytest.approx(speed, rel=0.03)
         assert model.n == 1
-    untouched, _ = jump(VelocityLimit(**{other: {"joint1": 2.0}}), sign=sign)
+    untouched, _ = jump(VoltageLimit(**{other: {"joint1": 2.0}}), sign=sign)
     assert np.abs(untouched.velocity).max() > 6.0
 
 

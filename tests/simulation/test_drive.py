@@ -10,7 +10,7 @@ from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
 from embodiedreamer_gym.effects.effect import Parameter
 from embodiedreamer_gym.effects.stribeck_friction import StribeckFriction
 from embodiedreamer_gym.effects.torque_saturation import TorqueSaturation
-from embodiedreamer_gym.effects.velocity_limit import VelocityLimit
+from embodiedreamer_gym.effects.voltage_limit import VoltageLimit
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.simulation import TIME_STEP, Drive, simulate, simulate_sets
 from tests.bank import BUILT_IN, centre, fast, log, robot, still
@@ -67,7 +67,7 @@ def test_a_steep_motor_neither_rings_nor_explodes() -> None:
     """A torque-speed line whose time constant is a hundredth of a step."""
     model = robot("arm6")
     low, high = 0.2, model.torque_scale * 1e3
-    limit = VelocityLimit(forward=every(model, low), backward=every(model, low), stall_torque=every(model, high))
+    limit = VoltageLimit(forward=every(model, low), backward=every(model, low), stall_torque=every(model, high))
     run = simulate(model.with_effect(limit), fast(model, 2.0, rate=240.0))
     speed = np.abs(run.velocity[24:])
     assert speed.max() < 2.0 * low, "the mean of two steps is limited, one of them may be beyond"

@@ -126,8 +126,8 @@ def test_torque_saturation_caps_the_effort(build, moves):
     assert np.abs(capped.effort).max() == pytest.approx(1.0, abs=1e-9)
 
 
-def test_velocity_limit_holds_in_its_direction_only(build, moves):
-    robot = build(effects={"velocity_limit": {"forward": 0.5}})
+def test_voltage_limit_holds_in_its_direction_only(build, moves):
+    robot = build(effects={"voltage_limit": {"forward": 0.5}})
     there, back = robot.record(moves.step(-0.5, 1.0, 3.0)), robot.record(moves.step(0.5, -1.0, 3.0))
     assert 0.45 < there.velocity.max() < 0.53
     assert back.velocity.min() < -1.5
@@ -135,9 +135,9 @@ def test_velocity_limit_holds_in_its_direction_only(build, moves):
     assert there.position[-1, 0] == pytest.approx(build().record(moves.hold(0.5)).position[-1, 0], abs=2e-3)
 
 
-def test_velocity_limit_with_a_stall_torque_fades_with_speed(build, moves):
+def test_voltage_limit_with_a_stall_torque_fades_with_speed(build, moves):
     values = {"forward": 2.0, "backward": 1.0, "stall_torque": 4.0}
-    log = build(effects={"velocity_limit": values}).record(moves.step(-0.5, 1.0, 1.0))
+    log = build(effects={"voltage_limit": values}).record(moves.step(-0.5, 1.0, 1.0))
     behind = STIFFNESS * (log.command - log.position) - 1.5 * log.velocity > 4.0
     assert behind.sum() > 10
     np.testing.assert_allclose(log.effort[behind], 4.0 * (1 - log.velocity[behind] / 2.0), atol=5e-3)

@@ -6,7 +6,7 @@ import pytest
 
 from tests.test_floors import FILES, imported
 
-ROOTS = ("standin.hidden", "standin.engine", "standin.plant")
+ROOTS = ("standin.hidden", "standin.engine", "standin.plant", "standin.firmware")
 URDF = "robot.urdf"  # the one module outside `standin` that they may use besides `errors`: a reader of URDF files
 
 

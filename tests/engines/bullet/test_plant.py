@@ -21,7 +21,7 @@ MANY = {
     "command": ("command_delay", "command_rate_limit", "coulomb_friction", "payload", "encoder_offset"),
     "friction": ("stribeck_friction", "load_friction", "direction_dependent_friction", "torque_bias"),
     "gears": ("joint_elasticity", "backlash", "hysteresis", "torque_fade", "torque_constant", "quadratic_drag"),
-    "limits": ("command_lowpass", "servo_deadzone", "velocity_limit", "joint_spring", "base_tilt"),
+    "limits": ("command_lowpass", "servo_deadzone", "voltage_limit", "joint_spring", "base_tilt"),
 }
 
 

@@ -1,14 +1,14 @@
-"""Velocity limit: the drive's torque fades to nothing at a highest speed, one for each direction."""
+"""Voltage limit: what the supply leaves above the back-EMF drives the current, less at every speed, in each direction."""
 
 import numpy as np
 
 from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
-class VelocityLimit(TorqueBudget):
-    """The torque-speed line of a motor on a fixed voltage: stall torque at rest, nothing at the highest speed."""
+class VoltageLimit(TorqueBudget):
+    """The torque-speed line of a motor on a fixed voltage or goal PWM: stall torque at rest, nothing at the highest speed."""
 
-    name = "velocity_limit"
+    name = "voltage_limit"
     parameters = (
         Parameter("forward", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),
         Parameter("backward", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),

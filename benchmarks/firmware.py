@@ -1,0 +1,87 @@
+"""Servo firmware: is what a servo does beside spring and damper named, and no plain servo accused?
+
+python -m benchmarks.firmware [--cases N | --effects NAME ...] [--seeds test|development] [--jobs 2] [--out FILE.jsonl]
+
+36 robots in another engine: two of each effect of firmware, between two thirds and one and a half of its plain size, and 20
+whose servos are springs and dampers. Masses, gains and friction of all are wrong as in the benchmark `diagnosis`, whose set
+`firmware` this is. An effect of the same family counts as the right name. Finished cases are kept and not run again;
+--cases runs the first N, --effects those of some effects ("none": plain servos).
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.common import clopper_pearson, pin_threads
+from benchmarks.diagnosis import FOLDER, Case, read_rows, run_missing, seal, show
+from benchmarks.diagnosis_cases import SEEDS, labels, run_case
+from benchmarks.diagnosis_figures import accused, right_name, verdict
+from embodiedreamer_gym.effects import CATALOGUE
+from embodiedreamer_gym.standin.effect_sizes import FIRMWARE
+
+NAME, WANTED = "firmware", 0.85
+
+
+def family(effect: str) -> str:
+    """An effect's family, or its own name."""
+    return CATALOGUE[effect].family or effect
+
+
+def named(row: dict[str, Any]) -> bool:
+    """Whether what is named is the hidden effect, or one of its family."""
+    found, hidden = (
+        {family(e) for e in effects} for effects in (row.get("found", {}).get("effects", ()), row["label"]["effects"])
+    )
+    return right_name(row) or (verdict(row) in ("missing", "ambiguous") and found == hidden)
+
+
+def figures(rows: Sequence[dict[str, Any]]) -> str:
+    """One line a case that went wrong, and the shares."""
+    hidden = [row for row in rows if row["label"]["effects"]]
+    plain = [row for row in rows if not row["label"]["effects"]]
+    right, wrong = [row for row in hidden if named(row)], [row for row in plain if accused(row)]
+    lines = []
+    for row in (r for r in rows if (r in hidden and r not in right) or r in wrong):
+        said = row.get("failed") or ", ".join(row["found"]["effects"])
+        lines.append(f"case {row['index']}: {', '.join(row['label']['effects']) or 'plain'} -> {verdict(row)} {said}")
+    for what, part, whole in (("right name", right, hidden), ("plain servos accused", wrong, plain)):
+        if whole:
+            low, high = clopper_pearson(len(part), len(whole))
+            lines.append(f"{what}: {len(part)} of {len(whole)} (95 % interval {100 * low:.0f} to {100 * high:.0f} %)")
+    if hidden:
+        lines.append(f"targets: right name {'met' if len(right) >= WANTED * len(hidden) else 'MISSED'}, "
+                     f"none accused {'MISSED' if wrong else 'met'}")  # fmt: skip
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the cases that are missing, then print the figures."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.firmware", description=str(__doc__).splitlines()[0])
+    parser.add_argument("--cases", type=int, metavar="N", help="only the first N")
+    parser.add_argument("--effects", nargs="+", choices=(*FIRMWARE, "none"), help="only the cases of these")
+    parser.add_argument("--seeds", choices=SEEDS, default="test")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path, help=f"default: {FOLDER}/{NAME}-SEEDS.jsonl")
+    a = parser.parse_args(arguments)
+    pin_threads()
+    out = a.out or FOLDER / f"{NAME}-{a.seeds}.jsonl"
+    try:
+        digest = seal(NAME, a.seeds, out.with_suffix(".labels.json"))
+        wanted = labels(NAME, a.seeds)[: a.cases]
+        if a.effects:
+            wanted = [label for label in wanted if set(a.effects) & set(label.effects or ("none",))]
+        left = {label.index for label in wanted} - {row["index"] for row in read_rows(out)}
+        work, stamp = Case(run_case, NAME, a.seeds, oracle="none"), {"set": NAME, "labels_sha256": digest}
+        if left:
+            show(run_missing(wanted, work, out, a.jobs, stamp), len(left), NAME)
+    except ValueError as error:
+        parser.error(str(error))
+    chosen = {label.index for label in wanted}
+    print(f"\n{figures([row for row in read_rows(out) if row['index'] in chosen])}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,20 @@
+"""Derivative on error: the servo damps the error's speed, not the joint's alone."""
+
+from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
+
+
+class DerivativeOnError(SignalLaw):
+    """A share of the servo's damping that counts from the command's speed; one for a derivative of the error."""
+
+    name = "derivative_on_error"
+    family = "feed-forward"
+    stage = "torque"
+    parameters = (Parameter("share", "1", off=0.0, low=0.0, high=2.0, typical=0.5),)
+    symptom = "the joint follows fast ramps with less lag than its damping allows, and answers steps with a kick"
+    reveals = "ramps of several speeds beside steps"
+    confused_with = ("command_delay", "command_lowpass", "lookahead", "friction_compensation")
+
+    @staticmethod
+    def law(signal, joint, memory, p):
+        """Add a share of damping times the command's speed (B, n) N m."""
+        return signal + p.share * joint.damping * joint.command_velocity, memory

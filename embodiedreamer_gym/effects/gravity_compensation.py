@@ -1,0 +1,19 @@
+"""Gravity compensation: the controller carries a share of the arm's weight, as its own model knows it."""
+
+from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
+
+
+class GravityCompensation(SignalLaw):
+    """A share of the URDF's weight that the servo carries beyond what the model's file states, or short of it."""
+
+    name = "gravity_compensation"
+    stage = "torque"
+    parameters = (Parameter("share", "1", off=0.0, low=-1.5, high=1.5, typical=0.3),)
+    symptom = "the joint sags in proportion to its weight by less than its stiffness says, or by more"
+    reveals = "static poses near and far, without a load and with a known one"
+    confused_with = ("payload", "torque_bias", "integral_action", "joint_spring", "base_tilt")
+
+    @staticmethod
+    def law(signal, joint, memory, p):
+        """Add a share of the torque (B, n) N m that holds the nominal links where the encoders see them."""
+        return signal + p.share * joint.gravity_torque, memory
