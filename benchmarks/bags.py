@@ -26,8 +26,8 @@ def _messages(log: Recording) -> Iterator[tuple[str, int, bytes]]:
         time = kinds["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
         header = kinds["std_msgs/msg/Header"](stamp=time, frame_id="")
         rows: list[dict[str, Any]] = [
-            {name: np.empty(0) if (x := getattr(log, name)) is None else x[k] for name in ("position", "velocity", "effort")},
-            {"position": None if log.command is None else log.command[k], "velocity": np.empty(0), "effort": np.empty(0)},
+            {name: np.empty(0) if (x := getattr(log, name)) is None else np.ascontiguousarray(x[k]) for name in ("position", "velocity", "effort")},
+            {"position": None if log.command is None else np.ascontiguousarray(log.command[k]), "velocity": np.empty(0), "effort": np.empty(0)},
         ]  # fmt: skip
         for topic, row in zip(TOPICS, rows, strict=True):
             if row["position"] is not None:

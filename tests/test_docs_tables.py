@@ -67,7 +67,7 @@ def test_the_json_of_the_documents_loads(tmp_path) -> None:
             (tmp_path / "model.json").write_text(block)
             assert RobotModel.load(tmp_path / "model.json").joints == joints
             loaded += 1
-    assert loaded == 3
+    assert loaded == 4
     assert all(f"`{key}" in text_of("docs/robot_model.md") for key in KEYS if key != "name")
 
 

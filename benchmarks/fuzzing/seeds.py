@@ -15,7 +15,7 @@ TRAIN = ("--steps", "2", "--batch", "2", "--chunk", "4", "--size", "16x12", "--q
 
 def write_seeds(folder: Path) -> None:
     """Write all seeds into a folder; the same bytes each time."""
-    for write in (_recordings, _sage, _episodes, _lerobot_set, _policies, _vision, _training):
+    for write in (_recordings, _sage, _other_logs, _episodes, _lerobot_set, _policies, _vision, _training):
         write(folder)
 
 
@@ -62,6 +62,23 @@ def _sage(folder: Path) -> None:
     (sage / "state_motor.csv").write_text("\n".join(["type,timestamp,positions,velocities,torques", *state]) + "\n")
     (sage / "control.csv").write_text("\n".join(["type,timestamp,positions", *control]) + "\n")
     (sage / "joint_list.txt").write_text("shoulder\nelbow\n")
+
+
+def _other_logs(folder: Path) -> None:
+    """The log as a LeRobot set, MCAP and rosbag2, and LeRobot's calibration of two motors."""
+    from benchmarks.bags import write_mcap, write_rosbag2
+    from embodiedreamer_gym.recordings import load_recordings
+    from embodiedreamer_gym.recordings.episodes import LeRobotWriter
+
+    (log,) = load_recordings(folder / "log.csv")
+    with LeRobotWriter(folder / "lerobot_log", 100, [f"{joint}.pos" for joint in log.joints]) as writer:
+        writer.add_episode(log.position, log.command, {}, "wave")
+    write_mcap(log, folder / "log.mcap")
+    write_rosbag2(log, folder / "bag")
+    write_rosbag2(log, folder / "bag_mcap", mcap=True)
+    motor = {"drive_mode": 0, "homing_offset": 12, "range_min": 800, "range_max": 3200}
+    motors = {joint: {"id": k, **motor} for k, joint in enumerate(log.joints, 1)}
+    (folder / "motors.json").write_text(json.dumps(motors))
 
 
 def _numbers(seed: int) -> tuple[np.ndarray, np.ndarray]:

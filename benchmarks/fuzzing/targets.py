@@ -29,12 +29,12 @@ def mutated(case: Case, name: str) -> Path:
 # ---- recordings ------------------------------------------------------------------------------------------------
 
 
-def _log(case: Case, path: Path) -> None:
-    """Load a log, check it, and compare a model with it."""
+def _log(case: Case, path: Path, units: str | None = None) -> None:
+    """Load a log, check it, and compare a model with it; units: of a LeRobot set."""
     from embodiedreamer_gym.recordings import load_recordings, preflight
 
     def read() -> None:
-        for one in load_recordings(path, rate=100.0):
+        for one in load_recordings(path, hz=100.0, units=units):
             preflight(one)
             for frames in one.frames.values():
                 frames[0], frames[len(frames) - 1]
@@ -44,6 +44,7 @@ def _log(case: Case, path: Path) -> None:
     model = case.copy("two.json")
     verb = "compare" if case.number % 4 else case.rng.choice(("where", "calibrate"))
     out = ("--out", case.out / "better.json") if verb == "calibrate" else ()
+    out += () if units is None else ("--units", units)
     case.command(verb, "--model", model, path, "--jobs", 1, "--quiet", "--json", case.out / "answer.json", *out)
 
 
@@ -60,6 +61,31 @@ def hdf5(case: Case) -> None:
 @target
 def sage(case: Case) -> None:
     _log(case, mutated(case, "sage"))
+
+
+@target
+def lerobot_log(case: Case) -> None:
+    path = case.copy("lerobot_log")
+    case.about(case.mutate(path), path)
+    _log(case, path, "rad")
+
+
+@target
+def mcap(case: Case) -> None:
+    _log(case, mutated(case, "log.mcap"))
+
+
+@target
+def rosbag2(case: Case) -> None:
+    _log(case, mutated(case, case.rng.choice(("bag", "bag_mcap"))))
+
+
+@target
+def motor_calibration(case: Case) -> None:
+    from embodiedreamer_gym.recordings.motor_units import read_motor_calibration
+
+    path = mutated(case, "motors.json")
+    case.library("read_motor_calibration", lambda: read_motor_calibration(path))
 
 
 # ---- models, URDFs, cameras ------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
 
+USELESS = "no-command"  # code of the finding of a log that cannot be simulated
 UNFIT = ("swapped", "sign-flipped")  # codes of findings that forbid a fit to the log
 T = TypeVar("T")
 
@@ -74,7 +75,7 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
     for one in checked:
         for finding in one.findings:
             findings.setdefault((finding.severity, finding.code, finding.joints), []).append((one.recording, finding))
-            if fit and finding.code in UNFIT:
+            if finding.code == USELESS or (fit and finding.code in UNFIT):
                 raise RecordingError(f"{one.recording.source or one.recording.name}: {finding.message}.")
     for (severity, *_), same in findings.items():
         more = f" (and {len(same) - 1} more)" if len(same) > 1 else ""

@@ -93,6 +93,8 @@ def open_bag(path: Path) -> Iterator[Bag]:
     for one in files:
         if one.suffix in SUFFIXES:
             check_regular(one, RecordingError)
+            if not one.is_file():
+                raise RecordingError(f"{one}: it is a folder, or points to nothing")
         if one.suffix == ".mcap":
             _check_mcap(one)
     if path.is_dir():
