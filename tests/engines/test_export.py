@@ -24,8 +24,9 @@ from embodiedreamer_gym.simulation.drive import TIME_STEP
 from tests.two_joint_arm import load_arm, record, wave
 
 FRICTION = ("coulomb_friction", "stribeck_friction", "direction_dependent_friction")
+LIMITS = ("torque_saturation", "velocity_limit")
 LOST = ("servo_deadzone", "torque_fade", "load_friction", "joint_elasticity", "backlash")
-EXPORTED = sorted({*CATALOGUE, "inertial_error"} - {*LOST, "velocity_limit", "timestamp_jitter"})
+EXPORTED = sorted({*CATALOGUE, "inertial_error"} - {*LOST, "timestamp_jitter"})
 
 
 def typical(model: RobotModel, name: str, share: float = 1.0) -> RobotModel:
@@ -56,7 +57,7 @@ def test_an_effect_moves_mujoco_as_it_moves_the_rollout(name: str, tmp_path: Pat
     export = export_model(model, tmp_path / "arm.xml")
     assert name in {line.name for line in export.written}
     tolerance, step = 1e-3 if name in FRICTION else 3e-4, TIME_STEP
-    if name == "torque_saturation":
+    if name in LIMITS:
         step = TIME_STEP / 16  # where the torque is limited, the rollout itself errs by more at its own step
     assert agreement(export.path, model, [log], step).largest.max() < tolerance
     assert gap(replay_mjcf(export.path, model, log), simulate(plain, log).position) > 3 * tolerance, "it must matter"
@@ -69,6 +70,17 @@ def test_many_effects_at_once(tmp_path: Path, log: Recording) -> None:
         model = typical(model, name, 0.5)
     export = export_model(model, tmp_path / "arm.xml")
     assert export.lost == () and agreement(export.path, model, [log]).largest.max() < 1e-3
+
+
+def test_a_motor_with_a_constant_torque_a_gain_and_a_ramp(tmp_path: Path, log: Recording) -> None:
+    model = load_arm(tmp_path)
+    for name in ("torque_constant", "velocity_limit", "torque_bias", "command_rate_limit"):
+        model = typical(model, name, 0.5)
+    export = export_model(model, tmp_path / "arm.xml")
+    assert export.lost == () and agreement(export.path, model, [log], export.timestep or 0).largest.max() < 3e-4
+    uneven = model.with_values({"velocity_limit.forward": {"elbow": 3.0}})
+    export = export_model(uneven, tmp_path / "arm.xml")
+    assert [line.name for line in export.lost] == ["velocity_limit"] and "mean slope" in export.lost[0].text
 
 
 @pytest.mark.parametrize("name", LOST)
@@ -89,8 +101,8 @@ def test_a_property_of_the_log_is_no_loss(tmp_path: Path) -> None:
 def test_a_filter_and_a_ramp_do_not_go_together(tmp_path: Path) -> None:
     model = typical(typical(load_arm(tmp_path), "command_lowpass"), "command_rate_limit")
     export = export_model(model, tmp_path / "arm.xml")
-    assert [line.name for line in export.lost] == ["command_rate_limit"]
-    assert "slope of the commands" in export.lost[0].text
+    assert [line.name for line in export.lost] == ["command_lowpass"] and "filter the commands" in export.lost[0].text
+    assert "command_lowpass" not in {line.name for line in export.written}
 
 
 def test_a_users_change_of_masses_needs_no_entry(tmp_path: Path, log: Recording) -> None:

@@ -41,12 +41,9 @@ def command_lowpass(joints: Joints, p: SimpleNamespace) -> None:
     joints.lowpass = joints.lowpass + p.time_constant
 
 
-def command_rate_limit(joints: Joints, p: SimpleNamespace) -> str | None:
-    """A ramp of the actuator's input; an actuator has one kind of memory."""
-    if joints.lowpass.any():
-        return "an actuator cannot both filter and ramp its input; limit the slope of the commands that you send"
+def command_rate_limit(joints: Joints, p: SimpleNamespace) -> None:
+    """A ramp of the actuator's input."""
     joints.rate = np.minimum(joints.rate, p.rate)
-    return None
 
 
 def torque_saturation(joints: Joints, p: SimpleNamespace) -> None:
@@ -56,16 +53,23 @@ def torque_saturation(joints: Joints, p: SimpleNamespace) -> None:
 
 def torque_constant(joints: Joints, p: SimpleNamespace) -> None:
     """Gains and limits of the torque that arrives."""
-    for name in ("stiffness", "damping", "limit"):
-        setattr(joints, name, getattr(joints, name) * p.gain)
+    joints.gain = joints.gain * p.gain
 
 
-def velocity_limit(joints: Joints, p: SimpleNamespace) -> str:
+def velocity_limit(joints: Joints, p: SimpleNamespace) -> str | None:
+    """A motor on a fixed voltage, whose torque falls alike in both directions."""
+    joints.stall, joints.forward, joints.backward = p.stall_torque, p.forward, p.backward
+    if np.allclose(p.forward, p.backward, rtol=0.01):
+        return None
+    each = ", ".join(f"{a:.3g} and {b:.3g}" for a, b in zip(p.forward, p.backward, strict=True))
+    return f"the difference between the directions: both get the mean slope (highest speeds {each} rad/s)"
+
+
+def speed_limit(joints: Joints, p: SimpleNamespace) -> str:
     """The highest speed, and the torque at rest as the highest torque."""
-    joints.speed = np.minimum(joints.speed, np.minimum(p.forward, p.backward))
+    joints.forward, joints.backward = p.forward, p.backward
     joints.limit = np.minimum(joints.limit, p.stall_torque)
-    speeds = f"{np.min(p.forward):.3g} rad/s forward and {np.min(p.backward):.3g} backward at the slowest joint"
-    return f"the fall of the torque to nothing at the highest speed ({speeds}): fast moves are too fast"
+    return "the fall of the torque on the way to the highest speed: fast moves are too fast"
 
 
 def coulomb_friction(joints: Joints, p: SimpleNamespace) -> None:
@@ -121,24 +125,29 @@ def encoder_offset(joints: Joints, p: SimpleNamespace) -> None:
     joints.offset = joints.offset + p.angle
 
 
-PASSIVE = "mjtCtrlInput.mjINPUT_NONE"  # actuators that only resist
+MOTORS = "mjtCtrlInput.mjINPUT_NONE"  # with inputs of choice, or without
 
 MJCF: Mapping[str, Entry] = {
     "command_delay": Entry(command_delay, "actuator: delay, nsample", "MjsActuator.delay"),
     "command_lowpass": Entry(command_lowpass, "actuator: dyntype filterexact, actearly"),
     "command_rate_limit": Entry(command_rate_limit, "actuator: dyntype pid, slewmax", "mjtDyn.mjDYN_PID"),
     "torque_saturation": Entry(torque_saturation, "actuator: forcerange"),
-    "velocity_limit": Entry(velocity_limit, "actuator: forcerange (torque at rest)"),
+    "velocity_limit": Entry(
+        velocity_limit,
+        "actuator: dcmotor",
+        MOTORS,
+        Entry(speed_limit, "actuator: forcerange (torque at rest)"),
+    ),
     "torque_constant": Entry(torque_constant, "actuator: gainprm, biasprm, forcerange"),
     "coulomb_friction": Entry(coulomb_friction, "joint: frictionloss"),
     "stribeck_friction": Entry(
         stribeck_friction,
         "joint: frictionloss; passive dcmotor: lugre",
-        PASSIVE,
+        MOTORS,
         Entry(sliding_friction, "joint: frictionloss"),
     ),
-    "hysteresis": Entry(hysteresis, "passive dcmotor: lugre", PASSIVE),
-    "torque_ripple": Entry(torque_ripple, "passive dcmotor: cogging", PASSIVE),
+    "hysteresis": Entry(hysteresis, "passive dcmotor: lugre", MOTORS),
+    "torque_ripple": Entry(torque_ripple, "passive dcmotor: cogging", MOTORS),
     "direction_dependent_friction": Entry(direction_dependent_friction, "joint: frictionloss; actuator: biasprm"),
     "quadratic_drag": Entry(quadratic_drag, "joint: second coefficient of damping", "mjNPOLY"),
     "torque_bias": Entry(torque_bias, "actuator: biasprm, forcerange"),
@@ -149,9 +158,23 @@ MJCF_BODIES: Mapping[str, str] = {
     "mass": "body: inertial", "first_moment": "body: inertial", "inertia": "body: inertial", "rotor_inertia": "joint: armature",
     "gravity": "option: gravity, or the body's quat",
 }  # fmt: skip
+
+
+def conflicts(joints: Joints) -> dict[str, str]:
+    """Effects that an actuator cannot have beside others, and take off the joints: what is lost by each."""
+    lost = {}
+    line, ramp, filtered = np.isfinite(joints.fastest), np.isfinite(joints.rate), joints.lowpass > 0
+    if np.any(filtered & (line | ramp)):
+        joints.lowpass = np.where(line | ramp, 0.0, joints.lowpass)
+        lost["command_lowpass"] = (
+            "an actuator that ramps its input or is a motor cannot filter it; filter the commands that you send"
+        )
+    return lost
+
+
 URDF: Mapping[str, Entry] = {
     "torque_saturation": Entry(torque_saturation, "limit: effort"),
-    "velocity_limit": Entry(velocity_limit, "limit: velocity, effort (torque at rest)"),
+    "velocity_limit": Entry(speed_limit, "limit: velocity, effort (torque at rest)"),
     "coulomb_friction": Entry(coulomb_friction, "dynamics: friction"),
     "stribeck_friction": Entry(sliding_friction, "dynamics: friction"),
 }

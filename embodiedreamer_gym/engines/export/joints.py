@@ -10,10 +10,11 @@ from embodiedreamer_gym.robot import RobotModel
 
 POWERS = {  # of the stroke, by which numbers of a recorded unit become those of the URDF's
     **dict.fromkeys(("stiffness", "damping", "rotor_inertia", "viscous_friction", "spring"), -2),
-    **dict.fromkeys(("dry_friction", "extra_static", "hysteresis", "ripple", "bias", "limit"), -1),
-    **dict.fromkeys(("stribeck_speed", "travel", "rate", "speed", "offset"), 1),
+    **dict.fromkeys(("dry_friction", "extra_static", "hysteresis", "ripple", "bias", "limit", "stall"), -1),
+    **dict.fromkeys(("stribeck_speed", "travel", "rate", "forward", "backward", "offset"), 1),
     "drag": -3, "ripple_frequency": -1,
 }  # fmt: skip
+DRIVEN = ("stiffness", "damping", "limit", "stall")  # that the drive's gain multiplies
 SIGNED = ("bias", "offset", "ripple", "ripple_frequency")  # that change their sign with the direction of the joint
 
 
@@ -21,12 +22,14 @@ SIGNED = ("bias", "offset", "ripple", "ripple_frequency")  # that change their s
 class Joints:
     """Numbers (n,) of the driven joints, to be changed in place by the effects.
 
-    stiffness, damping, rotor_inertia, viscous_friction: as in a robot model, the first two with the drive's gain;
+    stiffness, damping, rotor_inertia, viscous_friction: as in a robot model;
     dry_friction: N m, the same in both directions; drag: N m s^2/rad^2; bias: constant torque, N m;
     extra_static, stribeck_speed: dry friction near standstill beyond that, N m, and the speed of its fall, rad/s;
     hysteresis, travel: friction that builds up over a travel, N m and rad;
     ripple, ripple_frequency, ripple_phase: a torque A sin(N q + phase), N m, 1/rad and rad;
-    spring, spring_angle: N m/rad and rad; limit: highest torque of the drive, N m; speed: the highest, rad/s;
+    spring, spring_angle: N m/rad and rad; gain: of the drive's torque, which gains and limits already have in `of_urdf`;
+    limit: highest torque of the drive, N m; stall, forward, backward: its torque at rest, N m, which falls to nothing at these
+    speeds, rad/s;
     delay, lowpass: of the command, s; rate: its highest slope, rad/s; offset: of the encoder, rad.
     """
 
@@ -46,8 +49,11 @@ class Joints:
     ripple_phase: np.ndarray
     spring: np.ndarray
     spring_angle: np.ndarray
+    gain: np.ndarray
     limit: np.ndarray
-    speed: np.ndarray
+    stall: np.ndarray
+    forward: np.ndarray
+    backward: np.ndarray
     delay: np.ndarray
     lowpass: np.ndarray
     rate: np.ndarray
@@ -55,19 +61,27 @@ class Joints:
 
     def of_urdf(self, gain: np.ndarray, zero: np.ndarray) -> Joints:
         """The same numbers where the joint's value is gain * recorded + zero, each (n,)."""
-        values = {name: getattr(self, name) * np.abs(gain) ** power for name, power in POWERS.items()}
+        driven = replace(self, **{name: getattr(self, name) * self.gain for name in DRIVEN})
+        values = {name: getattr(driven, name) * np.abs(gain) ** power for name, power in POWERS.items()}
         values |= {name: values[name] * np.sign(gain) for name in SIGNED}
         phase = self.ripple_phase - values["ripple_frequency"] * zero
         return replace(self, **values, ripple_phase=phase, spring_angle=gain * self.spring_angle + zero)
+
+    @property
+    def fastest(self) -> np.ndarray:
+        """Speed (n,) rad/s at which the drive's torque has fallen to nothing, the harmonic mean of both directions; inf: never."""
+        with np.errstate(divide="ignore"):
+            speed = 2.0 / (1.0 / self.forward + 1.0 / self.backward)
+        return np.where(np.isfinite(self.stall), speed, np.inf)
 
 
 def plain_joints(model: RobotModel) -> Joints:
     """The joints of a model without its effects."""
     names = [name for name in Joints.__dataclass_fields__ if not hasattr(model, name)]
-    far = {"limit", "speed", "rate"}
+    begin = {"gain": 1.0, **dict.fromkeys(("limit", "stall", "forward", "backward", "rate"), np.inf)}
     return Joints(
         **{name: getattr(model, name).copy() for name in ("stiffness", "damping", "rotor_inertia", "viscous_friction")},
-        **{name: np.full(model.n, np.inf if name in far else 0.0) for name in names},
+        **{name: np.full(model.n, begin.get(name, 0.0)) for name in names},
     )
 
 

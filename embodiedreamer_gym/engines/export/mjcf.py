@@ -9,7 +9,8 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from embodiedreamer_gym.engines.export.effects import MJCF, MJCF_BODIES
+from embodiedreamer_gym.engines.export.actuators import add_passive, add_servo, sliding_share
+from embodiedreamer_gym.engines.export.effects import MJCF, MJCF_BODIES, conflicts
 from embodiedreamer_gym.engines.export.joints import Joints
 from embodiedreamer_gym.engines.export.meshes import copy_meshes, mesh_notes
 from embodiedreamer_gym.engines.export.parts import Parts, changed_urdf, parts_of, write_xml
@@ -24,7 +25,6 @@ from embodiedreamer_gym.robot.tree import WORLD
 from embodiedreamer_gym.robot.urdf import resolve_meshes
 
 BRISTLE = 0.1  # stiffness of a bristle, of inertia over squared step: a step resolves it
-LEAST = 0.05  # of Stribeck's extra friction, which its bristle keeps at any speed
 STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp: nothing gives way; the highest impedance that MuJoCo allows
 WXYZ = [3, 0, 1, 2]
 
@@ -36,6 +36,9 @@ def write_mjcf(model: RobotModel, path: Path, timestep: float | None = None) -> 
     Raises: ModelError when a file cannot be read or written, or MuJoCo refuses the model.
     """
     parts = parts_of(model, MJCF, MJCF_BODIES, mujoco)
+    lost = conflicts(parts.joints)
+    parts.written = [line for line in parts.written if line.name not in lost]
+    parts.lost += [Line(name, text) for name, text in lost.items()]
     chosen, reason = choose_timestep(parts.joints)
     dt = chosen if timestep is None else timestep
     urdf = changed_urdf(model, parts.mechanics)
@@ -75,10 +78,10 @@ def _specification(model: RobotModel, urdf: ElementTree.Element, parts: Parts, d
             geom.contype, geom.conaffinity = 1, 0
     _set_joints(spec, model, parts, dt)
     for i, name in enumerate(model.joints):
-        _add_servo(spec, name, parts.joints, i, dt)
+        add_servo(spec, name, parts.joints, i, dt)
     for i, name in enumerate(model.joints):  # after the servos, whose order is that of the joints
         inertia = (model.inertia_scale[i] + model.rotor_inertia[i]) / parts.gain[i] ** 2
-        _add_passive(spec, name, parts.joints, i, BRISTLE * inertia / dt**2)
+        add_passive(spec, name, parts.joints, i, BRISTLE * inertia / dt**2)
     return spec
 
 
@@ -132,62 +135,6 @@ def _polynomial(*coefficients: float) -> Any:
     return whole if hasattr(mujoco, "mjNPOLY") else whole[0]
 
 
-def _add_servo(spec: Any, name: str, joints: Joints, i: int, dt: float) -> None:
-    """Add a joint's servo: force = stiffness (command - position) - damping velocity + bias, inside its limits."""
-    actuator, types = spec.add_actuator(), mujoco
-    actuator.name = actuator.target = name
-    actuator.trntype = types.mjtTrn.mjTRN_JOINT
-    stiffness, bias, limit = joints.stiffness[i], joints.bias[i], joints.limit[i]
-    if np.isfinite(joints.rate[i]):
-        actuator.set_to_pid(kp=stiffness, kv=joints.damping[i], slewmax=joints.rate[i], ctrlspec=1)
-    actuator.gainprm[0] = stiffness if not np.isfinite(joints.rate[i]) else 0.0
-    actuator.biastype = types.mjtBias.mjBIAS_AFFINE
-    actuator.biasprm[:3] = [bias, -stiffness, -joints.damping[i]]
-    if np.isfinite(limit):
-        actuator.forcelimited, actuator.forcerange = 1, [bias - limit, bias + limit]
-    if joints.lowpass[i] > 0:
-        actuator.dyntype, actuator.actearly = types.mjtDyn.mjDYN_FILTEREXACT, 1
-        actuator.dynprm[0] = filter_constant(joints.lowpass[i], dt)
-    if joints.delay[i] >= dt:
-        actuator.delay, actuator.nsample, actuator.interp = (
-            joints.delay[i],
-            int(np.ceil(joints.delay[i] / dt - 1e-9)) + 1,
-            1,
-        )
-
-
-def _add_passive(spec: Any, name: str, joints: Joints, i: int, stiffest: float) -> None:
-    """Add motors without a circuit that only resist: bristles of LuGre's friction model, and cogging."""
-    least = sliding_share(joints)[i]
-    kinds = {
-        "stribeck": (joints.extra_static[i], {"lugre": [stiffest, 0.0, least, least + joints.extra_static[i], joints.stribeck_speed[i]]}),
-        "hysteresis": (joints.hysteresis[i], {"lugre": [joints.hysteresis[i] / max(joints.travel[i], 1e-9), 0.0, *[joints.hysteresis[i]] * 2, 1.0]}),
-        "ripple": (joints.ripple[i], {"cogging": [joints.ripple[i], joints.ripple_frequency[i],
-                                                  joints.ripple_phase[i] - joints.ripple_frequency[i] * joints.offset[i]]}),
-    }  # fmt: skip
-    for kind, (size, law) in kinds.items():
-        if size:
-            motor = spec.add_actuator()
-            motor.name, motor.target, motor.trntype = f"{name}_{kind}", name, mujoco.mjtTrn.mjTRN_JOINT
-            motor.set_to_dcmotor(
-                motorconst=[0.0, 0.0], resistance=1.0, ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_NONE), **law
-            )
-
-
-def sliding_share(joints: Joints) -> np.ndarray:
-    """What Stribeck's bristles keep of the dry friction (n,) at any speed: their law divides by it."""
-    return np.clip(
-        LEAST * joints.extra_static,
-        1e-3 * joints.extra_static,
-        np.maximum(joints.dry_friction, 1e-3 * joints.extra_static),
-    )
-
-
-def filter_constant(constant: float, dt: float) -> float:
-    """Time constant, s, of a filter that takes each command as held for a step, and lags behind a ramp by `constant`."""
-    return dt / float(np.log1p(dt / constant))
-
-
 def _step_notes(joints: Joints, dt: float) -> list[str]:
     """What depends on the step, and so is wrong at another."""
     half = 0.5 * dt * (joints.damping + joints.viscous_friction)
@@ -201,6 +148,8 @@ def _step_notes(joints: Joints, dt: float) -> list[str]:
         notes.append(
             "dynprm is the time constant at which a command that is held for a step lags as the controller's filter does."
         )
+    if np.any((joints.delay > 0) & (joints.delay < dt)):
+        notes.append("A delay that is shorter than the time step is left out.")
     if joints.delay.any():
         notes.append(
             "MuJoCo's delay lines begin at zero: call mj_initCtrlHistory with the first command before the first step."

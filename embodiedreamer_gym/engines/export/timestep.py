@@ -17,6 +17,7 @@ NEEDS = {  # number of the joints -> the longest step, and why
         TIME_STEP / 16,
         "because the extra friction near standstill is a bristle, the stiffer the shorter the step",
     ),
+    "fastest": (TIME_STEP / 8, "because a motor's torque falls with the speed of half a step ago"),
     "lowpass": (TIME_STEP / 8, "because a filter takes each command as held for a step"),
 }
 

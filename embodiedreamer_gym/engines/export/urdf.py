@@ -25,7 +25,7 @@ def write_urdf(model: RobotModel, path: Path) -> Export:
     for i, name in enumerate(model.joints):
         damping, friction = joints.viscous_friction[i], joints.dry_friction[i]
         _set(by_name[name], "dynamics", damping=damping, friction=friction)
-        limits = {"effort": joints.limit[i], "velocity": joints.speed[i]}
+        limits = {"effort": joints.limit[i], "velocity": min(joints.forward[i], joints.backward[i])}
         _set(by_name[name], "limit", **{key: value for key, value in limits.items() if np.isfinite(value)})
     meshes = [mesh for mesh in root.iter("mesh") if mesh.get("filename")]
     copied = copy_meshes([str(mesh.get("filename")) for mesh in meshes], model.urdf.parent, path)
