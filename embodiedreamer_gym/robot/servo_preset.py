@@ -45,13 +45,13 @@ def _effect(entry: Mapping[str, Any], model: RobotData) -> Effect:
     values = {}
     for p in kind.parameters:
         given = entry.get(p.name, {})
-        given = given if isinstance(given, dict) else dict.fromkeys(model.joints, given)
+        given = dict(given) if isinstance(given, dict) else dict.fromkeys(model.joints, float(given))
         values[p.name] = {}
         for j, joint in enumerate(model.joints):
             bodies = tree.coordinate == j
             if joint in given and not tree.prismatic[bodies].any():
                 stroke = float(np.abs(tree.gain[bodies]).max())
-                values[p.name][joint] = given[joint] * stroke ** _power(p)
+                values[p.name][joint] = float(given[joint]) * stroke ** _power(p)
     return kind(**values)
 
 
