@@ -17,7 +17,7 @@ class VelocityCascade(SignalLaw):
     stage = "torque"
     parameters = (
         Parameter("rate", "1/s", off=0.0, low=0.0, high=100.0, typical=3.0),
-        Parameter("speed", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0, shape=True),
+        Parameter("speed", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),
     )
     symptom = "errors at holds vanish, but on a ramp the joint stays behind by the same time at any load"
     reveals = "ramps of several speeds with long holds between them, in poses of different weight"
@@ -32,7 +32,7 @@ class VelocityCascade(SignalLaw):
     def law(signal, joint, memory, p):
         """Limit the pull to the damping at the highest speed, and add the integral by the trapezoidal rule."""
         integral, last = memory
-        most = np.where(p.rate > 0.0, joint.damping * p.speed, np.inf)
+        most = np.where(np.isfinite(p.speed), joint.damping * np.minimum(p.speed, 1e3), np.inf)
         pull = np.minimum(np.maximum(joint.pull, -most), most)
         error = pull - joint.damping * joint.velocity
         if last is not None:

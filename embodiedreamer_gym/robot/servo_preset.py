@@ -45,7 +45,7 @@ def _effect(entry: Mapping[str, Any], model: RobotData) -> Effect:
     values = {}
     for p in kind.parameters:
         given = entry.get(p.name, {})
-        given = given if isinstance(given, dict) else dict.fromkeys(model.joints, given)
+        given = dict(given) if isinstance(given, dict) else dict.fromkeys(model.joints, float(given))
         values[p.name] = {}
         for j, joint in enumerate(model.joints):
             bodies = tree.coordinate == j

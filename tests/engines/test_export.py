@@ -24,8 +24,10 @@ from embodiedreamer_gym.simulation.drive import TIME_STEP
 from tests.two_joint_arm import load_arm, record, wave
 
 FRICTION = ("coulomb_friction", "stribeck_friction", "direction_dependent_friction")
-LIMITS = ("torque_saturation", "velocity_limit")
-LOST = ("servo_deadzone", "torque_fade", "load_friction", "joint_elasticity", "backlash")
+LIMITS = ("torque_saturation", "voltage_limit")
+FIRMWARE = ("profile", "lookahead", "derivative_on_error", "friction_compensation", "gravity_compensation", "integral_action",
+            "velocity_cascade", "pwm_deadband")  # fmt: skip
+LOST = ("servo_deadzone", "torque_fade", "load_friction", "joint_elasticity", "backlash", *FIRMWARE)
 EXPORTED = sorted({*CATALOGUE, "inertial_error"} - {*LOST, "timestamp_jitter"})
 
 
@@ -74,13 +76,13 @@ def test_many_effects_at_once(tmp_path: Path, log: Recording) -> None:
 
 def test_a_motor_with_a_constant_torque_a_gain_and_a_ramp(tmp_path: Path, log: Recording) -> None:
     model = load_arm(tmp_path)
-    for name in ("torque_constant", "velocity_limit", "torque_bias", "command_rate_limit"):
+    for name in ("torque_constant", "voltage_limit", "torque_bias", "command_rate_limit"):
         model = typical(model, name, 0.5)
     export = export_model(model, tmp_path / "arm.xml")
     assert export.lost == () and agreement(export.path, model, [log], export.timestep or 0).largest.max() < 3e-4
-    uneven = model.with_values({"velocity_limit.forward": {"elbow": 3.0}})
+    uneven = model.with_values({"voltage_limit.forward": {"elbow": 3.0}})
     export = export_model(uneven, tmp_path / "arm.xml")
-    assert [line.name for line in export.lost] == ["velocity_limit"] and "mean slope" in export.lost[0].text
+    assert [line.name for line in export.lost] == ["voltage_limit"] and "mean slope" in export.lost[0].text
 
 
 @pytest.mark.parametrize("name", LOST)
@@ -91,6 +93,11 @@ def test_what_is_not_exported_is_listed_with_what_it_does(name: str, tmp_path: P
     assert name in str(export) and words in str(export)
     assert name in export.path.read_text() and words in export.path.read_text()
     assert export.as_dict()["not_exported"] == {name: CATALOGUE[name].symptom}
+
+
+def test_a_nominal_gravity_compensation_is_listed(tmp_path: Path) -> None:
+    export = export_model(load_arm(tmp_path).with_(gravity_compensation=1.0), tmp_path / "arm.xml")
+    assert [line.name for line in export.lost] == ["gravity_compensation"]
 
 
 def test_a_property_of_the_log_is_no_loss(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def torque_constant(joints: Joints, p: SimpleNamespace) -> None:
     joints.gain = joints.gain * p.gain
 
 
-def velocity_limit(joints: Joints, p: SimpleNamespace) -> str | None:
+def voltage_limit(joints: Joints, p: SimpleNamespace) -> str | None:
     """A motor on a fixed voltage, whose torque falls alike in both directions."""
     joints.stall, joints.forward, joints.backward = p.stall_torque, p.forward, p.backward
     if np.allclose(p.forward, p.backward, rtol=0.01):
@@ -132,8 +132,8 @@ MJCF: Mapping[str, Entry] = {
     "command_lowpass": Entry(command_lowpass, "actuator: dyntype filterexact, actearly"),
     "command_rate_limit": Entry(command_rate_limit, "actuator: dyntype pid, slewmax", "mjtDyn.mjDYN_PID"),
     "torque_saturation": Entry(torque_saturation, "actuator: forcerange"),
-    "velocity_limit": Entry(
-        velocity_limit,
+    "voltage_limit": Entry(
+        voltage_limit,
         "actuator: dcmotor",
         MOTORS,
         Entry(speed_limit, "actuator: forcerange (torque at rest)"),
@@ -174,7 +174,7 @@ def conflicts(joints: Joints) -> dict[str, str]:
 
 URDF: Mapping[str, Entry] = {
     "torque_saturation": Entry(torque_saturation, "limit: effort"),
-    "velocity_limit": Entry(speed_limit, "limit: velocity, effort (torque at rest)"),
+    "voltage_limit": Entry(speed_limit, "limit: velocity, effort (torque at rest)"),
     "coulomb_friction": Entry(coulomb_friction, "dynamics: friction"),
     "stribeck_friction": Entry(sliding_friction, "dynamics: friction"),
 }

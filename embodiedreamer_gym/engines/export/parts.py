@@ -49,6 +49,10 @@ def parts_of(model: RobotModel, table: Mapping[str, Entry], places: Mapping[str,
     library: a module of whose version some entries need something.
     """
     joints, written, lost = plain_joints(model), [], []
+    if model.gravity_compensation.any():
+        lost.append(
+            Line("gravity_compensation", "the servo carries the weight of the links by itself, without an error")
+        )
     for effect in model.effects:
         place, loss = _apply(effect, model, joints, table, places, library)
         if place:
