@@ -17,6 +17,7 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.robust import huber_limit, robust_cost, robust_weight
 
 DAMPINGS = np.array([0.001, 0.03, 1.0])  # tried at once, relative to the present damping
+LONGEST = 3.0  # step of a scaled parameter; one that is not a logarithm may double beside
 BEHIND = 0.1  # cost by which a fit must fall short of its rival to be given up
 
 
@@ -129,4 +130,5 @@ def damped_step(
             break
         step[out] = np.clip(x[out] + step[out], problem.lower[out], problem.upper[out]) - x[out]
         free &= ~out
-    return np.clip(x + np.clip(step, -3.0, 3.0), problem.lower, problem.upper)
+    longest = LONGEST + np.where(problem.logarithmic, 0.0, np.abs(x))
+    return np.clip(x + np.clip(step, -longest, longest), problem.lower, problem.upper)

@@ -44,7 +44,7 @@ class Problem:
     of one is a large step in each. Residuals are (measured - simulated) / sigma over the usable samples, see `Signals`.
     rollouts counts parameter sets simulated over all recordings; independent is the share of the samples that counts as
     independent; prior (m,) is 1 for parameters that are known beforehand to one scaled unit, and 0 for the others; of_urdf (m,)
-    says which are the URDF's errors.
+    says which are the URDF's errors; logarithmic (m,) which are scaled by their logarithm.
     """
 
     def __init__(
@@ -66,9 +66,9 @@ class Problem:
                 raise CalibrationError(
                     f"{row.name} starts at {row.value:g}, outside its bounds {row.low:g} .. {row.high:g}."
                 )
-        self._log = np.array([row.low > 0 for row in self.rows])
+        self.logarithmic = np.array([row.low > 0 for row in self.rows])
         self._size = np.array(
-            [1.0 if log else _typical(model, row) for row, log in zip(self.rows, self._log, strict=True)]
+            [1.0 if log else _typical(model, row) for row, log in zip(self.rows, self.logarithmic, strict=True)]
         )
         self.lower = self.scale(np.array([row.low for row in self.rows]))
         self.upper = self.scale(np.array([row.high for row in self.rows]))
@@ -102,11 +102,11 @@ class Problem:
 
     def scale(self, values: np.ndarray) -> np.ndarray:
         """Scaled parameters of values (..., m)."""
-        return np.where(self._log, np.log(np.where(self._log, values, 1.0)), values / self._size)
+        return np.where(self.logarithmic, np.log(np.where(self.logarithmic, values, 1.0)), values / self._size)
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Values of scaled parameters (..., m)."""
-        return np.where(self._log, np.exp(np.where(self._log, x, 0.0)), x * self._size)
+        return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, x, 0.0)), x * self._size)
 
     def sets(self, x: np.ndarray) -> dict[ParameterKey, np.ndarray]:
         """Parameter sets (P, joints or arms) by group, for the simulation, of scaled parameters (P, m)."""

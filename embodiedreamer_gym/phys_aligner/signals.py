@@ -222,7 +222,7 @@ def _effort_noise(model: RobotModel, recordings: Sequence[Recording], scale: np.
         motion = smooth_derivatives(r)
         rows = np.linspace(0, len(r.time) - 1, POSES).astype(int)
         q, v = (np.ascontiguousarray(x[rows]) for x in (motion.position, motion.velocity))
-        mass = model.bodies.mass_matrix_and_bias(q, v, mechanics)[0] + np.diag(model.rotor_inertia)
+        mass = model.bodies.mass_matrix_and_bias(q, v, mechanics)[0] + np.diag(mechanics.rotor_inertia[0])
         bend = np.sqrt(np.mean((mass * motion.acceleration_noise) ** 2, axis=0).sum(axis=1))
         own = twice_smoothed_gain(r) * sensor_sd(r.time, np.asarray(r.effort))
         least = 1e-5 * np.ptp(np.asarray(r.effort), axis=0)
