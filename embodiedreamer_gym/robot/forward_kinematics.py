@@ -58,8 +58,9 @@ class EndEffector:
     def __init__(self, urdf: str | Path, link: str) -> None:
         robot = read_urdf(urdf)
         links = [entry.name for entry in robot.links]
+        self._source = "the URDF" if "<" in str(urdf) else str(urdf)
         if link not in links:
-            raise ModelError(f"the URDF has no link '{link}'; links: {', '.join(links)}.")
+            raise ModelError(f"{self._source} has no link '{link}'; links: {', '.join(links)}.")
         self.link = link
         above, place = {joint.child: joint for joint in robot.joints}, link
         self._chain: list[yourdfpy.Joint] = []
@@ -90,7 +91,8 @@ class EndEffector:
             own = joint_values(joint, given)
             if own is None and joint.type in MOVABLE:
                 raise ModelError(
-                    f"joint '{joint.name}' moves '{self.link}' but has no values; given are {', '.join(given) or 'none'}."
+                    f"joint '{joint.name}' of {self._source} moves '{self.link}' but has no values; "
+                    f"given are {', '.join(given) or 'none'}."
                 )
             pose = pose @ joint_poses(joint, own, len(values))
         return pose[:, :3, 3].copy(), pose[:, :3, :3].copy()
