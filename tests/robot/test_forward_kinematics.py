@@ -82,7 +82,7 @@ def test_what_is_missing_is_named() -> None:
     with pytest.raises(ModelError, match="is no XML"):
         EndEffector("<robot>", "lever")
     tip = EndEffector(path, "lever_tip")
-    with pytest.raises(ModelError, match="'servo' of .* moves 'lever_tip' but has no values; given are other"):
+    with pytest.raises(ModelError, match=r"'servo' of .* moves 'lever_tip' but has no values; given are other"):
         tip.pose(np.zeros((3, 1)), ["other"])
     with pytest.raises(ModelError, match=r"need \(T, 1\)"):
         tip.pose(np.zeros(3), ["servo"])
