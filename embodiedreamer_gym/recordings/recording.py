@@ -220,8 +220,8 @@ class Recording:
             self._set("noise", np.array([estimate_noise(self.time, x, float(q)) for x, q in pairs]))
         for name in ("noise", "quantum"):
             array = self._array(name, getattr(self, name))
-            if array.shape != (len(self.joints),) or not np.all(np.isfinite(array) & (array >= 0)):
-                raise self._error(f"{name} must be {len(self.joints)} numbers, none negative, one per joint")
+            if array.shape != (len(self.joints),) or not np.all((array >= 0) & (array < LARGEST)):
+                raise self._error(f"{name} must be {len(self.joints)} numbers, one per joint, not negative and below {LARGEST:g}")
             self._set(name, array)
 
     def _fill_gain(self) -> None:
