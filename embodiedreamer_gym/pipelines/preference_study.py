@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.errors import PolicyError
-from embodiedreamer_gym.io.files import atomic_file, read_json, write_json
+from embodiedreamer_gym.io.files import atomic_file, check_regular, read_json, write_json
 from embodiedreamer_gym.io.fingerprint import check_settings
 from embodiedreamer_gym.io.parallel import many
 from embodiedreamer_gym.pipelines.settings import PREFERENCES, RENAMED, StudySettings
@@ -81,6 +81,7 @@ class Study:
         folder = self.folder(cycle)
         folder.mkdir(exist_ok=True)
         if (folder / ROW).is_file():
+            check_regular(folder / WEIGHTS, PolicyError)
             try:
                 weights = torch.load(folder / WEIGHTS, weights_only=True, map_location="cpu")
                 self.policy.network.load_state_dict(weights)

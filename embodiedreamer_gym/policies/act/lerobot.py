@@ -15,7 +15,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 
 from embodiedreamer_gym.errors import PolicyError
-from embodiedreamer_gym.io.files import read_json
+from embodiedreamer_gym.io.files import check_regular, read_json
 from embodiedreamer_gym.policies.act.config import ActConfig
 from embodiedreamer_gym.policies.act.network import Act
 from embodiedreamer_gym.policies.act.policy import ActPolicy, read_config
@@ -95,6 +95,7 @@ def read_safetensors(path: str | Path) -> dict[str, torch.Tensor]:
 
     Raises: PolicyError where the file is missing, cut off or of another format.
     """
+    check_regular(path, PolicyError)
     try:
         return load_file(path)
     except (OSError, SafetensorError, ValueError, RuntimeError) as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -70,3 +71,11 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     path.write_bytes(whole[:-4])
     with pytest.raises(PolicyError, match="cannot be read"):
         read_safetensors(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_no_file_of_weights(tmp_path: Path) -> None:
+    """It is refused without being opened, which would block."""
+    os.mkfifo(tmp_path / "model.safetensors")
+    with pytest.raises(PolicyError, match="is no regular file"):
+        read_safetensors(tmp_path / "model.safetensors")
