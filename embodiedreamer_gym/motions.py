@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +12,15 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A commanded motion: `motion(t)` is (n,) for a time and (k, n) for times (k,) s; constant outside."""
+    """A commanded motion: `motion(t)` is (n,) for a time and (k, n) for times (k,) s; constant outside.
+
+    at_rest: whether it begins and ends at rest at the centre of its span.
+    """
 
     command: Callable[[Array], Array]
     duration: float
     kind: str
+    at_rest: bool = False
 
     def __call__(self, t: float | Array) -> Array:
         """Commanded position at a time or at times."""
@@ -27,11 +31,15 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """Range of the commands: centre (n,), reach (n,) to either side, highest speed (n,) per second."""
+    """Range of the commands: centre (n,), reach (n,) to either side, highest speed (n,) per second, highest acceleration.
+
+    The acceleration, per s^2, bounds only reversals, bang_bang and chirp.
+    """
 
     centre: Array
     reach: Array
     speed: Array
+    acceleration: float = 6.0
 
 
 def multisine(
@@ -118,7 +126,61 @@ def staircase(span: Span, rng: np.random.Generator, duration: float = 6.0, hold:
     return Motion(_path(times, points, lambda s: (s >= 1).astype(float)), duration, "staircase")
 
 
-MOTIONS = {f.__name__: f for f in (multisine, point_to_point, slow_ramps, teleoperation, hold_poses, staircase)}
+def reversals(span: Span, rng: np.random.Generator, duration: float = 8.0, sizes: int = 8) -> Motion:
+    """Every joint goes to and fro about the centre by several sizes in random order, up to half of its reach, without a pause."""
+    goals = []
+    for reach, speed in zip(span.reach, span.speed, strict=True):
+        largest = reach / 2
+        while True:  # smaller until there is time for every size, to and fro
+            amplitudes = largest * np.geomspace(SMALLEST, 1.0, sizes)
+            moves = np.array([_quickest_time(2 * a, speed, span.acceleration) for a in amplitudes])
+            cycles = int(0.9 * duration / (2 * moves.sum()))
+            if cycles:
+                break
+            largest *= 0.8
+        order = rng.permutation(sizes)
+        signs = np.tile([1.0, -1.0], cycles) * rng.choice([-1.0, 1.0])
+        goals.append(np.outer(amplitudes[order], signs).ravel())
+    return Motion(_quickest(span, goals, duration), duration, "reversals", at_rest=True)
+
+
+def bang_bang(span: Span, rng: np.random.Generator, duration: float = 8.0) -> Motion:
+    """Every joint moves by random distances at the highest acceleration one way, then the other, up to the highest speed."""
+    goals = []
+    for reach in span.reach:
+        own, place = [], 0.0
+        for half in rng.uniform(*HALF_MOVE, int(duration / (2 * HALF_MOVE[0])) + 1):
+            step = min(span.acceleration * half**2, 0.9 * reach) * rng.choice([-1.0, 1.0])
+            place += step if abs(place + step) <= reach else -step
+            own.append(place)
+        goals.append(np.array(own))
+    return Motion(_quickest(span, goals, duration), duration, "bang_bang", at_rest=True)
+
+
+def chirp(
+    span: Span, rng: np.random.Generator, duration: float = 8.0, lowest: float = 0.3, highest: float = 6.0
+) -> Motion:
+    """A sine per joint whose frequency [Hz] rises steadily, as large as reach, speed and acceleration allow."""
+    n = len(span.centre)
+    rate = np.log(highest * rng.uniform(0.7, 1.0, n) / lowest) / duration  # of the frequency's logarithm, per s
+    sign, edge = rng.choice([-1.0, 1.0], n), duration / 8
+
+    def sweep(t: Array) -> Array:
+        omega = 2 * np.pi * lowest * np.exp(t[:, None] * rate)
+        limits = np.stack(np.broadcast_arrays(span.reach, span.speed / omega, span.acceleration / omega**2))
+        size = np.sum(limits**-4.0, axis=0) ** -0.25  # a smooth minimum
+        window = _min_jerk(np.minimum(t, duration - t) / edge)[:, None]
+        return span.centre + 0.9 * size * window * sign * np.sin((omega - 2 * np.pi * lowest) / rate)
+
+    return Motion(sweep, duration, "chirp", at_rest=True)
+
+
+MOTIONS = {
+    f.__name__: f
+    for f in (multisine, point_to_point, slow_ramps, teleoperation, hold_poses, staircase, reversals, bang_bang, chirp)
+}
+SMALLEST = 0.04  # of the sizes of reversals, relative to the largest
+HALF_MOVE = (0.08, 0.45)  # s, of speeding up or slowing down in a bang_bang
 
 
 def _min_jerk(s: Array) -> Array:
@@ -149,3 +211,46 @@ def _path(times: list, points: list, shape: Callable[[Array], Array]) -> Callabl
         return through[i] + progress * (through[i + 1] - through[i])
 
     return follow
+
+
+def _quickest_time(distance: float, speed: float, acceleration: float) -> float:
+    """Least time from rest to rest, s."""
+    if distance < speed**2 / acceleration:
+        return 2 * float(np.sqrt(distance / acceleration))
+    return distance / speed + speed / acceleration
+
+
+def _quickest(span: Span, goals: Sequence[Array], duration: float) -> Callable[[Array], Array]:
+    """Every joint goes by its own goals, relative to the centre, each as quickly as it may, and back to the centre in time."""
+    tracks = [_track(*row, span.acceleration, duration) for row in zip(goals, span.speed, strict=True)]
+
+    def follow(t: Array) -> Array:
+        columns = []
+        for times, place, speed, acceleration in tracks:
+            i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 1)
+            since = t - times[i]
+            columns.append(place[i] + since * (speed[i] + 0.5 * acceleration[i] * since))
+        return span.centre + np.stack(columns, axis=1)
+
+    return follow
+
+
+def _track(goals: Array, speed: float, acceleration: float, duration: float) -> tuple[Array, Array, Array, Array]:
+    """Pieces of constant acceleration from goal to goal: start times (s,), and the place, speed and acceleration there."""
+    pieces, time, here = [], 0.0, 0.0
+    for goal in [*goals, 0.0]:
+        needed = _quickest_time(abs(goal - here), speed, acceleration)
+        if time + needed + _quickest_time(abs(goal), speed, acceleration) > duration and goal != 0.0:
+            continue
+        sign, distance = np.sign(goal - here), abs(goal - here)
+        rise = min(np.sqrt(distance / acceleration), speed / acceleration)
+        top, cruise = acceleration * rise, needed - 2 * rise
+        ramp = 0.5 * acceleration * rise**2
+        pieces += [
+            (time, here, 0.0, sign * acceleration),
+            (time + rise, here + sign * ramp, sign * top, 0.0),
+            (time + rise + cruise, goal - sign * ramp, sign * top, -sign * acceleration),
+        ]
+        time, here = time + needed, goal
+    times, *state = np.array([*pieces, (time, 0.0, 0.0, 0.0)]).T
+    return times, *state

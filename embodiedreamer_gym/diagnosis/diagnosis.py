@@ -12,6 +12,7 @@ from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.compare import compare
 from embodiedreamer_gym.diagnosis.comparison import GUESSED, gains_are_guessed
 from embodiedreamer_gym.diagnosis.held_out import HeldOut
+from embodiedreamer_gym.diagnosis.next_question import next_question
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution
 from embodiedreamer_gym.diagnosis.search import Ranked, SearchState
 from embodiedreamer_gym.diagnosis.trajectory_error import trajectory_losses
@@ -40,7 +41,7 @@ class Diagnosis:
     ranking: the effects that were refitted, best first.
     error, end_effector_mm: nominal, calibrated, with_effect (None where no effect helps), noise and, of recordings without a
         command, least_squares (see `least_squares_rms`); error in `unit`.
-    unobservable: effects that these recordings cannot show.
+    unobservable: effects that these recordings cannot show, the likeliest first.
     unexplained: joint -> share of its excess error that is left.
     steps: (label, held-out error) from nominal over calibrated to each added effect.
     p_value: share of faultless robots that do as badly as the calibrated model.
@@ -90,6 +91,13 @@ class Diagnosis:
         return {r.key.place: {"value": r.value, "low": r.interval[0], "high": r.interval[1], "unit": self.unit}
                 for r in rows if r.interval and not r.interval[0] <= 0.0 <= r.interval[1]}  # fmt: skip
 
+    def question(self, asked: tuple[str, str] | None = None) -> tuple[str, str] | None:
+        """The two effects that the next motion has to distinguish, see `next_question`; asked: the two of a user's own question."""
+        if self.unit != "rad" and self.verdict != "ambiguous":
+            return None  # of efforts without a command no motion shows more
+        ranking, catalogue = [r.effect for r in self.ranking], self.nominal.catalogue
+        return next_question(self.verdict, self.effects, ranking, self.unobservable, catalogue, asked)
+
     def models_by_label(self) -> dict[str, RobotModel]:
         """Nominal and calibrated model, and the one with the named effects."""
         models = {"nominal": self.nominal, "calibrated": self.calibrated}
@@ -113,6 +121,7 @@ class Diagnosis:
             "error": {"unit": self.unit, **self.error},
             "end_effector_mm": self.end_effector_mm,
             "unobservable": list(self.unobservable),
+            "next_question": list(self.question() or ()),
             "unexplained": self.unexplained,
             "steps": [list(step) for step in self.steps],
             "p_value": self.p_value,
@@ -141,6 +150,10 @@ class Diagnosis:
                 lines.append(f"{effect} of {joint}: {row['value']:.4g} {row['unit']}{spread}")
         if self.unobservable:
             lines += ["", f"this motion and these sensors cannot show: {', '.join(self.unobservable)}"]
+        if question := self.question():
+            lines.append(
+                f"a motion that tells {' from '.join(question)}: embodiedreamer excite --separate {','.join(question)}"
+            )
         if self.unexplained:
             left = ", ".join(f"{j} {100 * share:.0f} %" for j, share in self.unexplained.items())
             lines.append(f"left unexplained of the excess error: {left}")

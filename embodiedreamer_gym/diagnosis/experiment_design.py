@@ -9,28 +9,32 @@ from pathlib import Path
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.add_effect import add_effect
+from embodiedreamer_gym.diagnosis.candidate_motions import (
+    COMMAND_HZ,
+    CandidateMotion,
+    allowed_span,
+    blank,
+    draw_motions,
+    slowed,
+)
+from embodiedreamer_gym.diagnosis.expected_likelihood import after_one_step, after_refit, difference, simulated
 from embodiedreamer_gym.effects import find_effect
-from embodiedreamer_gym.engines.clearance import clearance
-from embodiedreamer_gym.errors import CalibrationError, ModelError
+from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.io.files import atomic_file
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
-from embodiedreamer_gym.motions import MOTIONS, Motion, Span
-from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.motions import MOTIONS, Span
+from embodiedreamer_gym.phys_aligner.problem import CORRELATED
 from embodiedreamer_gym.recordings import Recording, Recordings
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
-from embodiedreamer_gym.simulation import simulate, simulate_sets
+from embodiedreamer_gym.simulation import simulate
 
-COMMAND_HZ = 50.0  # of the proposed commands
-PACES = (0.08, 0.25, 0.6, 1.0)  # of the allowed speed
-DRAWS = 3  # motions of each kind and pace
-REFITTED = 10  # of them, on which the second model is refitted
-MARGIN = 0.03  # m kept between parts
-RAMP = 1.5  # s over which a motion begins and ends
-CLEARANCE_HZ = 12  # at which clearance is checked
+FURTHER = 4  # motions on which the second model is refitted by one step, beside the best of each kind
+REFITTED = 2  # motions on which it is refitted to the end
+DECISIVE = 25.0  # 2 x difference of log-likelihood; two standard deviations (2 x its root each) below, odds are 10 to 1
 NOISE = 5e-4  # of a joint's sensor without recordings, in its unit
 TRAINING = ("multisine", "teleoperation")  # motions to which the second effect is fitted, without recordings
-Pair = tuple[RobotModel, RobotModel]
+Pair = tuple[RobotModel, RobotModel]  # the truth and the model that is refitted to it
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,8 @@ class Proposal:
     command: (T, n) in the joints' units; begins and ends at rest.
     separation: mean square difference of the two models on it, in sensor noises, after the second was fitted to it too.
     ranking: (kind, separation) of the best candidates.
+    log_likelihood: expected 2 x difference of log-likelihood between the two, the wrong one fitted to it too.
+    log_likelihoods: of the ranking.
     clearance: least distance to the table, the other arm and the arm itself, m.
     speed, acceleration: (n,) peaks of the commands, per s and s^2.
     models: both fitted models.
@@ -56,6 +62,8 @@ class Proposal:
     command: np.ndarray
     separation: float
     ranking: tuple[tuple[str, float], ...]
+    log_likelihood: float
+    log_likelihoods: tuple[float, ...]
     clearance: float
     speed: np.ndarray
     acceleration: np.ndarray
@@ -63,8 +71,8 @@ class Proposal:
 
     @property
     def decides(self) -> bool:
-        """Whether the models differ on it by clearly more than the sensors' noise."""
-        return self.separation > 0.2
+        """Whether it is expected to show which of the two it is, at odds of ten to one or more."""
+        return self.log_likelihood > DECISIVE
 
     def as_dict(self) -> dict:
         """Numbers for JSON, with units."""
@@ -74,17 +82,20 @@ class Proposal:
             "separation": {"value": self.separation, "unit": "mean square difference in sensor noises"},
             "decides": self.decides, "clearance": {"value": self.clearance, "unit": "m"},
             "peaks": {joint: {"speed": v, "acceleration": a} for joint, v, a in peaks},
-            "ranking": [{"kind": kind, "separation": value} for kind, value in self.ranking],
+            "log_likelihood": {"value": self.log_likelihood, "unit": "expected 2 x difference of log-likelihood"},
+            "ranking": [{"kind": kind, "separation": value, "log_likelihood": ratio}
+                        for (kind, value), ratio in zip(self.ranking, self.log_likelihoods, strict=True)],
         }  # fmt: skip
 
     def __str__(self) -> str:
         a, b = self.effects
         tail = "" if self.decides else "; that is too little to decide: these sensors cannot distinguish the two"
-        lines = [f"{self.kind}, {self.time[-1]:.1f} s: {a} and {b} differ by {self.separation:.3g} (mean square, in sensor noises){tail}.",
+        lines = [f"{self.kind}, {self.time[-1]:.1f} s: {a} and {b} differ by {self.separation:.3g} (mean square, in sensor noises),",
+                 f"expected 2 x difference of log-likelihood {self.log_likelihood:.3g}{tail}.",
                  f"least distance to the other arm, itself or the table: {1e3 * self.clearance:.0f} mm", ""]  # fmt: skip
         best: dict[str, float] = {}
-        for kind, value in self.ranking:
-            best[kind] = max(value, best.get(kind, 0.0))
+        for (kind, _), ratio in zip(self.ranking, self.log_likelihoods, strict=True):
+            best[kind] = max(ratio, best.get(kind, 0.0))
         lines += [f"{kind:<20}{value:>12.3g}" for kind, value in sorted(best.items(), key=lambda item: -item[1])]
         return "\n".join(lines)
 
@@ -138,116 +149,57 @@ def propose_motion(
         raise CalibrationError(f"give two different effects, not {first} twice.")
     for name in effects:
         find_effect(name, model.catalogue)
-    span = allowed_span(model, recordings, centre, reach, speed)
+    span = allowed_span(model, recordings, centre, reach, speed, acceleration)
+    motions = draw_motions(model, span, seconds, table, rng)
     pairs = _fitted(model, effects, recordings, span, rng, progress)
     sigma = np.mean([r.sigma for r in recordings], axis=0) if recordings else np.full(model.n, NOISE)
-    trials = [slowed(make(_paced(span, pace), rng, seconds), span, acceleration) for make in MOTIONS.values()
-              if make.__name__ != "staircase" for pace in PACES for _ in range(DRAWS)]  # fmt: skip
-    clearances = _clearances(model, [command for *_, command in trials], table)
-    safe = [(*trial, room) for trial, room in zip(trials, clearances, strict=True) if room > MARGIN]
-    if not safe:
-        raise ModelError(
-            f"none of {len(trials)} motions keeps a clearance of {1e3 * MARGIN:.0f} mm; give another centre or a smaller reach."
-        )
-    logs = [blank(model, kind, time, command, sigma) for kind, time, command, _ in safe]
-    apart = np.min([_separation(pair, logs, sigma) for pair in pairs], axis=0)
-    first_ones = np.argsort(-apart)[:REFITTED].tolist()
-    for done, k in enumerate(first_ones, 1):
-        apart[k] = min(_separation_after_refit(pair, logs[k]) for pair in pairs)
-        progress(
-            "comparing motions", done, len(first_ones), separation=f"{apart[k]:.3g} (mean square in sensor noises)"
-        )
-    best = max(first_ones, key=lambda k: apart[k])
-    kind, time, command, room = safe[best]
-    rates = np.gradient(command, 1 / COMMAND_HZ, axis=0)
+    judged = _judged(pairs, motions, sigma, progress)
+    motion, ratio = judged[0]
+    rates = np.gradient(motion.command, 1 / COMMAND_HZ, axis=0)
     return Proposal(
-        (first, second), model.joints, kind, time, command, float(apart[best]),
-        tuple(sorted(((safe[k][0], float(apart[k])) for k in first_ones), key=lambda row: -row[1])),
-        room, np.abs(rates).max(0), np.abs(np.gradient(rates, 1 / COMMAND_HZ, axis=0)).max(0), pairs[0],
+        (first, second), model.joints, motion.kind, motion.time, motion.command, _per_sample(motion, ratio),
+        tuple((m.kind, _per_sample(m, value)) for m, value in judged), ratio, tuple(value for _, value in judged),
+        motion.clearance, np.abs(rates).max(0), np.abs(np.gradient(rates, 1 / COMMAND_HZ, axis=0)).max(0), pairs[0],
     )  # fmt: skip
 
 
-def allowed_span(model: RobotModel, recordings: Sequence[Recording], centre, reach: float, speed: float) -> Span:
-    """Where the joints may be sent: within the URDF's limits, about the given, recorded or middle position."""
-    tree = model.tree
-    low, high = np.maximum(tree.lower, -np.pi), np.minimum(tree.upper, np.pi)
-    if centre is not None:
-        middle = np.asarray(centre, float)
-    elif recordings:
-        middle = np.median(np.concatenate([r.position for r in recordings]), axis=0)
-    else:
-        middle = (low + high) / 2
-    middle = np.clip(middle, low, high)
-    room = np.minimum(np.minimum(middle - low, high - middle), reach)
-    fastest = np.where(np.isfinite(tree.velocity), tree.velocity, 2.0)
-    return Span(middle, np.maximum(0.95 * room, 1e-3), speed * fastest)
+def _judged(
+    pairs: Sequence[Pair], motions: Sequence[CandidateMotion], sigma: np.ndarray, progress: ProgressCallback
+) -> list[tuple[CandidateMotion, float]]:  # fmt: skip
+    """The best motions and their expected 2 x difference of log-likelihood, the smallest of all pairs; the best one first.
+
+    On those where the models differ most, of each kind and in all, the second is refitted by one step; on the best to the end.
+    """
+    progress("comparing motions", 0, 3)
+    runs = {id(model): simulated(model, motions, sigma) for pair in pairs for model in pair}
+    apart = np.min([difference(runs[id(true)], runs[id(other)]) for true, other in pairs], axis=0)
+    order = np.argsort(-apart).tolist()
+    chosen = list({motions[k].kind: k for k in reversed(order)}.values())  # the first of each kind
+    chosen += [k for k in order if k not in chosen][:FURTHER]
+    progress("comparing motions", 1, 3)
+    linear = np.min([after_one_step([runs[id(true)][k] for k in chosen], other) for true, other in pairs], axis=0)
+    best = [chosen[i] for i in np.argsort(-linear)[:REFITTED]]
+    progress("comparing motions", 2, 3, expected=f"{linear.max():.3g} (2 x difference of log-likelihood)")
+    judged = [(motions[k], min(after_refit(runs[id(true)][k], other) for true, other in pairs)) for k in best]
+    judged.sort(key=lambda row: -row[1])
+    progress("comparing motions", 3, 3, expected=f"{judged[0][1]:.3g} (2 x difference of log-likelihood)")
+    return judged
 
 
-def slowed(motion: Motion, span: Span, acceleration: float) -> tuple[str, np.ndarray, np.ndarray]:
-    """Kind, time (T,) and commands (T, n) of a motion, slowed down until its acceleration is allowed, eased in and out."""
-    stretch = 1.0
-    time, command = eased(motion, span, stretch)
-    for _ in range(20):
-        rates = np.gradient(command, 1 / COMMAND_HZ, axis=0)
-        peak = np.abs(np.gradient(rates, 1 / COMMAND_HZ, axis=0)).max()
-        over = max(peak / acceleration, (np.abs(rates).max(0) / span.speed).max() ** 2)
-        if over <= 1.0:
-            break
-        stretch *= min(np.sqrt(over) * 1.02, 2.0)
-        time, command = eased(motion, span, stretch)
-    return motion.kind, time, command
-
-
-def eased(motion: Motion, span: Span, stretch: float) -> tuple[np.ndarray, np.ndarray]:
-    """Time (T,) and commands (T, n) of a motion slowed down by a factor, that begins and ends at the span's centre."""
-    time = np.arange(0.0, motion.duration * stretch + 1e-9, 1 / COMMAND_HZ)
-    ease = np.clip(np.minimum(time, time[-1] - time) / RAMP, 0.0, 1.0)
-    ease = ease**3 * (10 - 15 * ease + 6 * ease**2)
-    return time, span.centre + ease[:, None] * (motion(time / stretch) - span.centre)
-
-
-def blank(model: RobotModel, kind: str, time: np.ndarray, command: np.ndarray, sigma: np.ndarray) -> Recording:
-    """Commands as a recording that has not been made yet; it starts at rest at the first of them."""
-    hold = "linear" if model.command_hold == "unknown" else model.command_hold
-    return Recording(kind, model.joints, time, command, command, units=model.units, command_hold=hold, noise=sigma,
-                     quantum=np.zeros(model.n))  # fmt: skip
-
-
-def _paced(span: Span, pace: float) -> Span:
-    return Span(span.centre, span.reach, span.speed * pace)
-
-
-def _clearances(model: RobotModel, commands: Sequence[np.ndarray], table: float | None) -> list[float]:
-    """Least distance (m) to anything on each motion."""
-    checked = [command[:: round(COMMAND_HZ / CLEARANCE_HZ)] for command in commands]
-    ends = np.cumsum([len(part) for part in checked])[:-1]
-    return [float(part.min()) for part in np.split(clearance(model, np.concatenate(checked), table), ends)]
-
-
-def _separation(pair: Pair, logs: Sequence[Recording], sigma: np.ndarray) -> list[float]:
-    """Mean square difference of two models on each motion, in sensor noises."""
-    runs = [simulate_sets(model, logs) for model in pair]
-    return [float(np.mean(((a.position[0] - b.position[0]) / sigma) ** 2)) for a, b in zip(*runs, strict=True)]
-
-
-def _separation_after_refit(pair: Pair, log: Recording) -> float:
-    """Mean square difference that is left on a motion once the second model is refitted to it (linearly)."""
-    true, other = pair
-    problem = Problem(other, [log.with_(position=simulate(true, log).position)], hold=log.command_hold)
-    residuals, jacobian = problem.jacobian(problem.start)
-    change = np.linalg.lstsq(jacobian, residuals, rcond=1e-6)[0]
-    return float(np.mean((residuals - jacobian @ change) ** 2))
+def _per_sample(motion: CandidateMotion, ratio: float) -> float:
+    """Mean square difference in sensor noises that makes a 2 x difference of log-likelihood on a motion."""
+    return ratio * COMMAND_HZ * CORRELATED / motion.command.size
 
 
 def _fitted(model, effects, recordings, span: Span, rng, progress: ProgressCallback) -> list[Pair]:
-    """Pairs of models, with one effect and with the other, fitted to the same motion."""
-    if recordings:
-        logs = Recordings(recordings)
-        one, other = (add_effect(model, name, logs, logs, progress).after.model for name in effects)
-        return [(one, other)]
-    pairs = zip(effects, reversed(effects), strict=True)  # ground truth, imitation
-    pairs = [(true, other) for true, other in pairs if true not in model.catalogue[other].generalises]
-    return [_imitation(model, *pair, span, rng, progress) for pair in pairs]
+    """Pairs of a true model with one effect and one with the other that imitates it, fitted to the same motion."""
+    catalogue = model.catalogue
+    pairs = [(true, other) for true, other in (effects, effects[::-1]) if true not in catalogue[other].generalises]
+    if not recordings:
+        return [_imitation(model, *pair, span, rng, progress) for pair in pairs]
+    logs = Recordings(recordings)
+    fitted = {name: add_effect(model, name, logs, logs, progress).after.model for name in effects}
+    return [(fitted[true], fitted[other]) for true, other in pairs]
 
 
 def _imitation(model: RobotModel, true_name: str, other: str, span: Span, rng, progress: ProgressCallback) -> Pair:

@@ -205,7 +205,7 @@ def screen_all(search: Search, problem: Problem, fit: Fit, null: NullDistributio
     screened = screen(search.catalogue, points, short, floor, search.jobs, search.progress)
     search.rollouts += short.rollouts - before + sum(s.rollouts for s in screened)
     if first:
-        search.unobservable = tuple(sorted(s.kind.name for s in screened if s.visible < VISIBLE_SHARE))
+        search.unobservable = tuple(s.kind.name for s in screened if s.visible < VISIBLE_SHARE)
     return screened
 
 

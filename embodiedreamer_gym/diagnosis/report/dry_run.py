@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from embodiedreamer_gym.diagnosis.experiment_design import Proposal, blank
+from embodiedreamer_gym.diagnosis.candidate_motions import blank
+from embodiedreamer_gym.diagnosis.experiment_design import Proposal
 from embodiedreamer_gym.diagnosis.report.drawing import AFTER, BAND, BEFORE, INK, WIDTH, short, tidy
 from embodiedreamer_gym.robot.kinematics import Kinematics
 from embodiedreamer_gym.simulation import simulate

@@ -65,12 +65,12 @@ def verdict_sentence(data: Mapping[str, Any]) -> str:
 
 
 def next_step(data: Mapping[str, Any], sentence: str) -> str:
-    """Sentence after a verdict: how much the closest effect explains, or how to record a deciding motion; "" for none."""
-    if data["verdict"] == "unknown":
-        return sentence
-    if data["verdict"] == "ambiguous":
-        return f"A motion that distinguishes them: embodiedreamer excite --separate {','.join(data['effects'][:2])}"
-    return ""
+    """Sentences after a verdict: how much the closest effect explains, how to record a deciding motion; "" for none."""
+    said, pair = [sentence] if data["verdict"] == "unknown" else [], data["next_question"]
+    if pair:
+        them = "them" if data["verdict"] == "ambiguous" else listed([effect_name(name) for name in pair])
+        said.append(f"A motion that distinguishes {them}: embodiedreamer excite --separate {','.join(pair)}")
+    return " ".join(said)
 
 
 def alarm_sentence(data: Mapping[str, Any]) -> str:

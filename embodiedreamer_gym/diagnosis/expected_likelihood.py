@@ -1,0 +1,99 @@
+"""How clearly a motion decides between two models: the expected fall of the log-likelihood if the wrong one is taken.
+
+The truth is simulated, and the other model refitted to it: servo gains (damping answers what viscous friction does), the
+effect and the URDF's errors, of the size that the null distribution gives them. What it cannot answer counts, in sensor noises.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from embodiedreamer_gym.diagnosis.candidate_motions import COMMAND_HZ, CandidateMotion, blank
+from embodiedreamer_gym.diagnosis.null_distribution import CENTRE, GROUPS, MASS
+from embodiedreamer_gym.effects.inertial_error import InertialError
+from embodiedreamer_gym.phys_aligner.problem import CORRELATED, Problem, free_rows
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.data import UrdfError
+from embodiedreamer_gym.simulation import simulate_sets
+
+SETTLING = 2.0  # s at the first command, after which a motion begins
+LONGEST_STEP = 3.0  # scaled units, of one parameter in one step
+SHARES = (1.0, 0.5, 0.2, 0.05)  # of a step that are tried
+ITERATIONS = 4
+ENOUGH = 0.02  # relative fall below which a refit has ended
+
+
+def simulated(model: RobotModel, motions: Sequence[CandidateMotion], sigma: np.ndarray) -> list[Recording]:
+    """What a model does on motions, from where it rests at their first command, with sensors of noise sigma (n,)."""
+    first, still = motions[0].command[:1], np.arange(0.0, SETTLING, 1 / COMMAND_HZ)
+    pause = blank(model, "pause", still, np.repeat(first, len(still), axis=0), sigma)
+    rest = simulate_sets(model, [pause])[0].position[0, -1:]
+    logs = [blank(model, m.kind, m.time, m.command, sigma) for m in motions]
+    runs = simulate_sets(model, [log.with_(position=np.repeat(rest, len(log.time), axis=0)) for log in logs])
+    return [log.with_(position=run.position[0]) for log, run in zip(logs, runs, strict=True)]
+
+
+def difference(one: Sequence[Recording], other: Sequence[Recording]) -> np.ndarray:
+    """2 x difference of log-likelihood (K,) of two models' runs of the same motions, neither refitted."""
+    squares = [np.sum(((a.position - b.position) / a.sigma) ** 2) for a, b in zip(one, other, strict=True)]
+    return np.array(squares) * [independent(log) for log in one]
+
+
+def after_one_step(truths: Sequence[Recording], other: RobotModel) -> np.ndarray:
+    """Expected 2 x difference of log-likelihood (K,) on each motion, the other model refitted by one step, linearly."""
+    problem = _problem(other, truths)
+    r, jacobian = problem.jacobian(problem.start)
+    ratios = []
+    for k, truth in enumerate(truths):
+        rows, share = problem.run_of == k, independent(truth)
+        step = _step(problem, problem.start, r[rows], jacobian[rows], share)
+        ratios.append(_cost(problem, problem.start + step, r[rows] + jacobian[rows] @ step, share))
+    return np.array(ratios)
+
+
+def after_refit(truth: Recording, other: RobotModel) -> float:
+    """Expected 2 x difference of log-likelihood on one motion, the other model refitted to the end."""
+    problem, share = _problem(other, [truth]), independent(truth)
+    x, cost = problem.start, np.inf
+    for _ in range(ITERATIONS):
+        r, jacobian = problem.jacobian(x)
+        cost = _cost(problem, x, r, share)
+        trials = x + np.outer(SHARES, _step(problem, x, r, jacobian, share))
+        costs = [_cost(problem, *trial, share) for trial in zip(trials, problem.residuals(trials), strict=True)]
+        best = int(np.argmin(costs))
+        if costs[best] > (1 - ENOUGH) * cost:
+            return min(cost, costs[best])
+        x, cost = trials[best], costs[best]
+    return cost
+
+
+def independent(log: Recording) -> float:
+    """Share of a recording's samples that counts as independent."""
+    return min(1.0, 1.0 / (log.hz * CORRELATED))
+
+
+def _problem(model: RobotModel, logs: Sequence[Recording]) -> Problem:
+    """The refit of a model, with the errors of the URDF beside its own free parameters."""
+    groups = tuple(dict.fromkeys(row.key.group for row in free_rows(model)))
+    if not model.has_effect(InertialError):
+        model = model.with_(urdf_error=UrdfError(mass=MASS, centre=CENTRE)).with_effect(InertialError)
+        groups += GROUPS
+    return Problem(model, logs, groups, logs[0].command_hold)
+
+
+def _cost(problem: Problem, x: np.ndarray, r: np.ndarray, share: float) -> float:
+    return float(share * np.sum(r**2) + np.sum(problem.prior * x**2))
+
+
+def _step(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray, share: float) -> np.ndarray:
+    """The Gauss-Newton step (m,) of the cost inside the bounds."""
+    root = np.sqrt(problem.prior)
+    rows = np.vstack([np.sqrt(share) * np.column_stack([jacobian, r]), np.column_stack([np.diag(root), root * x])])
+    triangle = np.asarray(np.linalg.qr(rows, mode="r"))
+    low = np.maximum(problem.lower - x, -LONGEST_STEP) - 1e-9
+    high = np.minimum(problem.upper - x, LONGEST_STEP) + 1e-9
+    return lsq_linear(triangle[:, :-1], -triangle[:, -1], (low, high)).x
