@@ -25,7 +25,7 @@ UPPER = [0, 1, 2, 4, 5, 8]  # entries of an inertia (3, 3) that say all
 
 UNWRAPPED: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # for calls from compiled code only
 jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-inner = nb.njit(nogil=True, error_model="numpy", fastmath={"contract"}, **UNWRAPPED)
+inner = nb.njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True, **UNWRAPPED)
 
 
 @inner

@@ -40,19 +40,22 @@ def substitute(low, right, out, work, first, end):
 
 
 @inner
-def invert(low, inverse, column, first, end):
-    """Inverse of low low^T on one block."""
-    for c in range(first, end):
-        for i in range(first, end):
-            s = 1.0 if i == c else 0.0
-            for k in range(first, i):
-                s -= low[i, k] * column[k]
-            column[i] = s / low[i, i]
-        for i in range(end - 1, first - 1, -1):
-            s = column[i]
-            for k in range(i + 1, end):
-                s -= low[k, i] * inverse[k, c]
-            inverse[i, c] = s / low[i, i]
+def invert(low, inverse, first, end):
+    """Inverse of low low^T on one block, all columns side by side for the vector instructions."""
+    for i in range(first, end):
+        for c in range(first, end):
+            inverse[i, c] = 1.0 if i == c else 0.0
+        for k in range(first, i):
+            for c in range(first, end):
+                inverse[i, c] -= low[i, k] * inverse[k, c]
+        for c in range(first, end):
+            inverse[i, c] /= low[i, i]
+    for i in range(end - 1, first - 1, -1):
+        for k in range(i + 1, end):
+            for c in range(first, end):
+                inverse[i, c] -= low[k, i] * inverse[k, c]
+        for c in range(first, end):
+            inverse[i, c] /= low[i, i]
 
 
 @inner

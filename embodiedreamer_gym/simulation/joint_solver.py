@@ -144,7 +144,7 @@ def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound
                     if forward[b, i] > 0.0 or backward[b, i] > 0.0:
                         constrained = True
                 if constrained:
-                    invert(low, inverse, work, first, end)
+                    invert(low, inverse, first, end)
                     stop(inverse, new, impulse[b], forward[b], backward[b], slowest, fastest, dt, first, end)
                 changed = False
                 for i in range(first, end):
@@ -218,7 +218,7 @@ def _at_first(gear, wound, mass, rotor, side, left, lone, low, inverse, work, fi
         left[i], half = 0, gear[2, i]
         side[i] = MESHED if half == 0.0 else AHEAD if wound[i] >= half else BEHIND if wound[i] <= -half else OPEN
     factor(mass, lone, low, first, end)
-    invert(low, inverse, work, first, end)
+    invert(low, inverse, first, end)
     for i in range(first, end):
         lone[i] = 1.0 / inverse[i, i]
 
