@@ -221,9 +221,7 @@ class Recording:
         for name in ("noise", "quantum"):
             array = self._array(name, getattr(self, name))
             if array.shape != (len(self.joints),) or not np.all((array >= 0) & (array < LARGEST)):
-                raise self._error(
-                    f"{name} must be {len(self.joints)} numbers, one per joint, not negative and below {LARGEST:g}"
-                )
+                raise self._error(f"{name} must be {len(self.joints)} numbers from 0 to {LARGEST:g}, one per joint")
             self._set(name, array)
 
     def _fill_gain(self) -> None:
