@@ -67,7 +67,7 @@ class Proposal:
     by_joint: (n,) of it at each joint, of the proposed motion.
     clearance: least distance to the table, the other arm and the arm itself, m.
     speed, acceleration: (n,) peaks of the commands, per s and s^2.
-    models: both fitted models.
+    models: the two fitted models that it separates least, the first of them taken for the truth.
     """
 
     effects: tuple[str, str]
@@ -175,21 +175,21 @@ def propose_motion(
     pairs = _fitted(model, effects, recordings, span, rng, progress)
     sigma = np.mean([r.sigma for r in recordings], axis=0) if recordings else np.full(model.n, NOISE)
     judged = _judged(pairs, motions, sigma, progress)
-    motion, ratios = judged[0]
+    motion, pair, ratios = judged[0]
     rates = np.gradient(motion.command, 1 / COMMAND_HZ, axis=0)
-    totals = [float(row.sum()) for _, row in judged]
+    totals = [float(row.sum()) for *_, row in judged]
     return Proposal(
         (first, second), model.joints, motion.kind, motion.time, motion.command, _per_sample(motion, totals[0]),
-        tuple((m.kind, _per_sample(m, total)) for (m, _), total in zip(judged, totals, strict=True)), tuple(totals), ratios,
+        tuple((m.kind, _per_sample(m, total)) for (m, *_), total in zip(judged, totals, strict=True)), tuple(totals), ratios,
         motion.clearance, np.abs(rates).max(0), np.abs(np.gradient(rates, 1 / COMMAND_HZ, axis=0)).max(0),
-        (pairs[0].true, pairs[0].other),
+        (pair.true, pair.other),
     )  # fmt: skip
 
 
 def _judged(
     pairs: Sequence[Pair], motions: Sequence[CandidateMotion], sigma: np.ndarray, progress: ProgressCallback
-) -> list[tuple[CandidateMotion, np.ndarray]]:  # fmt: skip
-    """The best motions and the expected 2 x difference of log-likelihood (n,) of the pair they separate least, best first.
+) -> list[tuple[CandidateMotion, Pair, np.ndarray]]:  # fmt: skip
+    """The best motions, the pair each separates least, and its expected 2 x difference of log-likelihood (n,), best first.
 
     On those where the models differ most, of each kind and in all, the second is refitted by one step; on the best to the end.
     """
@@ -207,10 +207,10 @@ def _judged(
     for k in best:
         refits = [(pair, after_refit(runs[id(pair.true)][k], pair.other)) for pair in pairs]
         pair, ratios = min(refits, key=lambda refit: refit[0].clarity(refit[1]))
-        judged.append((pair.clarity(ratios), motions[k], ratios))
-    judged.sort(key=lambda row: -row[0])
+        judged.append((motions[k], pair, ratios))
+    judged.sort(key=lambda row: -row[1].clarity(row[2]))
     progress("comparing motions", 3, 3, expected=f"{judged[0][2].sum():.3g} (2 x difference of log-likelihood)")
-    return [(motion, ratios) for _, motion, ratios in judged]
+    return judged
 
 
 def _per_sample(motion: CandidateMotion, ratio: float) -> float:
