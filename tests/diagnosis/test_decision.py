@@ -44,7 +44,9 @@ def test_a_faultless_robot_shows_neither(proposal) -> None:
     assert found.best is None and "neither" in str(found)
 
 
-@pytest.mark.parametrize(("apart", "decides"), [(np.full(24, 1.0), True), (np.zeros(24), False), (np.eye(24)[0] * 24, False)])
+@pytest.mark.parametrize(
+    ("apart", "decides"), [(np.full(24, 1.0), True), (np.zeros(24), False), (np.eye(24)[0] * 24, False)]
+)
 def test_one_odd_piece_of_time_decides_nothing(apart, decides) -> None:
     counts = np.full((24, 1), 20)
     one, other = (HeldOut(blocks.sum(0) / 480, np.ones(1), blocks, counts)
