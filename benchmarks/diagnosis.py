@@ -10,7 +10,7 @@ of effects of different families; 30 effects left out of the catalogue that the 
 whose law another member contains. The variants have 80 cases each: positions (and commands) alone; teleoperation at
 30 Hz to learn from and to be judged by; no_command (positions and efforts); poor_urdf (the same, masses up to 10 % and centres 10 mm off); other_arm (two other arms, the mixture of
 main, beside main's figures); ties (slow, poor motion on a user's question "this or that?", then the proposed motion is
-recorded and everything is asked again). A torque constant is in no_command only: with a logged command the gains take
+recorded, everything is asked again, and the two are compared by their likelihood). A torque constant is in no_command only: with a logged command the gains take
 it up, and nothing is left to see.
 
 Four recordings of 6 s a case, two of them held out and of another kind. The labels are written to OUT.labels.json and

@@ -19,6 +19,7 @@ import numpy as np
 
 from embodiedreamer_gym.diagnosis import Diagnosis, add_effect, compare, diagnose
 from embodiedreamer_gym.diagnosis.candidates import refit
+from embodiedreamer_gym.diagnosis.decision import decide
 from embodiedreamer_gym.diagnosis.experiment_design import propose_motion
 from embodiedreamer_gym.diagnosis.screening import linearise, screen
 from embodiedreamer_gym.effects import CATALOGUE
@@ -222,29 +223,34 @@ def oracle_of(model: RobotModel, folder: str, effects: tuple[str, ...]) -> dict[
 
 
 def ask_again(case: Case, model: RobotModel, folder: str, found: Diagnosis, label: Label) -> dict[str, Any] | None:
-    """Where the first answer named no one effect: record the proposed motion twice, to learn from and to be judged by.
+    """Where an effect of the question is left open: record the proposed motion twice, to learn from and to be judged by.
 
-    A declared tie is asked about; where nothing was named, the two effects of the user's question are, whose typical
-    sizes then choose the motion. None where one effect was named.
+    The question is the diagnosis' own where it declares a tie, else the user's. Effects that the first recordings cannot
+    show have their typical sizes when the motion is chosen. None where the first answer stands.
     """
-    if found.verdict == "missing":
+    pair = found.question((label.question[0], label.question[1]))
+    if pair is None:
         return None
-    tie = found.verdict == "ambiguous" and len(found.effects) > 1
-    names = list(found.effects if tie else label.question)
-    pair = names[0], names[1]
     train = load_recordings(f"{folder}/train")
     home = np.median(np.concatenate([r.position for r in train]), axis=0)
-    proposal = propose_motion(model, pair, train if tie else (), centre=home)
+    seen = not set(pair) & set(found.unobservable) and found.verdict != "nothing_missing"
+    begun = time.perf_counter()
+    proposal = propose_motion(model, pair, train if seen else (), centre=home)
+    seconds = time.perf_counter() - begun
     motion = Motion(_between(proposal.time, proposal.command), float(proposal.time[-1]), proposal.kind)
     for part in ("train", "test"):
         take = case.record(motion, f"decides-{part}")
         save_recording(take, f"{folder}/{part}/{take.name}.csv")
     again = _diagnose(model, folder, CATALOGUE)
+    decision = decide(model, pair, *(load_recordings(f"{folder}/{part}") for part in ("train", "test")))
     return {
         "asked": list(pair),
         "kind": proposal.kind,
         "separation": proposal.separation,
+        "log_likelihood": proposal.log_likelihood,
+        "seconds": seconds,
         "found": again.as_dict(),
+        "decision": decision.as_dict(),
     }
 
 

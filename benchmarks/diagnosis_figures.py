@@ -35,6 +35,7 @@ TEXTS = {
     "both": "pairs: both named and nothing else",
     "held": "95 % intervals of the named effect that hold the truth",
     "resolved": "ties and unseen effects rightly named after the proposed motion",
+    "decided": "the same: of the two asked about, the right one by its likelihood",
     "median_seconds": "seconds of a diagnosis, median",
     "worst_seconds": "seconds of a diagnosis, worst",
 }
@@ -49,7 +50,7 @@ TARGETS: dict[str, dict[str, tuple[float, float]]] = {  # least and most
     "teleoperation": {"right_or_silent": (0.80, 1)},
     "no_command": {"name": (0.90, 1), "fall": (0.80, np.inf)},
     "poor_urdf": {"name": (0.88, 1), "accused": (0, 0)},
-    "ties": {"resolved": (0.80, 1)},
+    "ties": {"resolved": (0.80, 1), "decided": (0.85, 1)},
     "other_arm": {},
 }  # fmt: skip
 
@@ -124,6 +125,7 @@ def figures(rows: Sequence[Row], name: str) -> list[Figure]:
     found += share("both", map(right_name, pairs), targets)
     found += share("held", (inside for row in right for inside in held(row)), targets)
     found += share("resolved", (resolved(row) for row in ties if not right_name(row)), targets)
+    found += share("decided", (decided(row) for row in ties if not right_name(row)), targets)
     found += median("median_seconds", seconds, targets)
     if seconds:
         worst = max(seconds)
@@ -223,6 +225,11 @@ def held(row: Row) -> list[bool]:
 def resolved(row: Row) -> bool:
     """Whether the second diagnosis, after the proposed motion, names the hidden effect alone."""
     return bool(row.get("next")) and right_name({"label": row["label"], "found": row["next"]["found"]})
+
+
+def decided(row: Row) -> bool:
+    """Whether the likelihood of all recordings, the proposed motion among them, speaks for the hidden effect."""
+    return bool(row.get("next")) and [row["next"].get("decision", {}).get("best")] == list(row["label"]["effects"])
 
 
 def beside(mine: Sequence[Figure], main: Sequence[Figure]) -> list[str]:

@@ -163,16 +163,20 @@ def chirp(
     """A sine per joint whose frequency [Hz] rises steadily, as large as reach, speed and acceleration allow."""
     n = len(span.centre)
     rate = np.log(highest * rng.uniform(0.7, 1.0, n) / lowest) / duration  # of the frequency's logarithm, per s
-    sign, edge = rng.choice([-1.0, 1.0], n), duration / 8
+    sign, edge = rng.choice([-1.0, 1.0], n), duration / 5
 
-    def sweep(t: Array) -> Array:
+    def wave(t: Array) -> Array:
         omega = 2 * np.pi * lowest * np.exp(t[:, None] * rate)
         limits = np.stack(np.broadcast_arrays(span.reach, span.speed / omega, span.acceleration / omega**2))
         size = np.sum(limits**-4.0, axis=0) ** -0.25  # a smooth minimum
         window = _min_jerk(np.minimum(t, duration - t) / edge)[:, None]
-        return span.centre + 0.9 * size * window * sign * np.sin((omega - 2 * np.pi * lowest) / rate)
+        return size * window * sign * np.sin((omega - 2 * np.pi * lowest) / rate)
 
-    return Motion(sweep, duration, "chirp", at_rest=True)
+    grid = np.arange(0, duration, 1e-3)
+    speeds = np.gradient(wave(grid), 1e-3, axis=0)
+    fastest, hardest = np.abs(speeds).max(0), np.abs(np.gradient(speeds, 1e-3, axis=0)).max(0)
+    scale = np.minimum(1.0, np.minimum(span.speed / fastest, span.acceleration / hardest))
+    return Motion(lambda t: span.centre + scale * wave(t), duration, "chirp", at_rest=True)
 
 
 MOTIONS = {

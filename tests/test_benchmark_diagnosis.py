@@ -242,7 +242,9 @@ def test_a_tie_is_asked_again_with_the_proposed_motion_recorded_twice(tmp_path, 
     def propose(model, pair, recordings, centre):
         asked.append((pair, len(recordings), centre.shape))
         time = np.linspace(0.0, 0.5, 26)
-        return SimpleNamespace(time=time, command=centre + 0.1 * time[:, None], kind="multisine", separation=3.0)
+        return SimpleNamespace(
+            time=time, command=centre + 0.1 * time[:, None], kind="multisine", separation=3.0, log_likelihood=90.0
+        )
 
     def look(model, folder, known):
         logs = [load_recordings(f"{folder}/{part}") for part in ("train", "test")]
@@ -251,11 +253,19 @@ def test_a_tie_is_asked_again_with_the_proposed_motion_recorded_twice(tmp_path, 
         return SimpleNamespace(as_dict=lambda: {"verdict": "missing"})
 
     monkeypatch.setattr(diagnosis_cases, "propose_motion", propose)
+
+    def answer(model, pair, train, test):
+        assert [len(train), len(test)] == [3, 3]
+        return SimpleNamespace(as_dict=lambda: {"best": pair[0]})
+
     monkeypatch.setattr(diagnosis_cases, "_diagnose", look)
-    for verdict, effects in (("ambiguous", ("payload", "base_tilt")), ("unknown", ()), ("missing", ("payload",))):
-        found: Any = SimpleNamespace(verdict=verdict, effects=effects)
+    monkeypatch.setattr(diagnosis_cases, "decide", answer)
+    for verdict, pair, unseen in (("ambiguous", ("payload", "base_tilt"), ()), ("unknown", label.question, label.question),
+                                  ("missing", None, ())):  # fmt: skip
+        found: Any = SimpleNamespace(verdict=verdict, unobservable=unseen, question=lambda asked, pair=pair: pair)
         again = diagnosis_cases.ask_again(case, model, str(tmp_path), found, label)
         assert (again is None) == (verdict == "missing")
+        assert again is None or (again["decision"]["best"] == pair[0] and again["log_likelihood"] == 90.0)
     assert asked == [(("payload", "base_tilt"), 2, (1,)), (("torque_bias", "joint_spring"), 0, (1,))]
 
 

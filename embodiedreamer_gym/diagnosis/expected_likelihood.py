@@ -38,37 +38,38 @@ def simulated(model: RobotModel, motions: Sequence[CandidateMotion], sigma: np.n
 
 
 def difference(one: Sequence[Recording], other: Sequence[Recording]) -> np.ndarray:
-    """2 x difference of log-likelihood (K,) of two models' runs of the same motions, neither refitted."""
-    squares = [np.sum(((a.position - b.position) / a.sigma) ** 2) for a, b in zip(one, other, strict=True)]
-    return np.array(squares) * [independent(log) for log in one]
+    """2 x difference of log-likelihood (K, n) of two models' runs of the same motions at each joint, neither refitted."""
+    squares = [np.sum(((a.position - b.position) / a.sigma) ** 2, axis=0) for a, b in zip(one, other, strict=True)]
+    return np.array([independent(log) for log in one])[:, None] * squares
 
 
 def after_one_step(truths: Sequence[Recording], other: RobotModel) -> np.ndarray:
-    """Expected 2 x difference of log-likelihood (K,) on each motion, the other model refitted by one step, linearly."""
+    """Expected 2 x difference of log-likelihood (K, n) on each motion, the other model refitted by one step, linearly."""
     problem = _problem(other, truths)
     r, jacobian = problem.jacobian(problem.start)
     ratios = []
     for k, truth in enumerate(truths):
         rows, share = problem.run_of == k, independent(truth)
         step = _step(problem, problem.start, r[rows], jacobian[rows], share)
-        ratios.append(_cost(problem, problem.start + step, r[rows] + jacobian[rows] @ step, share))
+        left = r[rows] + jacobian[rows] @ step
+        ratios.append(_by_joint(problem, problem.start + step, left, problem.joint_of[rows], share))
     return np.array(ratios)
 
 
-def after_refit(truth: Recording, other: RobotModel) -> float:
-    """Expected 2 x difference of log-likelihood on one motion, the other model refitted to the end."""
+def after_refit(truth: Recording, other: RobotModel) -> np.ndarray:
+    """Expected 2 x difference of log-likelihood (n,) on one motion, the other model refitted to the end."""
     problem, share = _problem(other, [truth]), independent(truth)
-    x, cost = problem.start, np.inf
+    x, ratios = problem.start, np.full(other.n, np.inf)
     for _ in range(ITERATIONS):
         r, jacobian = problem.jacobian(x)
-        cost = _cost(problem, x, r, share)
-        trials = x + np.outer(SHARES, _step(problem, x, r, jacobian, share))
-        costs = [_cost(problem, *trial, share) for trial in zip(trials, problem.residuals(trials), strict=True)]
-        best = int(np.argmin(costs))
-        if costs[best] > (1 - ENOUGH) * cost:
-            return min(cost, costs[best])
-        x, cost = trials[best], costs[best]
-    return cost
+        trials = np.vstack([x, x + np.outer(SHARES, _step(problem, x, r, jacobian, share))])
+        residuals = [r, *problem.residuals(trials[1:])]
+        costs = [_by_joint(problem, *trial, problem.joint_of, share) for trial in zip(trials, residuals, strict=True)]
+        best = int(np.argmin(np.sum(costs, axis=1)))
+        ratios, x = costs[best], trials[best]
+        if ratios.sum() > (1 - ENOUGH) * costs[0].sum():
+            break
+    return ratios
 
 
 def independent(log: Recording) -> float:
@@ -85,8 +86,10 @@ def _problem(model: RobotModel, logs: Sequence[Recording]) -> Problem:
     return Problem(model, logs, groups, logs[0].command_hold)
 
 
-def _cost(problem: Problem, x: np.ndarray, r: np.ndarray, share: float) -> float:
-    return float(share * np.sum(r**2) + np.sum(problem.prior * x**2))
+def _by_joint(problem: Problem, x: np.ndarray, r: np.ndarray, joint_of: np.ndarray, share: float) -> np.ndarray:
+    """Cost (n,) of residuals at scaled parameters (m,): each joint's own, and an equal part of the prior's."""
+    prior = float(np.sum(problem.prior * x**2))
+    return share * np.bincount(joint_of, r**2, minlength=problem.model.n) + prior / problem.model.n
 
 
 def _step(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray, share: float) -> np.ndarray:

@@ -34,7 +34,22 @@ REFITTED = 2  # motions on which it is refitted to the end
 DECISIVE = 25.0  # 2 x difference of log-likelihood; two standard deviations (2 x its root each) below, odds are 10 to 1
 NOISE = 5e-4  # of a joint's sensor without recordings, in its unit
 TRAINING = ("multisine", "teleoperation")  # motions to which the second effect is fitted, without recordings
-Pair = tuple[RobotModel, RobotModel]  # the truth and the model that is refitted to it
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A model taken for the truth, and one with the other effect, which is refitted to it.
+
+    single: whether the effect may act on one joint alone; a motion has to show it wherever it is then.
+    """
+
+    true: RobotModel
+    other: RobotModel
+    single: bool
+
+    def clarity(self, ratios: np.ndarray) -> np.ndarray:
+        """How clearly motions decide that differ by 2 x log-likelihood (..., n) at the joints; each joint counts less the clearer it is."""
+        return np.log1p(ratios).mean(axis=-1) if self.single else np.log1p(ratios.sum(axis=-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +63,11 @@ class Proposal:
     command: (T, n) in the joints' units; begins and ends at rest.
     separation: mean square difference of the two models on it, in sensor noises, after the second was fitted to it too.
     ranking: (kind, separation) of the best candidates.
-    log_likelihood: expected 2 x difference of log-likelihood between the two, the wrong one fitted to it too.
-    log_likelihoods: of the ranking.
+    log_likelihoods: expected 2 x difference of log-likelihood between the two, the wrong one fitted to it too, of the ranking.
+    by_joint: (n,) of it at each joint, of the proposed motion.
     clearance: least distance to the table, the other arm and the arm itself, m.
     speed, acceleration: (n,) peaks of the commands, per s and s^2.
-    models: both fitted models.
+    models: the two fitted models that it separates least, the first of them taken for the truth.
     """
 
     effects: tuple[str, str]
@@ -62,12 +77,17 @@ class Proposal:
     command: np.ndarray
     separation: float
     ranking: tuple[tuple[str, float], ...]
-    log_likelihood: float
     log_likelihoods: tuple[float, ...]
+    by_joint: np.ndarray
     clearance: float
     speed: np.ndarray
     acceleration: np.ndarray
     models: Pair = field(repr=False)
+
+    @property
+    def log_likelihood(self) -> float:
+        """Expected 2 x difference of log-likelihood between the two effects on it."""
+        return self.log_likelihoods[0]
 
     @property
     def decides(self) -> bool:
@@ -83,6 +103,7 @@ class Proposal:
             "decides": self.decides, "clearance": {"value": self.clearance, "unit": "m"},
             "peaks": {joint: {"speed": v, "acceleration": a} for joint, v, a in peaks},
             "log_likelihood": {"value": self.log_likelihood, "unit": "expected 2 x difference of log-likelihood"},
+            "log_likelihood_by_joint": dict(zip(self.joints, self.by_joint.tolist(), strict=True)),
             "ranking": [{"kind": kind, "separation": value, "log_likelihood": ratio}
                         for (kind, value), ratio in zip(self.ranking, self.log_likelihoods, strict=True)],
         }  # fmt: skip
@@ -154,35 +175,41 @@ def propose_motion(
     pairs = _fitted(model, effects, recordings, span, rng, progress)
     sigma = np.mean([r.sigma for r in recordings], axis=0) if recordings else np.full(model.n, NOISE)
     judged = _judged(pairs, motions, sigma, progress)
-    motion, ratio = judged[0]
+    motion, pair, ratios = judged[0]
     rates = np.gradient(motion.command, 1 / COMMAND_HZ, axis=0)
+    totals = [float(row.sum()) for *_, row in judged]
     return Proposal(
-        (first, second), model.joints, motion.kind, motion.time, motion.command, _per_sample(motion, ratio),
-        tuple((m.kind, _per_sample(m, value)) for m, value in judged), ratio, tuple(value for _, value in judged),
-        motion.clearance, np.abs(rates).max(0), np.abs(np.gradient(rates, 1 / COMMAND_HZ, axis=0)).max(0), pairs[0],
+        (first, second), model.joints, motion.kind, motion.time, motion.command, _per_sample(motion, totals[0]),
+        tuple((m.kind, _per_sample(m, total)) for (m, *_), total in zip(judged, totals, strict=True)), tuple(totals), ratios,
+        motion.clearance, np.abs(rates).max(0), np.abs(np.gradient(rates, 1 / COMMAND_HZ, axis=0)).max(0),
+        (pair.true, pair.other),
     )  # fmt: skip
 
 
 def _judged(
     pairs: Sequence[Pair], motions: Sequence[CandidateMotion], sigma: np.ndarray, progress: ProgressCallback
-) -> list[tuple[CandidateMotion, float]]:  # fmt: skip
-    """The best motions and their expected 2 x difference of log-likelihood, the smallest of all pairs; the best one first.
+) -> list[tuple[CandidateMotion, Pair, np.ndarray]]:  # fmt: skip
+    """The best motions, the pair each separates least, and its expected 2 x difference of log-likelihood (n,), best first.
 
     On those where the models differ most, of each kind and in all, the second is refitted by one step; on the best to the end.
     """
     progress("comparing motions", 0, 3)
-    runs = {id(model): simulated(model, motions, sigma) for pair in pairs for model in pair}
-    apart = np.min([difference(runs[id(true)], runs[id(other)]) for true, other in pairs], axis=0)
+    runs = {id(model): simulated(model, motions, sigma) for pair in pairs for model in (pair.true, pair.other)}
+    apart = np.min([pair.clarity(difference(runs[id(pair.true)], runs[id(pair.other)])) for pair in pairs], axis=0)
     order = np.argsort(-apart).tolist()
     chosen = list({motions[k].kind: k for k in reversed(order)}.values())  # the first of each kind
     chosen += [k for k in order if k not in chosen][:FURTHER]
     progress("comparing motions", 1, 3)
-    linear = np.min([after_one_step([runs[id(true)][k] for k in chosen], other) for true, other in pairs], axis=0)
-    best = [chosen[i] for i in np.argsort(-linear)[:REFITTED]]
-    progress("comparing motions", 2, 3, expected=f"{linear.max():.3g} (2 x difference of log-likelihood)")
-    judged = [(motions[k], min(after_refit(runs[id(true)][k], other) for true, other in pairs)) for k in best]
-    judged.sort(key=lambda row: -row[1])
-    progress("comparing motions", 3, 3, expected=f"{judged[0][1]:.3g} (2 x difference of log-likelihood)")
+    linear = [pair.clarity(after_one_step([runs[id(pair.true)][k] for k in chosen], pair.other)) for pair in pairs]
+    best = [chosen[i] for i in np.argsort(-np.min(linear, axis=0))[:REFITTED]]
+    progress("comparing motions", 2, 3, motion=motions[best[0]].kind)
+    judged = []
+    for k in best:
+        refits = [(pair, after_refit(runs[id(pair.true)][k], pair.other)) for pair in pairs]
+        pair, ratios = min(refits, key=lambda refit: refit[0].clarity(refit[1]))
+        judged.append((motions[k], pair, ratios))
+    judged.sort(key=lambda row: -row[1].clarity(row[2]))
+    progress("comparing motions", 3, 3, expected=f"{judged[0][2].sum():.3g} (2 x difference of log-likelihood)")
     return judged
 
 
@@ -193,16 +220,17 @@ def _per_sample(motion: CandidateMotion, ratio: float) -> float:
 
 def _fitted(model, effects, recordings, span: Span, rng, progress: ProgressCallback) -> list[Pair]:
     """Pairs of a true model with one effect and one with the other that imitates it, fitted to the same motion."""
-    catalogue = model.catalogue
-    pairs = [(true, other) for true, other in (effects, effects[::-1]) if true not in catalogue[other].generalises]
-    if not recordings:
-        return [_imitation(model, *pair, span, rng, progress) for pair in pairs]
-    logs = Recordings(recordings)
-    fitted = {name: add_effect(model, name, logs, logs, progress).after.model for name in effects}
-    return [(fitted[true], fitted[other]) for true, other in pairs]
+    catalogue, logs = model.catalogue, Recordings(recordings) if recordings else None
+    names = [(true, other) for true, other in (effects, effects[::-1]) if true not in catalogue[other].generalises]
+    fitted = {name: add_effect(model, name, logs, logs, progress).after.model for name in effects} if logs else {}
+    pairs = []
+    for true, other in names:
+        both = (fitted[true], fitted[other]) if logs else _imitation(model, true, other, span, rng, progress)
+        pairs.append(Pair(*both, any(p.per == "joint" for p in catalogue[true].parameters)))
+    return pairs
 
 
-def _imitation(model: RobotModel, true_name: str, other: str, span: Span, rng, progress: ProgressCallback) -> Pair:
+def _imitation(model: RobotModel, true_name: str, other: str, span: Span, rng, progress: ProgressCallback) -> tuple[RobotModel, RobotModel]:  # fmt: skip
     """The model with an effect of its typical size, and with another one fitted to what the first does."""
     true = model.with_effect(true_name)
     values: dict[ParameterKey, dict[str, float]] = {}

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -26,6 +28,31 @@ def test_keeps_the_speed_and_never_jumps(kind, span):
     step = 1e-3
     speed = np.diff(motion(np.arange(0, motion.duration, step)), axis=0) / step
     assert np.all(np.abs(speed) <= room.speed * 1.01)
+
+
+@pytest.mark.parametrize("kind", ["reversals", "bang_bang", "chirp"])
+@pytest.mark.parametrize("pace", [0.08, 1.0])
+def test_quick_motions_keep_the_acceleration_and_rest_at_the_centre(kind, pace, span):
+    room = replace(span(), speed=pace * span().speed, acceleration=5.0)
+    motion, step = MOTIONS[kind](room, np.random.default_rng(2), 8.0), 1e-3
+    path = motion(np.arange(0, motion.duration + step / 2, step))
+    rates = np.diff(path, axis=0) / step
+    assert np.abs(np.diff(rates, axis=0)).max() / step <= 5.0 * 1.02
+    assert np.all(np.abs(rates) <= room.speed * 1.01)
+    assert motion.at_rest and np.abs(rates[[0, -1]]).max() < 0.01
+    np.testing.assert_allclose(path[[0, -1]], [room.centre] * 2, atol=1e-9)
+
+
+def test_reversals_have_eight_sizes_and_bang_bang_is_at_the_limit(span):
+    room, step = span(), 1e-3
+    times = np.arange(0, 8.0, step)
+    path = MOTIONS["reversals"](room, np.random.default_rng(1), 8.0)(times)[:, 0] - room.centre[0]
+    turns = np.abs(path[1:-1][np.diff(np.sign(np.diff(path))) != 0])
+    turns = turns[turns > 1e-3]  # without the rest at the end
+    assert len(np.unique(turns.round(4))) == 8 and turns.max() > 10 * turns.min()
+    path = MOTIONS["bang_bang"](room, np.random.default_rng(1), 8.0)(times)
+    force = np.abs(np.diff(path, 2, axis=0)) / step**2
+    assert np.mean(force > 0.99 * room.acceleration) > 0.4
 
 
 @pytest.mark.parametrize("kind", MOTIONS)
