@@ -11,11 +11,11 @@ import numpy as np
 from scipy.stats import binom
 
 from benchmarks.common import clopper_pearson
+from embodiedreamer_gym.standin.labels import PERIODIC
 
 Row = Mapping[str, Any]
 
 VISIBLE = 3.0  # mean over joints of the calibrated model's held-out mean square residual, in sensor noises
-PERIODIC = {("torque_ripple", "phase")}  # parameters that an interval on the real line does not describe
 BESIDE = ("name", "detected", "accused", "unknown", "both")
 POINTS = 0.05  # by which another arm's shares may be worse
 
