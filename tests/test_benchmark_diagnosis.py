@@ -19,6 +19,7 @@ from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.effect_sizes import FIRMWARE, SIZES
+from embodiedreamer_gym.standin.labels import FAMILIES
 
 STAMP = {"set": "main", "seeds": "test", "labels_sha256": "0"}
 
