@@ -62,12 +62,13 @@ case.json                       the names that an answer may use, joints, end ef
 
 def make_cases(
     out: Path, truth: Path, count: int, seed: int = 0, tiers: Sequence[str] = TIERS,
-    observations: Sequence[str] = tuple(OBSERVATIONS), real: Sequence[Path] = (), jobs: int = 1,
+    observations: Sequence[str] = tuple(OBSERVATIONS), real: Sequence[Path] = (), seconds: float = SECONDS, jobs: int = 1,
     progress: ProgressCallback | None = None,
 ) -> str:  # fmt: skip
     """Write cases into a new folder and their truth into another; the SHA-256 of the truth, which is written beside the cases too.
 
     real: folders with a model.json, train/ and test/, added as cases of the tier "real": only their error counts.
+    seconds: of each recording.
     Raises: EmbodieDreamerError for an unknown tier or observation, and a folder that is not empty or lies in the other.
     """
     _check_choice("tier", tiers, TIERS)
@@ -81,7 +82,7 @@ def make_cases(
     with atomic_folder(out) as cases, atomic_folder(truth) as secret, ended_workers():
         cells = [(tiers[k % len(tiers)], observations[(k % len(tiers) + k // len(tiers)) % len(observations)], k)
                  for k in range(count)]  # fmt: skip
-        calls = [(cases / "cases" / f"{k + 1:04}", secret, *cell, seed) for k, cell in enumerate(cells)]
+        calls = [(cases / "cases" / f"{k + 1:04}", secret, *cell, seed, seconds) for k, cell in enumerate(cells)]
         report("drawing cases", 0, count)
         rows = many(draw_task, calls, jobs, lambda done, _: report("drawing cases", done, count))
         for k, source in enumerate(real, count):
@@ -100,7 +101,9 @@ def _check_choice(what: str, given: Sequence[str], allowed: Sequence[str]) -> No
         raise EmbodieDreamerError(f"{what} '{wrong[0] if wrong else ''}' is none of {', '.join(allowed)}.")
 
 
-def draw_task(folder: Path, secret: Path, tier: str, observation: str, number: int, seed: int) -> dict[str, Any]:
+def draw_task(
+    folder: Path, secret: Path, tier: str, observation: str, number: int, seed: int, seconds: float = SECONDS
+) -> dict[str, Any]:
     """Draw one case, write its files and its withheld recordings; its row of the truth.
 
     Raises: SimulationError where no drawn robot rests at its first command.
@@ -108,7 +111,7 @@ def draw_task(folder: Path, secret: Path, tier: str, observation: str, number: i
     rng = np.random.default_rng([seed, number])
     effects, names = draw_effects(tier, observation, rng)
     recording: dict[str, Any] = {
-        "seconds": SECONDS,
+        "seconds": seconds,
         "with_velocity": False,
         "held_out": HELD_OUT,
         **OBSERVATIONS[observation],

@@ -169,7 +169,7 @@ class Row:
 
         Raises: EmbodieDreamerError for a damaged prediction.
         """
-        if set(answer.predictions) < set(truth.withheld):
+        if not set(truth.withheld) <= set(answer.predictions):
             return Row(truth, answer, None)
         pairs = [
             (read_prediction(folder / answer.predictions[name], log.joints, signal_of(log), log.time), log)

@@ -15,6 +15,7 @@ OBSERVATIONS = "position,effort,no_command,teleoperation"
     o.option(
         "--real", "DIR", "folders with model.json, train/ and test/ of real robots, as further cases", [], nargs="+"
     ),
+    o.option("--seconds", "S", "of each recording", 6.0, o.number(float, 1.0, 60.0)),
     o.SEED,
     o.JOBS,
     o.QUIET,
@@ -28,6 +29,6 @@ def run(a, progress):
     truth = a.truth or a.out.with_name(f"{a.out.name}-truth")
     tiers, observations = ([one.strip() for one in text.split(",")] for text in (a.tiers, a.observations))
     real = [Path(text) for text in a.real]
-    digest = make_cases(a.out, truth, a.cases, a.seed, tiers, observations, real, a.jobs, progress)
+    digest = make_cases(a.out, truth, a.cases, a.seed, tiers, observations, real, a.seconds, a.jobs, progress)
     text = f"{a.cases + len(real)} cases in {a.out}; truth in {truth}, SHA-256 {digest}\n\n"
     return text + f"embodiedreamer bench run diagnose coulomb --cases {a.out} --out answers.jsonl"

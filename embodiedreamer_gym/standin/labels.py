@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -70,6 +70,6 @@ def draw_at_rest(
     return draw_case(effects, arm, rng, strength, **recording)
 
 
-def places(hidden: dict[str, dict[str, dict[str, float]]]) -> dict[str, list[str]]:
+def places(hidden: Mapping[str, Mapping[str, Mapping[str, float]]]) -> dict[str, list[str]]:
     """Joints or end effectors on which each hidden effect acts."""
     return {name: sorted({at for row in values.values() for at in row}) for name, values in hidden.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
 
 import numpy as np
@@ -48,9 +49,8 @@ def _measured(log: Recording) -> np.ndarray:
 
 def _regressor() -> Any:
     try:
-        from sklearn.ensemble import HistGradientBoostingRegressor
+        return importlib.import_module("sklearn.ensemble").HistGradientBoostingRegressor
     except ImportError as error:
         raise MissingExtraError(
             "the entry boosted needs scikit-learn, which is not installed; run: pip install 'embodiedreamer-gym[bench]'"
         ) from error
-    return HistGradientBoostingRegressor

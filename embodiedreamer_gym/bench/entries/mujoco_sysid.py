@@ -16,6 +16,7 @@ import numpy as np
 from embodiedreamer_gym.bench.answers import NamedEffect
 from embodiedreamer_gym.bench.entries.finding import Finding
 from embodiedreamer_gym.bench.task import Task
+from embodiedreamer_gym.engines.mujoco.library import mujoco
 from embodiedreamer_gym.errors import MissingExtraError
 from embodiedreamer_gym.recordings import Recording
 
@@ -157,8 +158,6 @@ class _Fit:
     def run(self, log: Recording) -> np.ndarray:
         """Position (T, n) of the fitted model at a recording's times."""
         control = self._series(log.time, log.command, True).resample(target_dt=self.best.opt.timestep)
-        import mujoco
-
         data = [mujoco.MjData(self.best)]
         made = self.sysid.sysid_rollout([self.best], data, [control], [self._state(log)])[0].sensordata
         own, seen = np.asarray(made.times), np.asarray(made.data)
@@ -185,8 +184,6 @@ class _Fit:
 
 def _specification(task: Task, structure: Structure | None) -> Any:
     """The case's MJCF with a sensor of each joint's position; with a filter before the servos where the structure is one."""
-    import mujoco
-
     spec = mujoco.MjSpec.from_file(str(task.folder / "arm.xml"))
     for name in task.model.joints:
         spec.add_sensor(
