@@ -6,6 +6,7 @@ whose answer is to be predicted (predict/), measured but withheld. Nothing in a 
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import math
@@ -49,6 +50,9 @@ OBSERVATIONS: dict[str, dict[str, Any]] = {
 }
 HELD_OUT = ("teleoperation", "slow_ramps") * 2  # the first two to judge by, the others to predict
 GIVEN = 2  # held-out recordings that a tool sees
+VISIBLE = (
+    5.0  # mean square over joints, in sensor noises, by which an effect has to change the withheld signals; 2 are noise
+)
 LEFT_OUT = 3  # effects missing from each case's list of names
 ARM, SECONDS = "arm6", 6.0
 README = """One folder a case; docs/bench.md says how to answer.
@@ -119,14 +123,28 @@ def draw_task(
     if tier == "subset":
         joints = 6
         recording["among"] = sorted(rng.choice(joints, int(rng.integers(2, joints)), replace=False).tolist())
-    case = draw_at_rest(effects, ARM, rng, draw_strength(rng, PLAIN), **recording)
+    strength = draw_strength(rng, PLAIN)
+    twin = draw_at_rest((), ARM, copy.deepcopy(rng), PLAIN, **recording) if effects else None
+    case = draw_at_rest(effects, ARM, rng, strength, **recording)
     case = replace(case, model_json={**case.model_json, "robot": {**case.model_json["robot"], "urdf": "arm.urdf"}})
     withheld = case.test[GIVEN:]
     replace(case, test=Recordings(case.test[:GIVEN])).write(folder)
     model = RobotModel.load(folder / "model.json")
     sigma = _sensor_sd(case, signal_of(withheld[0]))
     row = _write_task(folder, secret, model, observation, names, withheld, sigma)
-    return row | {"tier": tier, "effects": case.hidden}
+    change = visibility(withheld, twin.test[GIVEN:], sigma) if twin else 0.0
+    return row | {"tier": tier, "effects": case.hidden, "visibility": change}
+
+
+def visibility(recordings: Sequence[Recording], without: Sequence[Recording], sigma: np.ndarray) -> float | None:
+    """Mean square, over joints and samples, in sensor noises, of what an effect changes in recordings; None where the motions differ."""
+    squares = []
+    for one, other in zip(recordings, without, strict=True):
+        if one.command is not None and not np.array_equal(one.command, other.command):  # another robot had to be drawn
+            return None
+        a, b = (getattr(log, signal_of(log)) for log in (one, other))
+        squares.append(((a - b) / sigma) ** 2)
+    return float(np.mean(np.concatenate(squares)))
 
 
 def draw_effects(tier: str, observation: str, rng: np.random.Generator) -> tuple[tuple[str, ...], list[str]]:
@@ -172,7 +190,7 @@ def real_task(folder: Path, secret: Path, source: Path) -> dict[str, Any]:
     sigma = np.full(len(test[-1].joints), np.nan) if by_effort else test[-1].sigma
     loaded = RobotModel.load(folder / "model.json")
     row = _write_task(folder, secret, loaded, observation, sorted(CATALOGUE), test[-1:], sigma)
-    return row | {"tier": "real", "effects": {}}
+    return row | {"tier": "real", "effects": {}, "visibility": None}
 
 
 def _write_task(

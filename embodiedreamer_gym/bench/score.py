@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.bench.answers import Answer, read_answers, read_prediction
-from embodiedreamer_gym.bench.cases import FORMAT, rms_error, signal_of
+from embodiedreamer_gym.bench.cases import FORMAT, VISIBLE, rms_error, signal_of
 from embodiedreamer_gym.bench.intervals import clopper_pearson, median_interval
 from embodiedreamer_gym.errors import EmbodieDreamerError, brief
 from embodiedreamer_gym.io.files import read_json
@@ -40,7 +40,7 @@ MEDIANS = {
 
 @dataclass(frozen=True)
 class Truth:
-    """What a case hides, and the withheld recordings by name."""
+    """What a case hides, and the withheld recordings by name; visible: whether they show it."""
 
     tier: str
     observation: str
@@ -48,6 +48,7 @@ class Truth:
     nominal: float
     noise: float | None
     withheld: Mapping[str, Recording]
+    visible: bool = True
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,11 @@ def score(truth: Path, files: Sequence[Path]) -> Scores:
     if not by_entry:
         raise EmbodieDreamerError(f"{', '.join(map(str, files))}: there is no answer.")
     figures, notes = [], []
+    unseen = [case for case, one in hidden.items() if one.effects and not one.visible]
+    if unseen:
+        notes.append(
+            f"{len(unseen)} of {len(hidden)} cases hide what their withheld recordings do not show, and are in no share: {', '.join(unseen[:20])}"
+        )
     groups = [ALL, *sorted({one.observation for one in hidden.values()})]
     for entry, given in by_entry.items():
         rows = [
@@ -152,7 +158,8 @@ def _truth(row: Mapping[str, Any], folder: Path) -> Truth:
         raise EmbodieDreamerError(f"{folder} does not hold the recordings {', '.join(row['withheld_sha256'])}.")
     sensor = [one for one in row["sensor_sd"] if one is not None]
     noise = float(np.mean(sensor)) if sensor else None
-    return Truth(row["tier"], row["observation"], row["effects"], row["nominal_rms"], noise, logs)
+    visible = row["visibility"] is None or row["visibility"] >= VISIBLE
+    return Truth(row["tier"], row["observation"], row["effects"], row["nominal_rms"], noise, logs, visible)
 
 
 @dataclass(frozen=True)
@@ -223,7 +230,10 @@ def _figures(entry: str, group: str, rows: Sequence[Row]) -> list[Figure]:
         "unknown": (lambda row: row.answer.verdict == "unknown", ("outside",)),
         "subset_joints": (lambda row: row.right and row.right_joints, ("subset",)),
     }
-    answers = {key: [test(row) for row in rows if row.truth.tier in tiers] for key, (test, tiers) in asked.items()}
+    answers = {
+        key: [test(row) for row in rows if row.truth.tier in tiers and (row.truth.visible or key == "accused")]
+        for key, (test, tiers) in asked.items()
+    }
     answers["joints"] = [row.right_joints for row in rows if row.right and row.truth.effects]
     answers["held"] = [held for row in rows if row.right for held in row.held()]
     naming = any(row.answer.verdict is not None for row in rows)

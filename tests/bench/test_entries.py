@@ -52,6 +52,7 @@ def test_trees_lower_the_error_and_name_nothing(made):
     assert found.verdict is None and not found.effects and set(found.predictions) == set(made.hidden["0003"].withheld)
 
 
+@pytest.mark.slow
 def test_the_toolbox_of_mujoco_names_a_structure_or_none(made):
     pytest.importorskip("absl")
     pytest.importorskip("colorama")
