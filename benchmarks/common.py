@@ -48,12 +48,10 @@ def save(rows: Any, path: Path | None) -> None:
 
 
 def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
-    """95 % interval of a share (Clopper and Pearson, Biometrika 26, 1934)."""
-    from scipy.stats import beta  # not before the threads are pinned
+    """95 % interval of a share."""
+    from embodiedreamer_gym.bench.intervals import clopper_pearson as interval  # not before the threads are pinned
 
-    low = beta.ppf(0.025, hits, trials - hits + 1) if hits else 0.0
-    high = beta.ppf(0.975, hits + 1, trials - hits) if hits < trials else 1.0
-    return float(low), float(high)
+    return interval(hits, trials)
 
 
 def redrawn(recordings: Recordings, seed: int) -> tuple[Recordings, Recordings]:

@@ -11,7 +11,6 @@ import json
 import tempfile
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -23,39 +22,29 @@ from embodiedreamer_gym.diagnosis.decision import decide
 from embodiedreamer_gym.diagnosis.experiment_design import propose_motion
 from embodiedreamer_gym.diagnosis.screening import linearise, screen
 from embodiedreamer_gym.effects import CATALOGUE
-from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.motions import Motion
 from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
 from embodiedreamer_gym.recordings import load_recordings, save_recording
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.standin.cases import Case, draw_case
-from embodiedreamer_gym.standin.effect_sizes import FIRMWARE, SIZES
+from embodiedreamer_gym.standin.cases import Case
+from embodiedreamer_gym.standin.effect_sizes import FIRMWARE
+from embodiedreamer_gym.standin.labels import (
+    AS_A_PERSON,
+    BARELY,
+    IN_EFFORT,
+    OUTSIDE,
+    PLAIN,
+    SINGLES,
+    STRONG,
+    draw_at_rest,
+    draw_strength,
+    partners,
+    places,
+)
 
 SEEDS = {"development": 20011, "test": 70001}
-BARELY, PLAIN, STRONG = 0.15, 1.0, 2.5  # strengths; 1.0 is a plain effect
-ATTEMPTS = 5  # robots drawn until one rests at its first command
-
-# With a logged command the fitted gains take up a torque constant whole: only effort without a command shows it.
-# What servos do in firmware has a benchmark of its own.
-SINGLES = tuple(name for name in SIZES if name != "torque_constant" and name not in FIRMWARE)
-# Laws that others of the catalogue contain: left out of it, they are not outside it. Direction-dependent friction is
-# Coulomb friction and a bias.
-CONTAINED = ("direction_dependent_friction", "coulomb_friction", "torque_saturation", "torque_bias", "torque_constant")
-OUTSIDE = tuple(name for name in SIZES if name not in (*CONTAINED, *FIRMWARE))
-IN_EFFORT = ("payload", "coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
-             "torque_constant", "torque_bias", "rotor_inertia")  # fmt: skip
 # Beside the URDF's errors an offset of each joint's effort is estimated, which a bias is, alone or in a direction-dependent friction.
 BESIDE_OFFSETS = tuple(name for name in IN_EFFORT if name not in ("torque_bias", "direction_dependent_friction"))
-FAMILIES = {
-    "command": ("command_delay", "command_lowpass", "command_rate_limit"),
-    "drive": ("servo_deadzone", "torque_saturation", "voltage_limit", "torque_constant", "torque_fade"),
-    "friction": ("coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
-                 "hysteresis", "quadratic_drag"),
-    "load": ("torque_bias", "joint_spring", "payload", "base_tilt", "encoder_offset", "torque_ripple"),
-    "gear": ("joint_elasticity", "backlash", "rotor_inertia"),
-    "log": ("timestamp_jitter",),
-    "firmware": FIRMWARE,
-}  # fmt: skip
 TIES = (
     ("command_delay", "command_lowpass"),
     ("torque_bias", "joint_spring"),
@@ -83,7 +72,6 @@ class Design:
 FEW = {"null": 24, "single": 56}
 POOR = {"mass_error": 0.1, "com_error": 0.01}  # of a real robot's URDF: relative, and m
 SLOW = {"learnt": ("slow_ramps", "slow_ramps"), "held_out": ("hold_poses", "slow_ramps"), "reach": 0.2, "speed": 0.15}
-AS_A_PERSON = {"learnt": ("teleoperation",) * 2, "held_out": ("teleoperation",) * 2, "hz": 30.0}
 SETS = {
     "main": Design(1, {"null": 100, "single": 80, "pair": 30, "outside": 30}),
     "positions": Design(2, FEW, recording={"with_effort": False}),
@@ -131,36 +119,21 @@ def _label(design: Design, index: int, kind: str, k: int, rng: np.random.Generat
     if kind == "null":
         return Label(index, kind, (), 0.0, arm)
     if kind == "single":
-        return Label(index, kind, (effect,), _strength(rng, *design.strengths), arm)
+        return Label(index, kind, (effect,), draw_strength(rng, *design.strengths), arm)
     if kind == "outside":
-        return Label(index, kind, (effect,), _strength(rng, PLAIN), arm)
+        return Label(index, kind, (effect,), draw_strength(rng, PLAIN), arm)
     if kind == "pair":
-        strength, other = _strength(rng, PLAIN), str(rng.choice(partners(effect)))
+        strength, other = draw_strength(rng, PLAIN), str(rng.choice(partners(effect)))
         return Label(index, kind, (effect, other), strength, arm)
     question = TIES[k % len(TIES)]
-    return Label(index, kind, (question[k // len(TIES) % 2],), _strength(rng, 0.5, 1.5), arm, question)
-
-
-def _strength(rng: np.random.Generator, low: float, high: float = STRONG) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def partners(effect: str) -> list[str]:
-    """Effects of other families that are not confused with this one."""
-    family = next(names for names in FAMILIES.values() if effect in names)
-    confused = {other for other in SINGLES if other in CATALOGUE[effect].confused_with}
-    confused |= {other for other in SINGLES if effect in CATALOGUE[other].confused_with}
-    return [other for other in SINGLES if other not in family and other not in confused]
+    return Label(index, kind, (question[k // len(TIES) % 2],), draw_strength(rng, 0.5, 1.5), arm, question)
 
 
 def draw(name: str, seeds: str, label: Label) -> Case:
     """The robot and the recordings of a label; one that never comes to rest, as under too much friction, is redrawn."""
     rng = case_rng(name, seeds, label.index)
     recording: dict[str, Any] = {"seconds": 6.0, "with_velocity": False, **SETS[name].recording}
-    for _ in range(ATTEMPTS - 1):
-        with suppress(SimulationError):
-            return draw_case(label.effects, label.arm, rng, label.strength or PLAIN, **recording)
-    return draw_case(label.effects, label.arm, rng, label.strength or PLAIN, **recording)
+    return draw_at_rest(label.effects, label.arm, rng, label.strength or PLAIN, **recording)
 
 
 def run_case(name: str, seeds: str, label: Label, oracle: str = "singles") -> dict[str, Any]:
@@ -192,11 +165,6 @@ def run_case(name: str, seeds: str, label: Label, oracle: str = "singles") -> di
 def _diagnose(model: RobotModel, folder: str, known: Mapping[str, Any]) -> Diagnosis:
     train, test = (load_recordings(f"{folder}/{part}") for part in ("train", "test"))
     return diagnose(model, train, test, catalogue=known, jobs=1)
-
-
-def places(hidden: Mapping[str, Mapping[str, Mapping[str, float]]]) -> dict[str, list[str]]:
-    """Joints or end effectors on which each hidden effect acts."""
-    return {name: sorted({at for row in values.values() for at in row}) for name, values in hidden.items()}
 
 
 def beyond(model: RobotModel, hidden: Mapping[str, Mapping[str, Mapping[str, float]]]) -> list[str]:

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import binom
 
 from benchmarks.common import clopper_pearson
+from embodiedreamer_gym.bench.intervals import median_interval
+from embodiedreamer_gym.standin.labels import PERIODIC
 
 Row = Mapping[str, Any]
 
 VISIBLE = 3.0  # mean over joints of the calibrated model's held-out mean square residual, in sensor noises
-PERIODIC = {("torque_ripple", "phase")}  # parameters that an interval on the real line does not describe
 BESIDE = ("name", "detected", "accused", "unknown", "both")
 POINTS = 0.05  # by which another arm's shares may be worse
 
@@ -99,8 +99,7 @@ def median(key: str, values: Iterable[float | None], targets: Mapping[str, tuple
     given = np.sort([value for value in values if value is not None])
     if not len(given):
         return []
-    k = max(int(binom.ppf(0.025, len(given), 0.5)), 1)
-    return [Figure(key, float(np.median(given)), float(given[k - 1]), float(given[-k]), len(given), None, targets.get(key))]  # fmt: skip
+    return [Figure(key, float(np.median(given)), *median_interval(given), len(given), None, targets.get(key))]
 
 
 def figures(rows: Sequence[Row], name: str) -> list[Figure]:

@@ -13,12 +13,13 @@ import pytest
 pytest.importorskip("mujoco")
 
 from benchmarks import diagnosis, diagnosis_cases, diagnosis_figures
-from benchmarks.diagnosis_cases import FAMILIES, OUTSIDE, SEEDS, SETS, SINGLES, Label, labels
+from benchmarks.diagnosis_cases import OUTSIDE, SEEDS, SETS, SINGLES, Label, labels
 from benchmarks.diagnosis_figures import beside, clopper_pearson, confusion, figures, report
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.effect_sizes import FIRMWARE, SIZES
+from embodiedreamer_gym.standin.labels import FAMILIES
 
 STAMP = {"set": "main", "seeds": "test", "labels_sha256": "0"}
 

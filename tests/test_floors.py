@@ -13,7 +13,7 @@ import embodiedreamer_gym
 
 NAME = "embodiedreamer_gym"
 PACKAGE = Path(embodiedreamer_gym.__file__).parent
-TOP = 10
+TOP = 11
 FLOORS = {
     "errors": -1,  # below the ground floor: everybody may see it
     "io": 0,
@@ -25,7 +25,8 @@ FLOORS = {
     "envs": 6,
     **dict.fromkeys(["diagnosis", "wrappers"], 7),
     **dict.fromkeys(["demo", "pipelines", "standin"], 8),
-    "cli": 9,
+    "bench": 9,
+    "cli": 10,
     **dict.fromkeys(["__init__", "__main__"], TOP),
 }
 FILES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts): path for path in sorted(PACKAGE.rglob("*.py"))}

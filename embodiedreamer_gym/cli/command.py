@@ -20,10 +20,11 @@ from embodiedreamer_gym.io.progress import Progress
 
 VERBS = (
     "compare", "breakdown", "calibrate", "diagnose", "add", "sessions", "excite", "export", "effects", "robots", "demo", "standin record",
-    "standin film", "demos", "policy train", "policy evaluate", "policy prefer", "vis train", "vis fine-tune",
+    "standin film", "bench make", "bench run", "bench score", "demos", "policy train", "policy evaluate", "policy prefer", "vis train", "vis fine-tune",
     "vis evaluate", "vis render", "vis bank", "vis prepare", "vis camera", "augment",
 )  # fmt: skip
 GROUPS = {
+    "bench": "A benchmark of diagnosis that any tool can enter.",
     "standin": "Simulate a real robot with a hidden effect (MuJoCo), or a real camera (Blender).",
     "policy": "Train policies on demonstrations and evaluate them in the environments.",
     "vis": "The video model that turns simulated frames into realistic ones.",

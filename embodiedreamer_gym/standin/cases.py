@@ -102,13 +102,15 @@ def draw_case(
     with_velocity: bool = True,
     with_effort: bool = True,
     imperfect: Mapping[str, float] | None = None,
+    among: Sequence[int] | None = None,
     **sensor: Any,
 ) -> Case:
     """One arm that plays motions to learn from and others held out, `seconds` each, at first multisine and fast moves.
 
     effect: a name, several or none; strength: of all of them, a name of STRENGTHS or a number (1.0 is plain); learnt,
     held_out: names of MOTIONS; reach, speed: of every motion, see `span_of`; hz: samples per second; with_...: what the logs hold
-    beside positions; imperfect: what replaces IMPERFECT's errors of the model; sensor: what replaces SENSOR or adds to it (jitter, noise, ...).
+    beside positions; imperfect: what replaces IMPERFECT's errors of the model; among: numbers of the joints that effects may act on,
+    None for all; sensor: what replaces SENSOR or adds to it (jitter, noise, ...).
 
     Raises: EffectError for an unknown effect or strength, ModelError for an unknown arm or motion.
     """
@@ -118,10 +120,9 @@ def draw_case(
     train_motions = [_motion(kind, span, motion_rng, seconds) for kind in learnt]
     test_motions = [_motion(kind, span, motion_rng, seconds) for kind in held_out]
     nominal = StandIn(urdf, joints, **servo, timestep=5e-4)
-    everywhere, size = list(range(len(joints))), strength_of(strength)
+    allowed, size = list(range(len(joints)) if among is None else among), strength_of(strength)
     effects = {
-        name: draw_values(name, nominal, train_motions, span, effect_rng, size, everywhere, [0])
-        for name in _names(effect)
+        name: draw_values(name, nominal, train_motions, span, effect_rng, size, allowed, [0]) for name in _names(effect)
     }
     robot = StandIn(urdf, joints, **servo, effects=effects, rng=robot_rng, **{**IMPERFECT, **(imperfect or {})})
     logging: dict[str, Any] = {**SENSOR, "command_known": command_known, "declare": declare, "hz": hz,

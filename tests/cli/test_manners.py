@@ -35,6 +35,7 @@ INPUTS = {  # what each verb needs at least; the files do not exist
     "sessions": "no.csv other.csv --model no.json",
     "excite": "--model no.json --separate payload,backlash --out b.csv",
     "export": "--model no.json --to mjcf --out b.xml",
+    "bench make": "--out b", "bench run": "diagnose --cases no --out b.jsonl", "bench score": "--truth no --answers no.jsonl",
     "standin record": "--out b", "standin film": "--out b --blender no", "demos": "--task PutCupOnMat --out b",
     "augment": "--data no --out b", "policy train": "--data no --out b",
     "policy evaluate": "--policy no --task PutCupOnMat", "policy prefer": "--policy no --task PutCupOnMat --out b",

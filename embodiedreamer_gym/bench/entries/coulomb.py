@@ -1,0 +1,15 @@
+"""Always Coulomb friction: every joint gets it, whatever the recordings show."""
+
+from __future__ import annotations
+
+from embodiedreamer_gym.bench.entries.finding import Finding, named
+from embodiedreamer_gym.bench.task import Task
+from embodiedreamer_gym.diagnosis import add_effect
+
+NAME = "coulomb_friction"
+
+
+def answer(task: Task) -> Finding:
+    """Name it with the values of a fit."""
+    model = add_effect(task.model, NAME, task.train, task.test).after.model
+    return Finding("missing", (named(model, NAME),), task.predictions(model))

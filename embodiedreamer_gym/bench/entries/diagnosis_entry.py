@@ -1,0 +1,18 @@
+"""This project: `diagnose` with the effects that the case allows, in one process."""
+
+from __future__ import annotations
+
+from embodiedreamer_gym.bench.answers import NamedEffect
+from embodiedreamer_gym.bench.entries.finding import Finding, named
+from embodiedreamer_gym.bench.task import Task
+from embodiedreamer_gym.diagnosis import diagnose
+from embodiedreamer_gym.effects import CATALOGUE
+
+
+def answer(task: Task) -> Finding:
+    """Diagnose the model; where nothing is named, the calibrated model (or that with the closest effect) predicts."""
+    known = {name: kind for name, kind in CATALOGUE.items() if name in task.effects}
+    found = diagnose(task.model, task.train, task.test, catalogue=known, jobs=1)
+    own = {effect.name for effect in found.model.effects}  # of a tie only one
+    effects = tuple(named(found.model, name) if name in own else NamedEffect(name) for name in found.effects)
+    return Finding(found.verdict, effects, task.predictions(found.model))

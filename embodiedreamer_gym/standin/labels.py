@@ -1,0 +1,75 @@
+"""What a hidden case may be: which effects are asked for, their families, how strong they are, how the arm is recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.effects import CATALOGUE
+from embodiedreamer_gym.errors import SimulationError
+from embodiedreamer_gym.standin.cases import Case, draw_case
+from embodiedreamer_gym.standin.effect_sizes import FIRMWARE, SIZES
+
+BARELY, PLAIN, STRONG = 0.15, 1.0, 2.5  # strengths; 1.0 is a plain effect
+ATTEMPTS = 5  # robots drawn until one rests at its first command
+
+# With a logged command the fitted gains take up a torque constant whole: only effort without a command shows it.
+# What servos do in firmware has a benchmark of its own.
+SINGLES = tuple(name for name in SIZES if name != "torque_constant" and name not in FIRMWARE)
+# Laws that others of the catalogue contain: left out of it, they are not outside it. Direction-dependent friction is
+# Coulomb friction and a bias.
+CONTAINED = ("direction_dependent_friction", "coulomb_friction", "torque_saturation", "torque_bias", "torque_constant")
+OUTSIDE = tuple(name for name in SIZES if name not in (*CONTAINED, *FIRMWARE))
+IN_EFFORT = ("payload", "coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
+             "torque_constant", "torque_bias", "rotor_inertia")  # fmt: skip
+PERIODIC = {("torque_ripple", "phase")}  # parameters that an interval on the real line does not describe
+FAMILIES = {
+    "command": ("command_delay", "command_lowpass", "command_rate_limit"),
+    "drive": ("servo_deadzone", "torque_saturation", "voltage_limit", "torque_constant", "torque_fade"),
+    "friction": ("coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
+                 "hysteresis", "quadratic_drag"),
+    "load": ("torque_bias", "joint_spring", "payload", "base_tilt", "encoder_offset", "torque_ripple"),
+    "gear": ("joint_elasticity", "backlash", "rotor_inertia"),
+    "log": ("timestamp_jitter",),
+    "firmware": FIRMWARE,
+}  # fmt: skip
+AS_A_PERSON: dict[str, Any] = {"learnt": ("teleoperation",) * 2, "held_out": ("teleoperation",) * 2, "hz": 30.0}
+
+
+def draw_strength(rng: np.random.Generator, low: float, high: float = STRONG) -> float:
+    """A strength, log-uniform."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def family_of(effect: str) -> str:
+    """The family of an effect, its own name where it has none."""
+    return next((family for family, names in FAMILIES.items() if effect in names), effect)
+
+
+def partners(effect: str) -> list[str]:
+    """Effects of other families that are not confused with this one."""
+    family = FAMILIES[family_of(effect)]
+    confused = {other for other in SINGLES if other in CATALOGUE[effect].confused_with}
+    confused |= {other for other in SINGLES if effect in CATALOGUE[other].confused_with}
+    return [other for other in SINGLES if other not in family and other not in confused]
+
+
+def draw_at_rest(
+    effects: Sequence[str], arm: str, rng: np.random.Generator, strength: float, **recording: Any
+) -> Case:  # fmt: skip
+    """`draw_case`, drawn again where the arm never comes to rest, as under too much friction.
+
+    Raises: SimulationError where none of ATTEMPTS robots rests.
+    """
+    for _ in range(ATTEMPTS - 1):
+        with suppress(SimulationError):
+            return draw_case(effects, arm, rng, strength, **recording)
+    return draw_case(effects, arm, rng, strength, **recording)
+
+
+def places(hidden: Mapping[str, Mapping[str, Mapping[str, float]]]) -> dict[str, list[str]]:
+    """Joints or end effectors on which each hidden effect acts."""
+    return {name: sorted({at for row in values.values() for at in row}) for name, values in hidden.items()}

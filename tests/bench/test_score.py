@@ -1,0 +1,84 @@
+"""Scores: of answers that are right throughout, of one that always says the same, and of none."""
+
+import pytest
+
+from embodiedreamer_gym.bench.answers import Answer, NamedEffect, answer_line, write_prediction
+from embodiedreamer_gym.bench.cases import signal_of
+from embodiedreamer_gym.bench.intervals import clopper_pearson, median_interval
+from embodiedreamer_gym.bench.score import score
+from embodiedreamer_gym.standin.labels import places
+
+
+def perfect(made, folder):
+    """The truth as answers, with the withheld recordings themselves as predictions."""
+    answers = []
+    for case, hidden in made.hidden.items():
+        files = {}
+        for name, log in hidden.withheld.items():
+            files[name] = f"p/{case}/{name}.csv"
+            signal = signal_of(log)
+            write_prediction(folder / files[name], log.time, log.joints, signal, getattr(log, signal))
+        effects = tuple(
+            NamedEffect(name, 1.0, tuple(places(hidden.effects)[name]), {
+                parameter: {at: {"value": v, "low": v - 1e-3, "high": v + 1e-3} for at, v in row.items()}
+                for parameter, row in rows.items()})
+            for name, rows in hidden.effects.items()
+        )  # fmt: skip
+        answers.append(Answer("perfect", case, "missing" if effects else "nothing_missing", effects, files))
+    return answers
+
+
+def table(made, path, answers):
+    path.write_text("".join(map(answer_line, answers)))
+    scores = score(made.truth, [path])
+    assert str(scores) and scores.as_dict()["truth_sha256"] == made.digest
+    return {f.key: f for f in scores.figures if f.observation == "all"}, scores
+
+
+def test_right_answers_score_fully(made, tmp_path):
+    found, scores = table(made, tmp_path / "a.jsonl", perfect(made, tmp_path))
+    assert found["accused"].value == 0 and found["accused"].of == 2
+    shares = ("name", "name_or_tie", "family", "joints", "subset_joints", "held")
+    assert all(found[key].value == 1 for key in shares if key in found) and {"name", "joints", "subset_joints"} <= set(
+        found
+    )
+    assert (found["name"].low, found["name"].high) == clopper_pearson(2, 2)
+    assert found["to_noise"].value < 1e-3 and found["to_nominal"].value < 1e-3
+    assert {f.observation for f in scores.figures} == {"all", "effort", "no_command"} and not scores.notes
+
+
+def test_always_the_same_accuses_faultless_robots(made, tmp_path):
+    said = (NamedEffect("coulomb_friction", joints=("joint1",)),)
+    found, _ = table(made, tmp_path / "a.jsonl", [Answer("same", case, "missing", said) for case in made.hidden])
+    true = [hidden for hidden in made.hidden.values() if hidden.effects]
+    right = sum(set(hidden.effects) == {"coulomb_friction"} for hidden in true)
+    assert found["accused"].value == 1 and found["name"].value == right / len(true)
+    assert "to_nominal" not in found
+
+
+def test_a_tie_with_the_truth_is_no_right_name(made, tmp_path):
+    answers = [
+        Answer("tie", case, "ambiguous", (*map(NamedEffect, hidden.effects), NamedEffect("something_else")))
+        for case, hidden in made.hidden.items()
+    ]
+    found, _ = table(made, tmp_path / "a.jsonl", answers)
+    assert found["name"].value == 0 and found["name_or_tie"].value == 1
+
+
+def test_cases_without_an_answer_count_as_wrong(made, tmp_path):
+    case = next(case for case, hidden in made.hidden.items() if hidden.effects)
+    found, scores = table(made, tmp_path / "a.jsonl", [Answer("few", case, "unknown")])
+    assert found["accused"].value == 1 and found["name"].of == 2 and "3 of 4 cases without an answer" in scores.notes[0]
+
+
+def test_what_names_nothing_has_errors_and_no_shares(made, tmp_path):
+    answers = [Answer("blind", a.case, None, (), a.predictions) for a in perfect(made, tmp_path)]
+    found, _ = table(made, tmp_path / "a.jsonl", answers)
+    assert set(found) == {"to_nominal", "to_noise"}
+
+
+def test_intervals():
+    assert clopper_pearson(0, 10) == pytest.approx((0.0, 0.3085), abs=1e-4)
+    assert clopper_pearson(5, 10) == pytest.approx((0.1871, 0.8129), abs=1e-4)
+    assert median_interval([3, 1, 2]) == (1, 3)
+    assert median_interval(range(1, 11)) == (2, 9)
