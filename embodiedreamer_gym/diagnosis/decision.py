@@ -59,7 +59,7 @@ class Decision:
 
     def __str__(self) -> str:
         first, second = self.effects
-        answer = f"it is {self.best}" if self.best else f"these recordings do not distinguish {first} and {second}"
+        answer = f"it is {self.best}" if self.best else f"these recordings do not tell {first} from {second}"
         if not self.over_none.decides:
             answer = f"these recordings show neither {first} nor {second}"
         return f"{first} over {second}: 2 x difference of log-likelihood {self.ratio.value:.3g} +- {self.ratio.error:.2g}; {answer}."

@@ -82,7 +82,7 @@ class Proposal:
     clearance: float
     speed: np.ndarray
     acceleration: np.ndarray
-    models: Pair = field(repr=False)
+    models: tuple[RobotModel, RobotModel] = field(repr=False)
 
     @property
     def log_likelihood(self) -> float:
