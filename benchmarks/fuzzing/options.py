@@ -33,7 +33,7 @@ VERBS: dict[str, tuple[str, ...]] = {  # a command line that works
     "excite": (*ARM, "--separate", "backlash,coulomb_friction", "--out", "out/m.csv"),
     "export": (*ARM, "--to", "mjcf", "--out", "out/m.xml"),
     "standin record": ("--effect", "backlash", "--seconds", "1", "--out", "out/s"),
-    "bench make": ("--cases", "1", "--out", "out/b"), "bench run": ("coulomb", "--cases", "cases", "--out", "out/a.jsonl"),
+    "bench make": ("--cases", "1", "--seconds", "1", "--out", "out/b"), "bench run": ("coulomb", "--cases", "cases", "--out", "out/a.jsonl"),
     "bench score": ("--truth", "truth", "--answers", "a.jsonl"),
     "standin film": (*TASK, "--out", "out/f", "--frames", "2", "--size", "16x12", "--samples", "1"),
     "demos": (*TASK, "--episodes", "1", "--out", "out/d", "--jobs", "1", "--size", "16x12"),

@@ -42,9 +42,7 @@ def features(task: Task, log: Recording) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _measured(log: Recording) -> np.ndarray:
-    signal = log.effort if signal_of(log) == "effort" else log.position
-    assert signal is not None
-    return signal
+    return np.asarray(log.effort if signal_of(log) == "effort" else log.position)
 
 
 def _regressor() -> Any:

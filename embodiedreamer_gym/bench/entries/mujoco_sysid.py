@@ -64,7 +64,8 @@ def _rotor(spec: Any, joints: list[str], value: np.ndarray) -> None:
 
 
 def _payload(spec: Any, joints: list[str], value: np.ndarray) -> None:
-    spec.body("tip").mass += value[0]
+    body = spec.body("tip") or spec.joint(joints[-1]).parent
+    body.mass += value[0]
 
 
 def _lowpass(spec: Any, joints: list[str], value: np.ndarray) -> None:
@@ -94,7 +95,7 @@ def answer(task: Task) -> Finding:
         one = _Fit(task, sysid, structure, plain.values)
         if (now := one.error(task.test)) <= error:
             best, error = one, now
-    effects = () if best.structure is None else (best.effect(),)
+    effects = () if best.structure is None else (best.effect(best.structure, task.model.arms[0]),)
     predictions = {motion.name: best.run(motion) for motion in task.predict}
     return Finding("missing" if effects else "nothing_missing", effects, predictions)
 
@@ -150,10 +151,9 @@ class _Fit:
         return self.sysid.create_initial_state(self.model, log.position[:still].mean(axis=0), None, act)
 
     def _series(self, time: np.ndarray, values: np.ndarray | None, control: bool = False) -> Any:
-        assert values is not None
         kind = self.sysid.TimeSeries
         make = kind.from_control_names if control else kind.from_names
-        return make(time - time[0], values, self.model)
+        return make(time - time[0], np.asarray(values), self.model)
 
     def run(self, log: Recording) -> np.ndarray:
         """Position (T, n) of the fitted model at a recording's times."""
@@ -168,18 +168,15 @@ class _Fit:
         rests = np.concatenate([self.run(log) - log.position for log in logs])
         return float(np.sqrt((rests**2).mean(axis=0)).mean())
 
-    def effect(self) -> NamedEffect:
+    def effect(self, structure: Structure, tip: str) -> NamedEffect:
         """The structure as an effect: on the joints whose 95 % interval is away from zero, or on the end effector."""
-        assert self.structure is not None
         values, half = self.fitted["effect"].value, self.half[-self.fitted["effect"].size :]
-        places = ["tip"] if self.structure.effect == "payload" else self.joints
+        places = [tip] if structure.effect == "payload" else self.joints
         pairs = list(zip(np.broadcast_to(values, len(places)), np.broadcast_to(half, len(places)), strict=True))
         rows = {place: {"value": float(v)} | ({"low": float(v - h), "high": float(v + h)} if np.isfinite(h) else {})
                 for place, (v, h) in zip(places, pairs, strict=True)}  # fmt: skip
         away = tuple(place for place, (v, h) in zip(places, pairs, strict=True) if abs(v) > h) or tuple(places)
-        return NamedEffect(
-            self.structure.effect, None, away, {self.structure.parameter: {place: rows[place] for place in away}}
-        )
+        return NamedEffect(structure.effect, None, away, {structure.parameter: {place: rows[place] for place in away}})
 
 
 def _specification(task: Task, structure: Structure | None) -> Any:

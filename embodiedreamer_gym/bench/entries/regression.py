@@ -77,8 +77,7 @@ def left_over(task: Task, recordings: Sequence[Recording]) -> tuple[Array, dict[
 
 def servo_torque(model: RobotModel, log: Recording, velocity: Array) -> Array:
     """Torque (T, n) of the nominal servo for a recording's command."""
-    assert log.command is not None
-    return model.stiffness * (log.command - log.position) - model.damping * velocity
+    return model.stiffness * (np.asarray(log.command) - log.position) - model.damping * velocity
 
 
 def solve(rest: Array, columns: Columns, chosen: Array) -> Array:
