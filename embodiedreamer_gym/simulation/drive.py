@@ -158,7 +158,7 @@ class Drive:
             line = self._line(wanted, motor)
             friction = self._friction(joint, line[0] * wanted + line[1] if self.laws["drive"] else wanted, load)
         wound, spin = (motor.position - joint.position, self.spin) if self._gives else (self._zero, self.velocity)
-        solution = np.empty((4, *pull.shape))
+        solution: np.ndarray[Any, Any] = np.empty((4, *pull.shape))
         state = joint.position, self.velocity, wound, spin, self._servo, limits, *self._fixed, self._impulse, solution
         if self._feels_external:  # which has found the bodies' inertia
             solve_step(*self._inertia, pull, load, line, friction, *state)
