@@ -96,7 +96,7 @@ def calibrated(folder: Path) -> str:
     from embodiedreamer_gym.robot import RobotModel
 
     model = RobotModel.load("aloha")
-    for name in {key.split(".")[0] for key in EFFECTS}:
+    for name in dict.fromkeys(key.split(".")[0] for key in EFFECTS):
         model = model.with_effect(name)
     rows = {row.name: row for row in model.parameters()}
     values: dict[str, dict[str, float]] = {}

@@ -1,5 +1,6 @@
 """Command delay: the servo hears of a command some time after it was logged."""
 
+import numba as nb
 import numpy as np
 
 from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
@@ -19,21 +20,27 @@ class CommandDelay(SignalLaw):
 
     @staticmethod
     def start(signal, p, dt):
-        """The last k commands (B, n, k), the latest last.
-
-        In that array the places (B, 2, n) of each delay's two neighbours, the later one first; the earlier one's share.
-        """
+        """The last k commands (B, n, k), the latest last; the delay's whole steps and the share of one more (B, n)."""
         steps = np.array(np.broadcast_to(p.seconds / dt, signal.shape))
-        slots = int(np.ceil(np.max(steps))) + 2
         whole = np.floor(steps).astype(np.intp)
-        place = np.arange(slots - 1, signal.size * slots, slots).reshape(signal.shape) - whole
-        return np.repeat(signal[..., None], slots, axis=-1), np.stack([place, place - 1], axis=1), steps - whole
+        return np.repeat(signal[..., None], int(np.ceil(np.max(steps))) + 2, axis=-1), whole, steps - whole
 
     @staticmethod
     def law(signal, joint, memory, p):
-        """Linear interpolation between the two neighbours on the line."""
-        line, places, share = memory
-        line = np.concatenate([line[..., 1:], signal[..., None]], axis=-1)
-        pairs = line.take(places)
-        later = pairs[:, 0]
-        return later + share * (pairs[:, 1] - later), (line, places, share)
+        """Linear interpolation between two neighbours on the line."""
+        line, whole, share = memory
+        after, out = np.empty(line.shape), np.empty(signal.shape)
+        recall(line, signal, whole, share, after, out)
+        return out, (after, whole, share)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def recall(line, signal, whole, share, after, out):
+    """Add a signal to a line, in `after`, and read that one a delay back, in `out`: one call, for every step takes it."""
+    last = line.shape[2] - 1
+    for b in range(line.shape[0]):
+        for i in range(line.shape[1]):
+            after[b, i, :last] = line[b, i, 1:]
+            after[b, i, last] = signal[b, i]
+            later = after[b, i, last - whole[b, i]]
+            out[b, i] = later + share[b, i] * (after[b, i, last - whole[b, i] - 1] - later)

@@ -17,12 +17,12 @@ class CommandRateLimit(SignalLaw):
 
     @staticmethod
     def start(signal, p, dt):
-        """The ramp rests at the first command."""
-        return signal.copy()
+        """Where the ramp is, at rest at the first command, and its highest change in a step."""
+        return signal.copy(), p.rate * dt
 
     @staticmethod
     def law(signal, joint, memory, p):
         """Follow the command by at most rate * dt per step."""
-        most = p.rate * joint.dt
-        value = memory + np.minimum(np.maximum(signal - memory, -most), most)
-        return value, value
+        value, most = memory
+        value = value + np.minimum(np.maximum(signal - value, -most), most)
+        return value, (value, most)

@@ -63,6 +63,7 @@ class Plant:
     def __init__(self, model: RobotModel, bodies: Bodies, dt: float = TIME_STEP) -> None:
         self.model, self.dt, self._bodies = model, dt, bodies
         self._matrices = self._linkage()
+        self._shape = 2, 1, model.n  # of positions and velocities
         self._linked = np.empty(model.tree.bodies)  # that hold linked joints together
         rigid, masses = model.bodies, model.bodies.pack(bodies.mechanics)
         self._rigid = rigid.links, rigid.frames, *masses, bodies.armature * model.tree.gain
@@ -102,19 +103,19 @@ class Plant:
     def step(self, command: np.ndarray) -> np.ndarray:
         """Advance by one step under the command (n,); return the acceleration (n,) that the drive asked for."""
         drive, bodies = self.drive, self._bodies
-        motion = self._read()
+        self._read()
         acceleration = drive.accelerate(command[None])
-        joint_forces(ONE, motion[0], motion[1], acceleration, *self._rigid, self._linked, bodies.order, bodies.force)
+        motion = drive.position, drive.velocity, acceleration
+        joint_forces(ONE, *motion, *self._rigid, self._linked, bodies.order, bodies.force)
         bodies.advance()
         drive.time += self.dt
         return acceleration[0]
 
-    def _read(self) -> np.ndarray:
-        """Take the engine's joints over into the drive: position and velocity (2, 1, n)."""
-        motion = np.empty((2, 1, self.model.n))
+    def _read(self) -> None:
+        """Take the engine's joints over into the drive."""
+        motion = np.empty(self._shape)
         read_joints(*self._bodies.read(), *self._matrices, motion, self._linked)
         self.drive.position, self.drive.velocity = motion
-        return motion
 
     @property
     def measured(self) -> np.ndarray:

@@ -165,11 +165,10 @@ def _dot(lanes, a, b, out):
 def run_dynamics(lanes, q, v, a, links, frames, bodies, gravity, matrix, bias, body_force):
     """Mass matrix (B, n, n), or none where it has no samples, and torques (B, n) and (B, k) of the motion q, v, a."""
     batch, k, with_matrix = q.shape[0], len(links), len(matrix) > 0
-    turned, placed, screw = np.empty((k, 9, len(lanes))), np.empty((k, 3, len(lanes))), np.empty((k, 6, len(lanes)))
-    speed, accel, force = np.empty((k, 6, len(lanes))), np.empty((k, 6, len(lanes))), np.empty((k, 6, len(lanes)))
-    total, momentum, along = np.empty((k, 10, len(lanes))), np.empty((6, len(lanes))), np.empty(len(lanes))
-    x, sin, cos = np.empty(len(lanes)), np.empty(len(lanes)), np.empty(len(lanes))
-    rate, push = np.empty(len(lanes)), np.empty(len(lanes))
+    turned, placed, total = np.empty((k, 9, len(lanes))), np.empty((k, 3, len(lanes))), np.empty((k, 10, len(lanes)))
+    vectors, momentum, rows = np.empty((4, k, 6, len(lanes))), np.empty((6, len(lanes))), np.empty((6, len(lanes)))
+    screw, speed, accel, force = vectors[0], vectors[1], vectors[2], vectors[3]
+    x, sin, cos, rate, push, along = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
     samples, groups = np.empty(len(lanes), np.int64), np.empty(len(lanes), np.int64)
     for first in range(0, batch, len(lanes)):
         count = min(len(lanes), batch - first)

@@ -153,20 +153,22 @@ class Drive:
         if self._limiting:
             limits = self._limits(motor)
         if self._rubbing or self.laws["drive"]:
-            wanted = within_limits(pull, self._servo[1], motor.velocity, limits)
+            wanted = np.empty(pull.shape)
+            within_limits(pull, self._servo[1], motor.velocity, limits, wanted)
             line = self._line(wanted, motor)
             friction = self._friction(joint, line[0] * wanted + line[1] if self.laws["drive"] else wanted, load)
         wound, spin = (motor.position - joint.position, self.spin) if self._gives else (self._zero, self.velocity)
-        state = joint.position, self.velocity, wound, spin, self._servo, limits, *self._fixed, self._impulse
+        solution: np.ndarray[Any, Any] = np.empty((4, *pull.shape))
+        state = joint.position, self.velocity, wound, spin, self._servo, limits, *self._fixed, self._impulse, solution
         if self._feels_external:  # which has found the bodies' inertia
-            solution = solve_step(*self._inertia, pull, load, line, friction, *state)
+            solve_step(*self._inertia, pull, load, line, friction, *state)
         else:
-            solution = step_joints(joint.velocity, *self._rigid, *self._inertia, pull, load, line, friction, *state)
+            step_joints(joint.velocity, *self._rigid, *self._inertia, pull, load, line, friction, *state)
         for _ in range(PASSES - 1 if self.laws["drive"] else 0):
             if not self._bent(solution[1], motor, line):
                 break
             line = self._line(solution[1], motor)
-            solution = solve_step(*self._inertia, pull, load, line, friction, *state)
+            solve_step(*self._inertia, pull, load, line, friction, *state)
         acceleration, self.torque, self._impulse, turned = solution
         self._pass("drive", self.torque, motor)
         self._turn(turned, acceleration)

@@ -34,20 +34,21 @@ inner = nb.njit(nogil=True, error_model="numpy", **UNWRAPPED)
 
 
 @jit
-def within_limits(pull, damping, velocity, limits):
-    """The servo's torque, pull - damping * velocity (B, n), as far as the drive's limits leave it at that speed."""
-    out = np.empty_like(pull)
+def within_limits(pull, damping, velocity, limits, out):
+    """The servo's torque, pull - damping * velocity (B, n), as far as the drive's limits leave it at that speed, in `out`.
+
+    This and the functions below fill an array that they are given: to return one makes Numba unpickle its type each time.
+    """
     for b in range(pull.shape[0]):
         for i in range(pull.shape[1]):
             top = min(limits[0, b, i], limits[4, b, i] * (1.0 - velocity[b, i] / limits[2, b, i]))
             bottom = min(limits[1, b, i], limits[4, b, i] * (1.0 + velocity[b, i] / limits[3, b, i]))
             out[b, i] = min(max(pull[b, i] - damping[b, i] * velocity[b, i], -bottom), top)
-    return out
 
 
 @jit
 def step_joints(now, lanes, links, frames, masses, gravity, mass, bias, pull, load, line, friction, position, velocity, wound,
-                spin, servo, limits, stops, gear, blocks, dt, impulse):  # fmt: skip
+                spin, servo, limits, stops, gear, blocks, dt, impulse, solution):  # fmt: skip
     """`solve_step` under the mass matrix and bias of the rigid bodies, which are left in `mass` and `bias`.
 
     now: joint velocities at the instant of the positions (B, n), which the bias follows.
@@ -57,13 +58,13 @@ def step_joints(now, lanes, links, frames, masses, gravity, mass, bias, pull, lo
     force = np.empty((len(position), len(links)))
     still = np.zeros_like(position)
     run_dynamics(lanes, position, now, still, links, frames, masses, gravity, mass, bias, force)
-    return solve_step(mass, bias, pull, load, line, friction, position, velocity, wound, spin, servo, limits, stops, gear,
-                      blocks, dt, impulse)  # fmt: skip
+    solve_step(mass, bias, pull, load, line, friction, position, velocity, wound, spin, servo, limits, stops, gear, blocks, dt,
+               impulse, solution)  # fmt: skip
 
 
 @jit
 def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound, spin, servo, limits, stops, gear,
-               blocks, dt, impulse):  # fmt: skip
+               blocks, dt, impulse, solution):  # fmt: skip
     """Solve one step for a batch of B samples of n joints.
 
     One loop instead of a function per part: passing tuples of arrays to such functions doubles the time at 60 samples.
@@ -88,21 +89,18 @@ def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound
         blocks: first joint of each independent arm, then n.
         dt: duration of the step, s.
         impulse: friction's impulse of the last step (B, n), N m s, as the first guess of this one.
-
-    Returns:
-        Four arrays (4, B, n) in one: acceleration, rad/s^2; the drive's torque at the mean velocity of the step, before
-        the gain, N m; friction's impulse, N m s; the motor's new velocity, rad/s.
+        solution: out (4, B, n), acceleration, rad/s^2; the drive's torque at the mean velocity of the step, before the
+            gain, N m; friction's impulse, N m s; the motor's new velocity, rad/s.
     """
     batch, n = velocity.shape
     gain, shift, forward, backward = line[0], line[1], friction[0], friction[1]
     stiffness, damping, rotor, viscous = servo[0], servo[1], servo[2], servo[3]
-    solution = np.empty((4, batch, n))
     solution[2], solution[3] = impulse, spin
     acceleration, torque, impulse, spin = solution[0], solution[1], solution[2], solution[3]
     low, inverse, parts = np.empty((n, n)), np.empty((n, n)), np.empty((9, n))
-    diagonal, right, new, work, lone = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    slowest, fastest = np.empty(n), np.empty(n)
-    state, side, left = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    rows, sides = np.empty((7, n)), np.empty((3, n), np.int64)
+    diagonal, right, new, work, lone, slowest, fastest = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6]
+    state, side, left = sides[0], sides[1], sides[2]
     gives = gear.shape[1] > 0
     for b in range(batch):
         for i in range(n):
@@ -168,7 +166,6 @@ def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound
                 acceleration[b, i] = (new[i] - velocity[b, i]) / dt
                 if gives:
                     spin[b, i] = work[i]
-    return solution
 
 
 @inner
