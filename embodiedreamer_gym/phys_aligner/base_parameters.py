@@ -7,7 +7,7 @@ other bodies. Source: Gautier, Journal of Robotic Systems 8(4), 1991 (by a QR de
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import qr
@@ -21,7 +21,6 @@ from embodiedreamer_gym.simulation.drive_setup import changed_mechanics, paramet
 
 NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "rotor")
 UNITS = ("kg", "kg m", "kg m", "kg m", *["kg m^2"] * 7)
-UPPER = (0, 1, 2, 4, 5, 8)  # entries of an inertia (3, 3) that say all
 ROTOR = ParameterKey("rotor_inertia")
 SAMPLES = 400  # of the motion, from which the regressor is made
 DEPENDENT = 1e-6  # relative length left of a column that the columns before it express
@@ -142,10 +141,7 @@ def _regressor(model: RobotModel, recordings: Sequence[Recording]) -> np.ndarray
     n, size, nominal = model.n, len(NAMES), model.nominal_mechanics
     unit = np.zeros((n * size, nominal.mass.shape[1], size))
     unit[np.arange(n * size), np.arange(n * size) // size, np.arange(n * size) % size] = 1.0
-    inertia = np.zeros((*unit.shape[:2], 3, 3))
-    inertia.reshape(*unit.shape[:2], 9)[..., UPPER] = unit[..., 4:10]
-    inertia += np.swapaxes(np.triu(inertia, 1), -1, -2)
-    each = replace(nominal, mass=unit[..., 0], first_moment=unit[..., 1:4], inertia=inertia)
+    each = np.ascontiguousarray(unit[..., : NAMES.index("rotor")]), nominal.gravity  # as `RigidBodies.pack` gives them
     moves = [np.repeat(x, n * size, axis=0) for x in (q, v, a)]  # sample b: parameter b mod n * size
     torque = model.bodies.inverse_dynamics(moves[0], moves[1], moves[2], each)[0].reshape(len(q), n * size, n)
     for j in range(n):
@@ -158,7 +154,5 @@ def _standard_parameters(problem: Problem, points: np.ndarray) -> np.ndarray:
     model, sets = problem.model, problem.sets(points)
     rotor = sets.get(ROTOR, np.tile(model.rotor_inertia, (len(points), 1)))
     errors = [(e, parameter_values(e, model, sets, len(points))) for e in model.effects if isinstance(e, InertialError)]
-    m = changed_mechanics(model, rotor, errors)
-    upper = m.inertia.reshape(*m.mass.shape, 9)[..., UPPER]
-    bodies = np.concatenate([m.mass[..., None], m.first_moment, upper], axis=-1)[:, : model.n]
+    bodies = model.bodies.pack(changed_mechanics(model, rotor, errors))[0][:, : model.n]
     return np.concatenate([bodies, rotor[..., None]], axis=-1).reshape(len(points), -1)
