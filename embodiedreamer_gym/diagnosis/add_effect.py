@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, start_of
+from embodiedreamer_gym.diagnosis.candidates import ITERATIONS
 from embodiedreamer_gym.diagnosis.compare import compare
 from embodiedreamer_gym.diagnosis.comparison import Comparison
+from embodiedreamer_gym.diagnosis.effect_starts import start_of
 from embodiedreamer_gym.diagnosis.screening import linearise, screen_effect
 from embodiedreamer_gym.effects import find_effect
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence

@@ -17,12 +17,12 @@ from embodiedreamer_gym.recordings import Recording
 def drop_redundant(
     steps: Sequence[Candidate], train: Sequence[Recording], test: Sequence[Recording]
 ) -> list[Candidate]:  # fmt: skip
-    """Remove each step but the last without which the others, refitted, score as well on held-out motion."""
+    """Remove each step but the last without which the others, refitted, score as well."""
     steps = list(steps)
     for early in steps[:-1]:
         last = steps[-1]
-        less = _exchanged(last, early, None, train, test)
-        if less.held_out.score <= last.held_out.score + TIE:
+        less = exchanged(last, early, None, train, test)
+        if less.judged.score <= last.judged.score + TIE:
             kept = [s for s in steps[:-1] if s is not early]
             steps = [*kept, replace(less, kind=last.kind, rollouts=last.rollouts + less.rollouts)]
     return steps
@@ -31,20 +31,20 @@ def drop_redundant(
 def drop_last(
     before: HeldOut, steps: Sequence[Candidate], train: Sequence[Recording], test: Sequence[Recording]
 ) -> list[Candidate]:  # fmt: skip
-    """Remove the last step while the others, refitted, do no worse on held-out motion, or not significantly.
+    """Remove the last step while the others, refitted, do no worse, or not significantly.
 
-    before: held-out error without any effect.
+    before: error without any effect, of the motion that the steps are judged by.
     """
     steps = list(steps)
     while steps:
         last, others = steps[-1], steps[:-1]
         options: list[Candidate] = []
         if others:
-            options = [replace(_exchanged(last, last, None, train, test), kind=others[-1].kind)]
+            options = [replace(exchanged(last, last, None, train, test), kind=others[-1].kind)]
             if _names(others[-1]) == _names(options[0]):
                 options.append(others[-1])  # the fit from which the last step began
-        without = [option.held_out for option in options] or [before]
-        if all(improves(held, last.held_out) and last.held_out.error < held.error for held in without):
+        without = [option.judged for option in options] or [before]
+        if all(improves(held, last.judged) and last.judged.error < held.error for held in without):
             break
         spent = last.rollouts + sum(option.rollouts for option in options[:1])
         if options:
@@ -70,7 +70,7 @@ def resolve_tie(
     first, last = steps[0], steps[-1]
     options = [replace(last, kind=first.kind)]
     named = {step.kind.name for step in steps}
-    options += [_exchanged(last, first, r, train, test) for r in rivals if r.kind.name not in named]
+    options += [exchanged(last, first, r, train, test) for r in rivals if r.kind.name not in named]
     close = contenders(before, options)
     best = close[0]
     spent = sum(o.rollouts for o in options[1:])
@@ -90,7 +90,7 @@ def prune_all(
     return [*steps[:-1], replace(last, kind=steps[-1].kind)]
 
 
-def _exchanged(
+def exchanged(
     last: Candidate, old: Candidate, new: Candidate | None, train: Sequence[Recording], test: Sequence[Recording]
 ) -> Candidate:  # fmt: skip
     """The last step's model with one effect replaced by another or removed, fitted again."""

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, score
+from embodiedreamer_gym.diagnosis.effect_starts import best_by_joint, recombine, sizes_of, start_of
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, pooled, summarise_errors
 from embodiedreamer_gym.diagnosis.refit_cache import CachedFit
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.errors import CalibrationError
-from embodiedreamer_gym.phys_aligner.least_squares import Fit, fit_at, minimise
+from embodiedreamer_gym.phys_aligner.least_squares import BEHIND, Fit, fit_at, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
-from embodiedreamer_gym.phys_aligner.starts import piecewise_start
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
 ITERATIONS = 12
 TOLERANCE = 1e-3
-HIGHER_LIMIT = 1.35  # second start of a limit, relative to its best size in the screening
+STUCK = 1.4  # chi2 of a joint above which a fit may have ended in a wrong valley
+CLEARLY = 0.05  # of a joint's chi2, by which one fit is better there than another
 FINAL_ITERATIONS, FINAL_TOLERANCE = 25, 1e-4
 NEGLIGIBLE_LOSS = 0.08  # of held-out score, below which an effect is removed from a joint
 RULES = ("linear", "hold")
@@ -37,62 +39,78 @@ class Candidate:
     held_out: HeldOut
     rollouts: int
 
+    @cached_property
+    def trained(self) -> HeldOut:
+        """How the model does on the recordings that it was fitted to."""
+        return summarise_errors(self.problem.signals, self.fit.residuals)
+
+    @cached_property
+    def judged(self) -> HeldOut:
+        """Error by which the effect is accepted, see `judged`."""
+        return judged(self.problem, self.trained, self.held_out)
+
     @property
     def trained_score(self) -> float:
         """The score of a `HeldOut`, on the training recordings."""
-        return score(self.problem.joint_rms(self.fit.residuals)[0] ** 2, self.problem.sigma)
+        return self.trained.score
+
+
+def judged(problem: Problem, trained: HeldOut, held_out: HeldOut) -> HeldOut:
+    """Error by which effects are accepted: on all motion, or on held-out motion alone where efforts are compared.
+
+    Fits to efforts estimate masses as well, as many parameters as the fitted motion bears.
+    """
+    return held_out if problem.signals.by_effort else pooled(trained, held_out)
 
 
 def refit(
     base: RobotModel, screened: Screened, problem: Problem, train: Sequence[Recording], test: Sequence[Recording],
-    both_rules: bool, rival: float = np.inf, cached: CachedFit | None = None, by_pieces: bool = False,
+    both_rules: bool, rival: float = np.inf, cached: CachedFit | None = None,
 ) -> Candidate:  # fmt: skip
-    """Fit base + effect from the screening's start; under both rules between commands where the recordings name none.
+    """Fit base + effect from several starts; under both rules between commands where the recordings name none.
 
-    problem: the base model's own, whose weights per joint and rule are kept, so that costs compare; rival: cost of another
-    refit, far above which this one is given up; cached: where this refit ended once before; by_pieces: begin with fits to
-    pieces of the motion, also from nominal gains, where a fit to the whole would end in a local minimum.
+    problem: the base model's own, whose rule between commands is kept; rival: cost of another refit, far above which this
+    one is given up; cached: where this refit ended once before.
     """
     trial = base.with_effect(screened.kind, screened.joints)
     options = RULES if both_rules and screened.kind.stage == "command" else (problem.hold,)
     if cached is not None:
         options = (cached.hold,)
     fits: list[Candidate] = []
-    starts = _starts(screened) if cached is None else [screened.start]
     for hold in options:
         new = Problem(trial, train, hold=hold)
-        scaled = [start_of(new, start) for start in starts]
-        if by_pieces and cached is None:
-            scaled = [piecewise_start(new, [*scaled, start_of(new, screened.start | screened.nominal)])]
-        for x in scaled:
-            if cached and len(cached.x) != len(x):
-                raise CalibrationError(f"the refit cache does not fit {screened.kind.name}; give another file.")
-            fit = fit_at(new, cached.x) if cached else minimise(new, x, ITERATIONS, TOLERANCE, rival=rival)
-            model = new.model_at(fit.x)
-            fits.append(Candidate(screened.kind, model, new, fit, evaluate(model, test, hold), new.rollouts))
+        if cached is None:
+            fit = _from_starts(new, screened, trial, rival)
+        elif len(cached.x) == len(new.rows):
+            fit = fit_at(new, cached.x)
+        else:
+            raise CalibrationError(f"the refit cache does not fit {screened.kind.name}; give another file.")
+        model = new.model_at(fit.x)
+        fits.append(Candidate(screened.kind, model, new, fit, evaluate(model, test, hold), new.rollouts))
     best = min(fits, key=lambda c: c.fit.cost)
-    return replace(best, rollouts=sum({id(c.problem): c.problem.rollouts for c in fits}.values()))
+    return replace(best, rollouts=sum(c.rollouts for c in fits))
 
 
-def _starts(screened: Screened) -> list[dict[ParameterKey, np.ndarray]]:
-    """Starts of a refit: the screening's best; of a limit also a higher one, since its cost has several local minima."""
-    higher = dict(screened.start)
-    for p in screened.kind.parameters:
-        if p.off == p.high:
-            key = ParameterKey(p.name, screened.kind.name)
-            higher[key] = HIGHER_LIMIT * screened.start[key]
-    same = all(higher[group] is values for group, values in screened.start.items())
-    return [screened.start] if same else [screened.start, higher]
+def _from_starts(problem: Problem, screened: Screened, trial: RobotModel, rival: float) -> Fit:
+    """Fit from the best of several sizes joint by joint; where a joint stays above its noise also from the screening's start.
 
-
-def start_of(problem: Problem, start: dict[ParameterKey, np.ndarray]) -> np.ndarray:
-    """Scaled start (m,) of a problem: the model's own values, but those of `start` (group -> values) where given."""
-    values = np.array([start[r.key.group][r.index] if r.key.group in start else r.value for r in problem.rows])
-    return np.clip(problem.scale(np.clip(values, *_bounds(problem))), problem.lower, problem.upper)
-
-
-def _bounds(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    return np.array([row.low for row in problem.rows]), np.array([row.high for row in problem.rows])
+    Then what each fit found best is recombined joint by joint, and fitted again.
+    """
+    first = start_of(problem, screened.start)
+    sizes = sizes_of(screened.kind, trial, screened.start)
+    gains = [{}, screened.nominal] if screened.nominal else [{}]
+    starts = [first, *(start_of(problem, {**size, **gain}) for gain in gains for size in sizes)]
+    fit = minimise(problem, best_by_joint(problem, starts), ITERATIONS, TOLERANCE, rival=rival)
+    chi2 = problem.joint_rms(fit.residuals)[0] ** 2
+    if problem.signals.by_effort or chi2.max() <= STUCK or fit.cost > rival + BEHIND:
+        return fit
+    other = minimise(problem, first, ITERATIONS, TOLERANCE, rival=min(fit.cost, rival))
+    both = np.stack([chi2, problem.joint_rms(other.residuals)[0] ** 2])
+    fits = [fit, other]
+    if (both[1] < both[0] - CLEARLY).any() and (both[0] < both[1] - CLEARLY).any():
+        mixed = recombine(problem, np.stack([fit.x, other.x]), both)
+        fits.append(minimise(problem, mixed, ITERATIONS, TOLERANCE, rival=min(f.cost for f in fits)))
+    return min(fits, key=lambda f: f.cost)
 
 
 def prune(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from embodiedreamer_gym.phys_aligner.signals import LARGEST, Signals
+from embodiedreamer_gym.phys_aligner.signals import Signals
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
@@ -16,7 +16,7 @@ BLOCKS = 24  # pieces of held-out time from which the spread of a difference is 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Errors of one model on held-out recordings.
+    """Errors of one model on recordings, held out ones or those that it was fitted to.
 
     chi2 (n,): mean square residual of each joint in sensor noises; sigma (n,): that noise, in the joint's unit, which for
     efforts depends on the model's inertia; blocks (pieces, n), counts (pieces, n): sums of squares and samples of consecutive
@@ -52,17 +52,30 @@ def score(chi2: np.ndarray, sigma: np.ndarray) -> float:
 def evaluate(model: RobotModel, recordings: Sequence[Recording], hold: str | None = None) -> HeldOut:
     """Run the recordings and sum up the errors of their usable samples."""
     signals = Signals(model, recordings)
-    errors = signals.errors(signals.runs(model, hold=hold))
-    pieces = max(2, BLOCKS // len(recordings))
-    blocks, counts = [], []
-    for error, usable in zip(errors, signals.usable, strict=True):
-        e = np.clip(np.where(usable, error[0] / signals.sigma, 0.0), -LARGEST, LARGEST)
-        for part in np.array_split(np.arange(len(e)), pieces):
-            blocks.append(np.sum(e[part] ** 2, axis=0))
-            counts.append(usable[part].sum(axis=0))
-    total, number = np.sum(blocks, axis=0), np.maximum(np.sum(counts, axis=0), 1)
-    chi2 = total / number
-    return HeldOut(chi2, signals.sigma, np.array(blocks), np.array(counts))
+    return summarise_errors(signals, signals.residuals(model, hold=hold)[0])
+
+
+def summarise_errors(signals: Signals, residuals: np.ndarray) -> HeldOut:
+    """Errors of residuals (N,) in sensor noises, of the usable samples of each recording."""
+    pieces = max(2, BLOCKS // len(signals.recordings))
+    blocks, counts, begin = [], [], 0
+    for usable in signals.usable:
+        time, joint = np.nonzero(usable)
+        own = residuals[begin : begin + len(time)]
+        begin += len(time)
+        cell = time * pieces // len(usable) * usable.shape[1] + joint
+        size = pieces * usable.shape[1]
+        blocks.append(np.bincount(cell, own**2, minlength=size).reshape(pieces, -1))
+        counts.append(np.bincount(cell, minlength=size).reshape(pieces, -1))
+    squares, number = np.concatenate(blocks), np.concatenate(counts)
+    chi2 = squares.sum(axis=0) / np.maximum(number.sum(axis=0), 1)
+    return HeldOut(chi2, signals.sigma, squares, number)
+
+
+def pooled(one: HeldOut, other: HeldOut) -> HeldOut:
+    """Errors of one model on the recordings of both."""
+    blocks, counts = np.concatenate([one.blocks, other.blocks]), np.concatenate([one.counts, other.counts])
+    return HeldOut(blocks.sum(axis=0) / np.maximum(counts.sum(axis=0), 1), other.sigma, blocks, counts)
 
 
 def gain(before: HeldOut, after: HeldOut) -> tuple[float, float]:

@@ -69,7 +69,9 @@ class Screened:
 
     start: group -> (n or arms,) values, of the effect and of the servo's gains; joints: those that the effect helps,
     None for all; visible: the effect's change of the residuals at a typical size that the gains cannot imitate, relative to
-    the calibrated residual of the joint where it is largest; nominal: group -> the servo's nominal gains, empty where the calibrated ones are near them.
+    the calibrated residual of the joint where it is largest; nominal: group -> the servo's nominal gains, empty where the
+    calibrated ones are near them; sets: group -> sizes (K, n or arms) that were tried; change (K, N): what each changes of
+    the residuals at the last point.
     """
 
     kind: type[Effect]
@@ -79,6 +81,8 @@ class Screened:
     rollouts: int
     joints: tuple[str, ...] | None = None
     nominal: dict[ParameterKey, np.ndarray] = field(default_factory=dict)
+    sets: dict[ParameterKey, np.ndarray] = field(default_factory=dict)
+    change: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def screen_effect(
@@ -90,7 +94,7 @@ def screen_effect(
     """
     model = points[0].model
     before = _mean_squares(problem, points[0].residuals, floor)
-    falls, shares, sizes, visible = [], [], [], 0.0
+    falls, shares, sizes, visible, change = [], [], [], 0.0, np.zeros((0, 0))
     for k, point in enumerate(points):
         trial = point.model.with_effect(kind)
         sets = _points(trial, kind, problem)
@@ -130,7 +134,7 @@ def screen_effect(
     for group in servo:
         start[group] = np.array([points[g].model.group_values(group)[j] for j, g in enumerate(point_of)])
     nominal = {group: point.model.group_values(group) for point in points[1:] for group in servo}
-    return Screened(kind, score, start, visible, len(fall), joints, nominal)
+    return Screened(kind, score, start, visible, len(fall), joints, nominal, sizes[-1], change)
 
 
 def _change(
@@ -196,10 +200,7 @@ def _refitted(model: RobotModel, problem: Problem, point: LinearisationPoint, ch
         rows = np.flatnonzero(problem.joint_of == j)
         if len(rows) < 10:
             continue
-        own = [m for m, row in enumerate(problem.rows) if row.index == j and row.key.place == model.joints[j]]
-        gains = point.jacobian[rows][:, own]
-        gains = gains[:, np.sum(gains**2, axis=0) > 0]
-        basis = np.linalg.qr(gains)[0] if gains.shape[1] else np.zeros((len(rows), 0))
+        basis = own_gains(problem, point, rows, j)
         r, d = point.residuals[rows], change[:, rows]
         r = r - basis @ (basis.T @ r)
         d = d - (d @ basis) @ basis.T
@@ -209,6 +210,15 @@ def _refitted(model: RobotModel, problem: Problem, point: LinearisationPoint, ch
         shares[:, j] = share
         seen[:, j] = np.sqrt(power / len(rows)) / max(floor[j], 1.0)
     return left, shares, float(np.median(seen, axis=0).max())
+
+
+def own_gains(problem: Problem, point: LinearisationPoint, rows: np.ndarray, joint: int) -> np.ndarray:
+    """Orthonormal basis (rows, k) of what a joint's own parameters can change of its residuals."""
+    name = problem.model.joints[joint]
+    own = [m for m, row in enumerate(problem.rows) if row.index == joint and row.key.place == name]
+    gains = point.jacobian[rows][:, own]
+    gains = gains[:, np.sum(gains**2, axis=0) > 0]
+    return np.linalg.qr(gains)[0] if gains.shape[1] else np.zeros((len(rows), 0))
 
 
 def _top(unit: str, model: RobotModel, problem: Problem) -> np.ndarray:

@@ -17,6 +17,8 @@ SURE = 2.5  # standard errors of the gain
 TIE = 0.1  # difference of scores below which two effects tie
 RICHER = 0.05  # share of the whole gain that a richer law must bring beyond its special case
 EXPLAINED = 0.5  # share of the excess error that the effects together must explain, else "unknown"
+EXACT = 1.3  # times what 95 % of faultless robots have at most, up to which effects leave nothing to explain
+INEXACT = 2.0  # the like, up to which a single effect is named although its law is not exact
 USUAL = 1.25  # times the chi2 of all but 5 % of faultless robots, up to which nothing is left to explain
 FAR = 3.0  # the like, beyond which a joint is nowhere near its noise
 BEYOND_NOISE = 2.0  # the like, in the median over joints, beyond which a log shows more than any law explains
@@ -108,6 +110,18 @@ def is_convincing(before: HeldOut, after: HeldOut, null: np.ndarray, explainable
         return share_of_explainable(before, after, null, explainable) >= MOSTLY
     was_log, rest_log = (np.log(np.maximum(h.chi2 / usual, 1.0)).sum() for h in (before, after))
     return bool(beyond.max() <= FAR and rest <= (1 - NEARLY) * was and rest_log <= (1 - MOSTLY) * was_log)
+
+
+def is_far_from_noise(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
+    """Whether effects explain most of an excess that no joint comes near the noise of: the sensors resolve more than the laws.
+
+    What convinces at a larger error does at a smaller one: joints that are nearer count as three times faultless robots.
+    """
+    usual, most = np.quantile(null, (0.5, 0.95), axis=0)
+    if total_explained(before, after, null) < EXPLAINED or (after.chi2 / most).min() <= USUAL:
+        return False
+    was, rest = (np.maximum(h - usual, 0.0).sum() for h in (before.chi2, np.maximum(after.chi2, FAR * most)))
+    return bool(rest <= (1 - EXPLAINED) * was)
 
 
 def share_of_explainable(before: HeldOut, after: HeldOut, null: np.ndarray, explainable: np.ndarray) -> float:

@@ -7,6 +7,7 @@ class Backlash(MechanicsChange):
     """A gap between the motor, which servo and encoder see, and the joint; its sides meet without rebound."""
 
     name = "backlash"
+    family = "gear"
     parameters = (Parameter("gap", "rad", off=0.0, low=0.0, high=0.2, typical=0.02),)
     symptom = "where the load changes sides the motor runs free for a moment, then meets its load with a jerk"
     reveals = "moves to and fro in poses without gravity torque, where the load changes sides"

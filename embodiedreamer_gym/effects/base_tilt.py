@@ -9,6 +9,7 @@ class BaseTilt(MechanicsChange):
     """Gravity turned by a roll about x, then a pitch about y, of the robot's base."""
 
     name = "base_tilt"
+    family = "gravity"
     parameters = (
         Parameter("roll", "rad", off=0.0, low=-0.3, high=0.3, typical=0.05, per="arm"),
         Parameter("pitch", "rad", off=0.0, low=-0.3, high=0.3, typical=0.05, per="arm"),

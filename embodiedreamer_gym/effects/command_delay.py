@@ -12,6 +12,7 @@ class CommandDelay(SignalLaw):
     """A pure delay of the command by a fraction of steps, on a line of past commands."""
 
     name = "command_delay"
+    family = "late_command"
     stage = "command"
     parameters = (Parameter("seconds", "s", off=0.0, low=0.0, high=LONGEST, typical=0.03),)
     symptom = "the whole motion comes late by the same time, so the error grows with speed"

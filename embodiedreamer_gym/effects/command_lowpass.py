@@ -9,6 +9,7 @@ class CommandLowpass(SignalLaw):
     """First-order low-pass filter of the command."""
 
     name = "command_lowpass"
+    family = "late_command"
     stage = "command"
     parameters = (Parameter("time_constant", "s", off=0.0, low=0.0, high=0.5, typical=0.03),)
     symptom = "corners of the command are rounded; fast motion comes late and small"

@@ -9,6 +9,7 @@ class CommandRateLimit(SignalLaw):
     """A highest slope of the command (the Cobot Magic ramps 0.01 rad per 40 Hz tick, 0.4 rad/s)."""
 
     name = "command_rate_limit"
+    family = "limit"
     stage = "command"
     parameters = (Parameter("rate", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),)
     symptom = "steps become ramps of one slope, and small slow moves are followed exactly"

@@ -7,6 +7,7 @@ class EncoderOffset(SignalLaw):
     """A constant added to the measured angle; the servo steers by it too."""
 
     name = "encoder_offset"
+    family = "gravity"
     stage = "sensor"
     parameters = (Parameter("angle", "rad", off=0.0, low=-0.3, high=0.3, typical=0.05),)
     symptom = "gravity acts as if the arm stood at another angle; nothing shows on vertical axes"

@@ -7,6 +7,7 @@ class GravityCompensation(SignalLaw):
     """A share of the URDF's weight that the servo carries beyond what the model's file states, or short of it."""
 
     name = "gravity_compensation"
+    family = "gravity"
     stage = "torque"
     parameters = (Parameter("share", "1", off=0.0, low=-1.5, high=1.5, typical=0.3),)
     symptom = "the joint sags in proportion to its weight by less than its stiffness says, or by more"

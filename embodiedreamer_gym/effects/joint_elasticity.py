@@ -7,6 +7,7 @@ class JointElasticity(MechanicsChange):
     """A spring and damper between the motor, which servo and encoder see, and the joint."""
 
     name = "joint_elasticity"
+    family = "gear"
     parameters = (
         Parameter("compliance", "rad/(N m)", off=0.0, low=0.0, high=0.3, typical=0.02, scale="1/torque"),
         Parameter("settling", "s", off=0.004, low=0.0, high=0.05, typical=0.004, shape=True),

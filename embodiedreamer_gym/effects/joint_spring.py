@@ -7,6 +7,7 @@ class JointSpring(SignalLaw):
     """A linear spring between the links, -k (q - q0)."""
 
     name = "joint_spring"
+    family = "gravity"
     stage = "load"
     parameters = (
         Parameter("stiffness", "N m/rad", off=0.0, low=0.0, high=60.0, typical=0.2, scale="torque"),

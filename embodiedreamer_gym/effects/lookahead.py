@@ -9,6 +9,7 @@ class Lookahead(SignalLaw):
     """A second-order filter of the command, x'' = gain (command - x - seconds x'), as of a servoj command."""
 
     name = "lookahead"
+    family = "late_command"
     stage = "command"
     parameters = (
         Parameter("seconds", "s", off=0.0, low=0.0, high=0.5, typical=0.05),

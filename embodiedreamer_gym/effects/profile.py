@@ -11,6 +11,7 @@ class Profile(SignalLaw):
     """A trapezoidal profile that is planned anew towards each command: it never passes a command that stays."""
 
     name = "profile"
+    family = "late_command"
     stage = "command"
     parameters = (
         Parameter("acceleration", "rad/s^2", off=1000.0, low=0.2, high=1000.0, typical=8.0),

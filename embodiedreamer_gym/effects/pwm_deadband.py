@@ -9,6 +9,7 @@ class PwmDeadband(SignalLaw):
     """No torque below a level of what the servo asks for; above it the excess, and a starting force."""
 
     name = "pwm_deadband"
+    family = "dead_zone"
     stage = "torque"
     parameters = (
         Parameter("level", "N m", off=0.0, low=0.0, high=3.0, typical=0.1, scale="torque"),

@@ -9,6 +9,7 @@ class ServoDeadzone(SignalLaw):
     """A dead zone of half-width `width` on the position error."""
 
     name = "servo_deadzone"
+    family = "dead_zone"
     stage = "servo"
     parameters = (Parameter("width", "rad", off=0.0, low=0.0, high=0.1, typical=0.01),)
     symptom = "near the target the servo gives no torque: a flat error of either sign at holds"

@@ -7,6 +7,7 @@ class TorqueBias(SignalLaw):
     """A constant extra torque on the joint."""
 
     name = "torque_bias"
+    family = "gravity"
     stage = "load"
     parameters = (Parameter("torque", "N m", off=0.0, low=-6.0, high=6.0, typical=0.1, scale="torque"),)
     symptom = "the joint stands off its target to the same side in every pose and direction"

@@ -9,6 +9,7 @@ class TorqueSaturation(TorqueBudget):
     """A highest torque of the drive, the same in both directions and at every speed."""
 
     name = "torque_saturation"
+    family = "limit"
     parameters = (Parameter("limit", "N m", off=1e3, low=0.05, high=1e3, typical=0.6, scale="torque"),)
     symptom = "heavy or fast moves fall behind while small ones are followed well"
     reveals = "heavy fast moves"

@@ -9,6 +9,7 @@ class VoltageLimit(TorqueBudget):
     """The torque-speed line of a motor on a fixed voltage or goal PWM: stall torque at rest, nothing at the highest speed."""
 
     name = "voltage_limit"
+    family = "limit"
     parameters = (
         Parameter("forward", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),
         Parameter("backward", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from embodiedreamer_gym.diagnosis.report.drawing import AFTER, BAND, BEFORE, GREY, INK, WIDTH, plain_log, short, tidy
-from embodiedreamer_gym.diagnosis.search import Ranked
+from embodiedreamer_gym.diagnosis.search_state import Ranked
 from embodiedreamer_gym.io.tables import number
 from embodiedreamer_gym.robot import ParameterRow
 

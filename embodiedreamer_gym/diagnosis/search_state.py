@@ -1,0 +1,246 @@
+"""State of a running diagnosis, and the steps that every search takes: screen, refit, draw faultless robots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis.candidates import Candidate, judged, refit
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, gain
+from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution, draw_null
+from embodiedreamer_gym.diagnosis.probabilities import candidate_probabilities
+from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
+from embodiedreamer_gym.diagnosis.screening import VISIBLE_SHARE, LinearisationPoint, Screened, linearise, screen
+from embodiedreamer_gym.diagnosis.verdict import ALARM, EXACT
+from embodiedreamer_gym.effects import Effect
+from embodiedreamer_gym.effects.inertial_error import InertialError
+from embodiedreamer_gym.io.parallel import many
+from embodiedreamer_gym.io.progress import ProgressCallback
+from embodiedreamer_gym.io.tables import milli
+from embodiedreamer_gym.phys_aligner.least_squares import Fit
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+
+REFITS = 5  # best of the screening that are refitted
+SURE = 0.95  # probability from which an effect is named
+LEADERS = 2  # of them that are refitted to the end
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One effect that was refitted alone.
+
+    held_out_chi2: mean over joints of the held-out chi2.
+    gain, gain_error: fall of the held-out score, and its standard error.
+    screening: fall of the log residual in the linear screening.
+    note: why the effect is not named although it ranks before one that is, else "".
+    """
+
+    effect: str
+    held_out_chi2: float
+    gain: float
+    gain_error: float
+    screening: float
+    note: str = ""
+
+
+@dataclass
+class Search:
+    """Settings and counters of a running diagnosis.
+
+    both_rules: whether refits try both rules between two commands; linearised: the first screening's problem and the point
+    around which pairs are screened.
+    """
+
+    nominal: RobotModel
+    train: Sequence[Recording]
+    test: Sequence[Recording]
+    catalogue: Mapping[str, type[Effect]]
+    jobs: int
+    progress: ProgressCallback
+    both_rules: bool
+    rng: np.random.Generator
+    cache: RefitCache
+    unit: str = "rad"
+    linearised: tuple[Problem, LinearisationPoint] | None = None
+    rollouts: int = 0
+    ranking: list[Ranked] = field(default_factory=list)
+    unobservable: tuple[str, ...] = ()
+
+    def milli(self, error: float) -> str:
+        """A held-out error as "1.23 mrad"."""
+        return milli(error, self.unit)
+
+
+@dataclass
+class SearchState:
+    """The calibrated start of a search and the effects added to it.
+
+    base, trained: errors of the start on held-out motion and on the fitted one; null: of faultless robots like the model so
+    far; steps: one candidate per added effect; closest: best single effect; probabilities: of each effect, given that one of
+    the candidates is right; tie: the effects of which one is missing, where no single one is probable enough; rivals: candidates for the first step that
+    held-out motion does not distinguish, where efforts are compared.
+    """
+
+    start: tuple[RobotModel, Problem, Fit]
+    base: HeldOut
+    trained: HeldOut
+    null: NullDistribution
+    steps: list[Candidate] = field(default_factory=list)
+    tie: tuple[str, ...] = ()
+    rivals: list[Candidate] = field(default_factory=list)
+    closest: Candidate | None = None
+    probabilities: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def current(self) -> tuple[RobotModel, Problem, Fit]:
+        """Model, problem and fit so far."""
+        return (self.steps[-1].model, self.steps[-1].problem, self.steps[-1].fit) if self.steps else self.start
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the model so far is worse than faultless robots are."""
+        alarm = self.null.p_value(self.held.chi2, self.fitted.chi2) < ALARM
+        return alarm or (bool(self.steps) and not self.is_exact)
+
+    @property
+    def excess(self) -> float:
+        """The worst joint's error over that of faultless robots, see `NullDistribution.excess`."""
+        return self.null.excess(self.held.chi2, self.fitted.chi2)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether no joint is worse than those of faultless robots usually are."""
+        return bool(self.steps) and self.excess <= EXACT
+
+    @property
+    def judged(self) -> HeldOut:
+        """Error by which effects are accepted: on all motion, or on held-out motion alone where efforts are compared."""
+        return self.steps[-1].judged if self.steps else self.judged_start
+
+    @property
+    def judged_start(self) -> HeldOut:
+        """The like, of the start."""
+        return judged(self.start[1], self.trained, self.base)
+
+    def set_rivals(self, close: Sequence[Candidate]) -> None:
+        """Note candidates for the first step that tie; one alone is no tie."""
+        self.rivals = list(close) if len(close) > 1 else []
+        self.tie = tuple(c.kind.name for c in self.rivals)
+
+    @property
+    def held(self) -> HeldOut:
+        """Held-out error of the model so far."""
+        return self.steps[-1].held_out if self.steps else self.base
+
+    @property
+    def fitted(self) -> HeldOut:
+        """Error of the model so far on the motion that it was fitted to."""
+        return self.steps[-1].trained if self.steps else self.trained
+
+
+def screen_all(search: Search, problem: Problem, fit: Fit, null: NullDistribution, first: bool) -> list[Screened]:
+    """Screen the catalogue; the first time also note what these sensors and this motion cannot show."""
+    floor = np.sqrt(np.median(null.chi2, axis=0))
+    before = problem.rollouts
+    short, points = linearise(problem, fit, search.nominal)
+    if first:
+        search.linearised = (short, points[-1])
+    screened = screen(search.catalogue, points, short, floor, search.jobs, search.progress)
+    search.rollouts += short.rollouts - before + sum(s.rollouts for s in screened)
+    if first:
+        search.unobservable = tuple(s.kind.name for s in screened if s.visible < VISIBLE_SHARE)
+    return screened
+
+
+def fit_candidates(
+    search: Search, screened: Sequence[Screened], model: RobotModel, problem: Problem, fit: Fit, held: HeldOut,
+    rival: float = np.inf,
+) -> list[Candidate]:  # fmt: skip
+    """Refit the best of the screening and the effects that they may be confused with."""
+    chosen = _shortlist(screened)
+    candidates = refit_all(search, chosen, model, problem, min(fit.cost, rival))
+    if not search.ranking:
+        linear = {s.kind.name: s.score for s in screened}
+        search.ranking = [
+            Ranked(c.kind.name, float(np.mean(c.held_out.chi2)), *gain(held, c.held_out), linear[c.kind.name])
+            for c in sorted(candidates, key=lambda c: c.held_out.score)
+        ]
+    return candidates
+
+
+def refit_all(
+    search: Search, chosen: Sequence[Screened], model: RobotModel, problem: Problem, rival: float
+) -> list[Candidate]:  # fmt: skip
+    """Refit a model with each of these effects; rival: cost of another fit, far above which the later ones are given up."""
+    step = "+".join([*(e.name for e in model.effects), "masses estimated" * model.has_effect(InertialError)])
+    candidates: list[Candidate] = []
+    for part in (chosen[:LEADERS], chosen[LEADERS:]):  # refits of the second part stop when far behind the first
+        rival = min((c.fit.cost for c in candidates), default=rival)
+        done = len(candidates)
+
+        def finished(k: int, c: Candidate, done=done) -> None:
+            search.progress(
+                "refitting effects",
+                done + k,
+                len(chosen),
+                effect=c.kind.name,
+                held_out_error=search.milli(c.held_out.error),
+            )
+            search.cache.keep(f"{step} + {c.kind.name}", c.fit.x, c.problem.hold)
+
+        cached = [search.cache.get(f"{step} + {item.kind.name}") for item in part]
+        calls = [
+            (model, item, problem, search.train, search.test, search.both_rules, rival, k)
+            for item, k in zip(part, cached, strict=True)
+        ]
+        candidates += many(refit, calls, search.jobs, finished)
+    search.rollouts += sum(c.rollouts for c in candidates)
+    return candidates
+
+
+def _shortlist(screened: Sequence[Screened]) -> list[Screened]:
+    """The best of the screening, and what the first two may be confused with."""
+    promising = [s for s in screened if s.score > 0.01]
+    names = {s.kind.name for s in promising[:REFITS]}
+    for s in promising[:2]:
+        names |= set(s.kind.confused_with)
+    return [s for s in promising if s.kind.name in names]
+
+
+def current_null(search: Search, state: SearchState) -> NullDistribution:
+    """Null distribution of the model so far."""
+    model, problem, fit = state.current
+    null = draw_null(model, fit, problem, search.test, search.rng)
+    search.rollouts += null.rollouts
+    return null
+
+
+def likeliest(search: Search, state: SearchState, candidates: Sequence[Candidate]) -> Candidate:
+    """The most probable candidate; notes the probabilities of effects, and those that are left where no one is sure."""
+    seconds = (sum(r.duration for r in search.train), sum(r.duration for r in search.test))
+    shares = candidate_probabilities(
+        state.start[0],
+        (state.trained, state.base),
+        candidates,
+        seconds,
+        (len(search.train), len(search.test)),
+        search.rng,
+    )
+    state.probabilities = {}
+    for candidate, share in zip(candidates, shares, strict=True):
+        for name in added_effects(state.start[0], candidate):
+            state.probabilities[name] = state.probabilities.get(name, 0.0) + float(share)
+    state.probabilities = dict(sorted(state.probabilities.items(), key=lambda item: -item[1]))
+    best = candidates[int(np.argmax(shares))]
+    sure = all(state.probabilities[name] >= SURE for name in added_effects(state.start[0], best))
+    state.tie = () if sure else tuple(name for name, p in state.probabilities.items() if p > 1 - SURE)
+    return best
+
+
+def added_effects(base: RobotModel, candidate: Candidate) -> list[str]:
+    """Names of the effects that a candidate has beyond a model."""
+    return [e.name for e in candidate.model.effects if not base.has_effect(type(e))]
