@@ -57,7 +57,7 @@ def load_split(a: argparse.Namespace, model: Any) -> tuple[Any, Any]:
 
 def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: bool = False) -> Any:
     """Return recordings without their bad samples; prints the findings. fit: a model will be fitted to them."""
-    from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight
+    from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight_all
     from embodiedreamer_gym.recordings.motor_units import read_motor_calibration
     from embodiedreamer_gym.robot.play import motor_units
     from embodiedreamer_gym.robot.transmission import direct
@@ -70,7 +70,7 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
         units=motor_units(model, a.units, read_motor_calibration(a.motor_calibration) if a.motor_calibration else {}),
     )  # fmt: skip
     logs = [between.to_joints(r, model.joints).with_(units=model.units) for r in readable("a recording", load)]
-    checked = [preflight(r, dict(zip(model.joints, ends, strict=True))) for r in logs]
+    checked = preflight_all(logs, dict(zip(model.joints, ends, strict=True)))
     findings: dict[Any, list[Any]] = {}
     for one in checked:
         for finding in one.findings:

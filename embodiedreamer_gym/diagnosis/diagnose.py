@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.diagnosis import Attempt, Diagnosis, summarise
+from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, summarise
+from embodiedreamer_gym.diagnosis.error_ceiling import SIGNALS, explainable_shares
 from embodiedreamer_gym.diagnosis.explainable import explainable_chi2
 from embodiedreamer_gym.diagnosis.held_out import evaluate, summarise_errors
 from embodiedreamer_gym.diagnosis.notes import notes_on
@@ -19,11 +20,13 @@ from embodiedreamer_gym.diagnosis.search_state import Search, SearchState, scree
 from embodiedreamer_gym.diagnosis.verdict import (
     ALARM,
     EXPLAINED,
+    FAR,
     INEXACT,
     is_convincing,
     is_far_from_noise,
     total_explained,
 )
+from embodiedreamer_gym.diagnosis.wording import Attempt
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.errors import CalibrationError
@@ -95,8 +98,19 @@ def diagnose(
     return summarise(
         result, model=model, ranking=search.ranking, unobservable=search.unobservable, catalogue=catalogue, test=all_test,
         rollouts=search.rollouts, seconds=time.perf_counter() - begun, baseline=baseline,
-        notes=notes_on(model, logs),
+        notes=notes_on(model, logs), explainable=_explainable(result, all_test),
     )  # fmt: skip
+
+
+def _explainable(result: Attempt, test: Sequence[Recording]) -> dict[str, dict[str, float]]:
+    """What a general regression predicts of the calibrated error, where the effects leave most joints far above their noise."""
+    state, model = result.state, result.calibrated.model
+    if state.start[1].signals.by_effort or np.median(state.held.chi2) <= FAR:
+        return {}
+    shares = explainable_shares(model, test, state.start[1].hold)
+    return {
+        joint: dict(zip(SIGNALS, row.tolist(), strict=True)) for joint, row in zip(model.joints, shares, strict=True)
+    }
 
 
 def _stands(search: Search, result: Attempt) -> bool:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.compare import compare
 from embodiedreamer_gym.diagnosis.comparison import GUESSED, gains_are_guessed
 from embodiedreamer_gym.diagnosis.held_out import HeldOut
@@ -17,11 +17,11 @@ from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution
 from embodiedreamer_gym.diagnosis.probabilities import family_probabilities
 from embodiedreamer_gym.diagnosis.search_state import SURE, Ranked, SearchState
 from embodiedreamer_gym.diagnosis.trajectory_error import trajectory_losses
-from embodiedreamer_gym.diagnosis.verdict import explained, rank_notes, total_explained
+from embodiedreamer_gym.diagnosis.verdict import explained, rank_notes
+from embodiedreamer_gym.diagnosis.wording import Attempt, explainable_text, probabilities_text, verdict_text
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.effects.effort_sensor import EffortSensor
 from embodiedreamer_gym.io.tables import MILLI, finite
-from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.phys_aligner.linear_baseline import TERMS
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
@@ -40,6 +40,8 @@ class Diagnosis:
     members: effect -> probability, given that one of the fitted candidates is right, the likeliest first.
     excess: the worst joint's error with the effects, on held-out or on fitted motion, over what 95 % of faultless robots have at
         most; from 1.3 the laws are not exact.
+    explainable: joint -> signals -> share of the calibrated error that is predictable from these and those before them; empty
+        where the effects leave little more than the sensors' noise (see `explainable_shares`).
     closest: where the verdict is "unknown", the effects that lower the held-out error most; not to be relied on.
     joints: effect -> joints or arms it acts on.
     parameters: effect -> joint -> value, low, high, unit.
@@ -80,6 +82,7 @@ class Diagnosis:
     family: str | None
     members: dict[str, float]
     excess: float
+    explainable: dict[str, dict[str, float]]
     notes: tuple[str, ...] = ()
 
     @property
@@ -124,6 +127,7 @@ class Diagnosis:
             "family": self.family,
             "members": self.members,
             "excess": self.excess,
+            "explainable": self.explainable,
             "joints": {k: list(v) for k, v in self.joints.items()},
             "parameters": self.parameters,
             **({"effort_offsets": self.effort_offsets} if self.effort_offsets else {}),
@@ -154,6 +158,8 @@ class Diagnosis:
             for k, r in enumerate(self.ranking, 1):
                 lines.append(f"{k:>4}  {r.effect:<30} {r.held_out_chi2:>16.2f} {r.gain:>10.2f} +- {r.gain_error:.2f}")
                 lines += [f"      not named: {r.note}"] if r.note else []
+        if len(self.members) > 1 and self.effects:
+            lines.append(f"probabilities: {probabilities_text(self.members)}")
         for effect, rows in (*self.parameters.items(), ("offset of the effort", self.effort_offsets)):
             lines += [""] if rows else []
             for joint, row in rows.items():
@@ -168,36 +174,20 @@ class Diagnosis:
         if self.unexplained:
             left = ", ".join(f"{j} {100 * share:.0f} %" for j, share in self.unexplained.items())
             lines.append(f"left unexplained of the excess error: {left}")
+        lines += [explainable_text(joint, shares) for joint, shares in self.explainable.items()]
         lines.append(f"{self.rollouts} rollouts, {self.seconds:.1f} s")
         return "\n".join(lines)
-
-
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """What a search ended with.
-
-    verdict: as of a `Diagnosis`.
-    calibrated, final: the model's calibration without and with the effects found.
-    state: the effects found, and errors on held-out recordings.
-    p_value: share of faultless robots that do as badly as the calibrated model.
-    """
-
-    verdict: str
-    calibrated: Calibration
-    final: Calibration
-    state: SearchState
-    p_value: float
 
 
 def summarise(
     attempt: Attempt, *, model: RobotModel, ranking: Sequence[Ranked], unobservable: tuple[str, ...],
     catalogue: Mapping[str, type[Effect]], test: Sequence[Recording], rollouts: int, seconds: float, baseline: float | None,
-    notes: tuple[str, ...] = (),
+    notes: tuple[str, ...] = (), explainable: Mapping[str, dict[str, float]] = MappingProxyType({}),
 ) -> Diagnosis:  # fmt: skip
     """Put a search's results into a Diagnosis."""
     verdict, calibrated, final, p_value = attempt.verdict, attempt.calibrated, attempt.final, attempt.p_value
     state = attempt.state
-    steps, tie, closest, base, held, null = state.steps, state.tie, state.closest, state.base, state.held, state.null
+    steps, tie, base, held, null = state.steps, state.tie, state.base, state.held, state.null
     named, kept = verdict in ("missing", "ambiguous"), bool(steps)
     better = final.model if kept else calibrated.model
     chain = (
@@ -224,16 +214,17 @@ def summarise(
         between = compare([c.model for c in steps[:-1]], test).error.tolist() if len(steps) > 1 else []
         stages += [(f"+ {c.kind.name}", e) for c, e in zip(steps, [*between, errors["with_effect"]], strict=True)]
     parameters = {c.kind.name: _parameters(better, c.kind.name) for c in steps}
+    family = _family(verdict, state, catalogue)
     remarks = rank_notes([r.effect for r in ranking], [r.gain for r in ranking], effects, catalogue)
     return Diagnosis(
-        verdict=verdict, sentence=_sentence(verdict, effects, parameters, closest, base, held, null, p_value),
+        verdict=verdict, sentence=verdict_text(attempt, effects, {e: _places(rows) for e, rows in parameters.items()}, family),
         effects=effects, joints={e: _places(rows) for e, rows in parameters.items()}, parameters=parameters,
         ranking=tuple(replace(r, note=note) for r, note in zip(ranking, remarks, strict=True)), error=error,
         end_effector_mm={label: finite(millimetres.get(label, np.nan)) for label in LABELS}, unobservable=unobservable,
         unexplained=unexplained, steps=tuple(stages), p_value=p_value, rollouts=rollouts, seconds=seconds,
         unit=comparison.unit, chi2=_chi2(base, held, null, kept),
         closest=() if named else tuple(c.kind.name for c in steps), nominal=model, calibrated=calibrated.model, model=better,
-        family=_family(verdict, state, catalogue), members=state.probabilities, excess=state.excess, notes=notes,
+        family=family, members=state.probabilities, excess=state.excess, explainable=dict(explainable), notes=notes,
     )  # fmt: skip
 
 
@@ -277,23 +268,3 @@ def _parameters(model: RobotModel, name: str) -> dict[str, dict[str, Any]]:
 
 def _places(rows: dict[str, dict[str, Any]]) -> tuple[str, ...]:
     return tuple(k for k in rows if "." not in k)
-
-
-def _sentence(
-    verdict: str, effects: Sequence[str], parameters: Mapping[str, dict[str, dict[str, Any]]], closest: Candidate | None,
-    base: HeldOut, held: HeldOut, null: NullDistribution, p_value: float,
-) -> str:  # fmt: skip
-    usual = f"a faultless robot whose masses are 2 % off scores as badly with p = {p_value:.3f}"
-    if verdict == "nothing_missing":
-        return f"Nothing is missing that these recordings could show ({usual})."
-    if verdict == "missing":
-        parts = [f"{e} on {', '.join(_places(parameters[e]))}" for e in effects]
-        return f"Missing: {'; then '.join(parts)}."
-    if verdict == "ambiguous":
-        return f"Ambiguous: {' or '.join(effects)}; this motion does not distinguish them."
-    if closest is None:
-        return f"Unknown: the model is wrong ({usual}), but no known effect lowers the held-out error."
-    names = " and ".join(parameters) or closest.kind.name
-    share = max(total_explained(base, held if parameters else closest.held_out, null.chi2), 0.0)
-    verb = "explain" if len(parameters) > 1 else "explains"
-    return f"Unknown: the model is wrong ({usual}); the closest, {names}, {verb} {100 * share:.0f} %."

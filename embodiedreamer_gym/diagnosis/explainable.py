@@ -80,13 +80,22 @@ def _ridge(x: np.ndarray, y: np.ndarray, ridge: float) -> np.ndarray:
 
 def _best_ridge(x: np.ndarray, y: np.ndarray) -> float:
     """The ridge with the least error on pieces of time that were left out."""
-    piece = np.arange(len(y)) * FOLDS // len(y)
+    return RIDGES[int(np.argmin(_ridge_errors(x, y, np.arange(len(y)) * FOLDS // len(y))))]
+
+
+def least_ridge_error(x: np.ndarray, y: np.ndarray, fold: np.ndarray) -> float:
+    """Least sum of squares, over ridges, of y (N,) predicted from x (N, F) where each fold (N,) is left out in turn."""
+    return float(np.min(_ridge_errors(x, y, fold)))
+
+
+def _ridge_errors(x: np.ndarray, y: np.ndarray, fold: np.ndarray) -> np.ndarray:
+    """Sum of squares of the folds that were left out, for each ridge."""
     normal, target = x.T @ x, x.T @ y
     errors = np.zeros(len(RIDGES))
-    for k in range(FOLDS):
-        own, answers = x[piece == k], y[piece == k]
+    for k in np.unique(fold):
+        own, answers = x[fold == k], y[fold == k]
         rest, right = normal - own.T @ own, target - own.T @ answers
         for i, ridge in enumerate(RIDGES):
             weights = np.linalg.solve(rest + ridge * np.eye(len(rest)), right)
             errors[i] += np.sum((answers - own @ weights) ** 2)
-    return RIDGES[int(np.argmin(errors))]
+    return errors

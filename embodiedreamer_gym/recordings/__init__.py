@@ -5,7 +5,7 @@ from embodiedreamer_gym.recordings.files import load_recordings, save_recording
 from embodiedreamer_gym.recordings.frames import FrameSource
 from embodiedreamer_gym.recordings.jitter import estimate_jitter, stamp_errors
 from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum, noise_floor, sensor_sd
-from embodiedreamer_gym.recordings.preflight import Preflight, preflight
+from embodiedreamer_gym.recordings.preflight import Preflight, preflight, preflight_all
 from embodiedreamer_gym.recordings.recording import Recording, Recordings
 from embodiedreamer_gym.recordings.segments import pieces, thin, window
 from embodiedreamer_gym.recordings.smoothing import (
@@ -32,6 +32,7 @@ __all__ = [
     "noise_floor",
     "pieces",
     "preflight",
+    "preflight_all",
     "save_recording",
     "sensor_sd",
     "smooth",

@@ -163,6 +163,13 @@ def mixed_up(recording: Recording, tracking: Tracking) -> tuple[list[Finding], s
     return findings, columns
 
 
+def following(recording: Recording, tracking: Tracking) -> np.ndarray:
+    """Correlation (n,) of each joint with its own command, zero where either does not move."""
+    x, u = recording.position, tracking.expected
+    moving = (tracking.span >= 3 * tracking.small, np.ptp(x, axis=0) >= 3 * tracking.small)
+    return np.mean(_standardised(u, moving[0]) * _standardised(x, moving[1]), axis=0)
+
+
 def _standardised(x: np.ndarray, moving: np.ndarray) -> np.ndarray:
     """Columns with mean 0 and sd 1; zero where a column does not move."""
     centred = x - x.mean(axis=0)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from embodiedreamer_gym.recordings import checks, contact
 from embodiedreamer_gym.recordings.checks import SEVERITIES, Finding
 from embodiedreamer_gym.recordings.recording import Recording
 from embodiedreamer_gym.recordings.tracking import runs, track
+
+FOLLOWS = 0.5  # correlation of a joint with its command from which it follows it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,6 +49,36 @@ class Preflight:
             if count
         ]
         return "\n".join(lines)
+
+
+def preflight_all(
+    recordings: Sequence[Recording], limits: Mapping[str, tuple[float, float]] | None = None
+) -> list[Preflight]:
+    """Check the recordings of one robot.
+
+    A joint that moves against its command in one recording and follows it in another is not wired the wrong way round: it
+    may be too weak for its load. That is a warning then, not an error.
+    limits: see `preflight`.
+    """
+    checked = [preflight(recording, limits) for recording in recordings]
+    follows: set[str] = set()
+    for recording in recordings:
+        if recording.command is not None:
+            agrees = checks.following(recording, track(recording, recording.command)) > FOLLOWS
+            follows |= {joint for joint, yes in zip(recording.joints, agrees, strict=True) if yes}
+    return [replace(one, findings=_mended(one.findings, follows)) for one in checked]
+
+
+def _mended(findings: Sequence[Finding], follows: set[str]) -> tuple[Finding, ...]:
+    """Findings in which no joint has a wrong sign that follows its command in another recording."""
+    changed = []
+    for finding in findings:
+        if finding.code == "sign-flipped" and finding.joints[0] in follows:
+            joint = finding.joints[0]
+            message = f"{joint} moves against its command here and follows it in another recording: its torque may be too small for its load"
+            finding = Finding("warning", "moves-against", (joint,), message)
+        changed.append(finding)
+    return tuple(sorted(changed, key=lambda finding: SEVERITIES.index(finding.severity)))
 
 
 def preflight(recording: Recording, limits: Mapping[str, tuple[float, float]] | None = None) -> Preflight:

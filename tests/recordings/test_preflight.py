@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.recordings import Preflight, Recordings, load_recordings, preflight
+from embodiedreamer_gym.recordings import Preflight, Recordings, load_recordings, preflight, preflight_all
 
 
 def codes(recording, **more):
@@ -138,6 +138,16 @@ def test_a_flipped_joint_is_found(make):
     recording = make()
     found = codes(changed(recording, 2, position=-recording.position[:, 2]))
     assert set(found) == {"sign-flipped"} and found["sign-flipped"].joints == ("elbow",)
+
+
+def test_a_joint_that_falls_in_one_recording_is_not_wired_the_wrong_way_round(make):
+    good, other = make(seed=0), make(seed=1)
+    falls = changed(other, 2, position=2 * other.position[0, 2] - other.position[:, 2])
+    assert "sign-flipped" in codes(falls)
+    results = preflight_all([good, falls])
+    assert all(result.ok for result in results)
+    assert [f.code for f in results[1].findings if f.joints == ("elbow",)] == ["moves-against"]
+    assert not any(result.ok for result in preflight_all([falls, falls]))
 
 
 def test_an_offset_is_found_and_kept(make):

@@ -1,0 +1,83 @@
+"""The verdict of a diagnosis in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from embodiedreamer_gym.diagnosis.search_state import SearchState
+from embodiedreamer_gym.diagnosis.verdict import EXACT, is_far_from_noise, total_explained
+from embodiedreamer_gym.phys_aligner import Calibration
+
+NEGLIGIBLE = 0.005  # probability that is not printed
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What a search ended with.
+
+    verdict: as of a `Diagnosis`.
+    calibrated, final: the model's calibration without and with the effects found.
+    state: the effects found, and errors on held-out recordings.
+    p_value: share of faultless robots that do as badly as the calibrated model.
+    """
+
+    verdict: str
+    calibrated: Calibration
+    final: Calibration
+    state: SearchState
+    p_value: float
+
+
+def verdict_text(
+    attempt: Attempt, effects: Sequence[str], places: Mapping[str, Sequence[str]], family: str | None
+) -> str:
+    """One sentence: what is missing and where, or why nothing is named.
+
+    effects: that are named; places: effect -> joints or arms; family: of a tie whose family is probable enough.
+    """
+    verdict, state = attempt.verdict, attempt.state
+    usual = f"a faultless robot whose masses are 2 % off scores as badly with p = {attempt.p_value:.3f}"
+    if verdict == "nothing_missing":
+        return f"Nothing is missing that these recordings could show ({usual})."
+    if verdict == "missing":
+        named = "; then ".join(f"{e} on {', '.join(places[e])}" for e in effects)
+        return f"Missing: {named}{_what_is_left(state)}."
+    if verdict == "ambiguous":
+        members = probabilities_text({e: state.probabilities[e] for e in effects if e in state.probabilities})
+        options = members or " or ".join(effects)
+        if family:
+            return f"Missing: an effect of the family {family} ({options}); these recordings do not distinguish them."
+        return f"Ambiguous: {' or '.join(effects)}{f' ({members})' if members else ''}; these recordings do not distinguish them."
+    if state.closest is None:
+        return f"Unknown: the model is wrong ({usual}), but no known effect lowers the error."
+    names = " and ".join(places) or state.closest.kind.name
+    share = total_explained(state.base, state.held if places else state.closest.held_out, state.null.chi2)
+    verb = "explain" if len(places) > 1 else "explains"
+    closest = f"the closest, {names}, {verb} {100 * max(share, 0.0):.0f} %"
+    return f"Unknown: the model is wrong ({usual}); {closest}{_what_is_left(state) if places else ''}."
+
+
+def _what_is_left(state: SearchState) -> str:
+    """What a law that is not exact leaves, as the end of a sentence; "" where it leaves nothing."""
+    if state.is_exact or not state.steps or state.start[1].signals.by_effort:
+        return ""
+    if is_far_from_noise(state.base, state.held, state.null.chi2):
+        return ", but the error stays far above the sensors' noise"
+    return (f", but the law is not exact: the worst joint's error is {state.excess:.2g} times what 95 % of faultless robots "
+            f"have at most (exact: {EXACT})")  # fmt: skip
+
+
+def probabilities_text(members: Mapping[str, float]) -> str:
+    """Effects with their probabilities, the likeliest first."""
+    ranked = sorted(members.items(), key=lambda item: -item[1])
+    return ", ".join(f"{name} {p:.2f}" for name, p in ranked if p >= NEGLIGIBLE)
+
+
+def explainable_text(joint: str, shares: Mapping[str, float]) -> str:
+    """How much of a joint's error is predictable, and which signals bring most of it."""
+    total, before, gains = max(shares.values(), default=0.0), 0.0, {}
+    for name, share in shares.items():
+        gains[name], before = share - before, share
+    most = max(gains, key=lambda name: gains[name])
+    return f"{joint}: {100 * total:.0f} % of the calibrated error is predictable, most of it from the {most}"
