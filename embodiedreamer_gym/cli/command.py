@@ -34,7 +34,7 @@ LEARNING_RATE = {"--rate": "--learning-rate"}
 VIS_ALIGNER = {"--dream": "--vis-aligner"}
 RENAMED = {  # of a verb, or of a verb's action: old option -> new option, for one release
     **dict.fromkeys(["compare", "breakdown", "calibrate", "diagnose", "add", "excite", "standin record"], HZ),
-    "vis camera": HZ, "standin film": {"--look": "--appearance"}, "policy train": LEARNING_RATE,
+    "vis camera": HZ, "standin film": {"--look": "--appearance"}, "policy train": LEARNING_RATE | {"--asked": "--chunk-start-share"},
     "policy evaluate": VIS_ALIGNER, "policy prefer": LEARNING_RATE | VIS_ALIGNER,
 }  # fmt: skip
 
