@@ -25,7 +25,7 @@ VERBS = (
 )  # fmt: skip
 GROUPS = {
     "bench": "A benchmark of diagnosis that any tool can enter.",
-    "standin": "Simulate a real robot with a hidden effect (MuJoCo), or a real camera (Blender).",
+    "standin": "Simulate a robot with a hidden effect (MuJoCo), or a camera (Blender), in place of a real one.",
     "policy": "Train policies on demonstrations and evaluate them in the environments.",
     "vis": "The video model that turns simulated frames into realistic ones.",
 }

@@ -11,10 +11,10 @@ WIDEST = 160  # pixels
 
 
 @o.verb(
-    o.option("--data", "DIR", "ALOHA/AgileX HDF5 files or a LeRobot set; of several, all", o.REQUIRED, Path, nargs="+"),
+    o.option("--data", "DIR", "ALOHA/AgileX HDF5 files or a LeRobot set; several are joined", o.REQUIRED, Path, nargs="+"),
     o.out_folder("policy, checkpoint and curves"),
     o.option("--steps", "N", "of the optimiser (default 8000 with masks, else 4000)", None, o.COUNT),
-    o.option("--batch", "B", "starts of a step (default 64 with masks, else 32)", None, o.COUNT),
+    o.option("--batch", "B", "training examples per step (default 64 with masks, else 32)", None, o.COUNT),
     o.option("--learning-rate", "R", "peak (default: small 1e-3, paper 1e-5)", None, o.number(float, 0.0, 1e3, above=True)),
     o.option("--chunk", "K", "actions predicted", 100, o.COUNT),
     o.option("--cameras", "NAME", "one to three (default: all of the data)", nargs="+"),
