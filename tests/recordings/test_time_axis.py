@@ -101,7 +101,9 @@ def test_speeds_decide_between_two_units(tmp_path: Path, hz: float, unit: str) -
 @pytest.mark.parametrize("speed", [0.04, 0.0])
 def test_two_plausible_readings_are_a_question(tmp_path: Path, speed: float) -> None:
     path = csv(tmp_path / "a.csv", (np.arange(3 * COUNT) / 5).tolist(), motion(5, 3 * COUNT, speed=speed))
-    with pytest.raises(RecordingError, match=r"a\.csv: the unit of these times may be seconds or milliseconds:") as caught:
+    with pytest.raises(
+        RecordingError, match=r"a\.csv: the unit of these times may be seconds or milliseconds:"
+    ) as caught:
         load_recordings(path)
     assert "5 Hz in s or 5000 Hz in ms" in str(caught.value) and "--time-unit" in str(caught.value)
     assert load_recordings(path, time_unit="s")[0].hz == pytest.approx(5)
