@@ -186,7 +186,7 @@ def test_a_log_that_says_where_the_objects_were(demos: Path, small: str, tmp_pat
     assert regenerate(log, tmp_path / "out", small, task="GrabPaperCup").written == 1
     assert about(tmp_path / "out" / "log_0.hdf5")["replay_error"] < 0.01
     bare = plain_log(demos, tmp_path / "logs" / "bare.hdf5", "objects")
-    with pytest.raises(RecordingError, match="needs /objects/cup, and has none"):
+    with pytest.raises(RecordingError, match="needs the poses of the task's objects, /objects/cup, and has none"):
         regenerate(bare, tmp_path / "none", small)
 
 
