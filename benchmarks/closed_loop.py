@@ -6,8 +6,8 @@ python -m benchmarks closed_loop --out DIR [--task NAME ...] [--kind NAME ...] [
 
 The world is `make_stand_in`: MuJoCo, a robot with friction, weak and uneven drives and a delay that the nominal model has not,
 a path-traced camera. plain: demonstrations of the nominal simulator; calibrated: of a model fitted to ten logs of the
-robot; dreamed: the same, with VisAligner's generated pictures; preferred: dreamed, then cycles of preferences with generated pictures.
-Beside them repainted, which is plain seen through VisAligner: what calibration adds where the pictures are right.
+robot; generated: the same, with VisAligner's generated pictures; preferred: generated, then cycles of preferences with generated pictures.
+Beside them pictures_only, which is plain seen through VisAligner: what calibration adds where the pictures are right.
 Seeds are those of training; the demonstrations of a task and kind are the same for all of them.
 Everything is kept in DIR: an interrupted run goes on where it was, and two processes may share it by --task.
 """
@@ -25,10 +25,10 @@ from benchmarks.act_runs import SIZE, keep_settings, play_each, played, train_ac
 from benchmarks.common import clopper_pearson, pin_threads
 
 TASKS = ("GrabPaperCup", "PutPenInCup", "PutRemoteInBox", "PutCupOnMat")
-KINDS = ("plain", "calibrated", "dreamed", "preferred", "repainted")
-STEPS = (("plain", "calibrated"), ("calibrated", "dreamed"), ("dreamed", "preferred"), ("plain", "dreamed"),
-         ("plain", "repainted"), ("repainted", "dreamed"))  # fmt: skip
-NOMINAL, SEEN = ("plain", "repainted"), ("repainted", "dreamed")
+KINDS = ("plain", "calibrated", "generated", "preferred", "pictures_only")
+STEPS = (("plain", "calibrated"), ("calibrated", "generated"), ("generated", "preferred"), ("plain", "generated"),
+         ("plain", "pictures_only"), ("pictures_only", "generated"))  # fmt: skip
+NOMINAL, SEEN = ("plain", "pictures_only"), ("pictures_only", "generated")
 FIRST_SEED = 500_000  # of the world
 
 Found = Mapping[tuple[str, str, int], Sequence[Mapping[str, Any]]]  # by task, kind and seed, a row for each episode
@@ -101,10 +101,10 @@ def trained(a: argparse.Namespace, task: str, kind: str, seed: int) -> Path:
 
 
 def preferred(a: argparse.Namespace, task: str, seed: int, folder: Path) -> Path:
-    """The dreamed policy after cycles of preferences in the calibrated simulator with generated pictures."""
+    """The policy of generated pictures after cycles of preferences in the calibrated simulator with generated pictures."""
     from embodiedreamer_gym.cli.command import main as embodiedreamer
 
-    start, study = trained(a, task, "dreamed", seed), a.out / f"study_{task}_{seed}"
+    start, study = trained(a, task, "generated", seed), a.out / f"study_{task}_{seed}"
     failed = embodiedreamer([
         "policy", "prefer", "--policy", str(start), "--task", f"{task}-v0", "--out", str(study), "--vis-aligner",
         "--robot", str(calibrated(a.out)), "--cycles", str(a.cycles), "--starts", str(a.starts),

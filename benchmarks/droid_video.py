@@ -66,7 +66,7 @@ def episodes(data: Path, number: int, found: dict[str, Camera]) -> dict[str, Epi
         video = VideoFrames(data / "videos" / episode / f"{number}.mp4", len(angles))
         frames = np.stack([cv2.resize(video[k], SIZE, interpolation=cv2.INTER_AREA) for k in range(len(angles))])
         name = f"{episode}_camera{number}"
-        made[episode] = Episode(name, frames, Condition(**stacked(seen)), look=name)
+        made[episode] = Episode(name, frames, Condition(**stacked(seen)), appearance=name)
     renderer.close()
     client.disconnect()
     return made

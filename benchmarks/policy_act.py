@@ -26,7 +26,7 @@ from benchmarks.common import clopper_pearson, pin_threads, save
 VARIANTS: dict[str, dict[str, Any]] = {  # of the network; and whether mirror images are learnt
     "act": {"chunk": 100, "mirror": True},
     "unmirrored": {"chunk": 100, "mirror": False},
-    "anywhere": {"chunk": 100, "mirror": True, "asked": 0.0},
+    "anywhere": {"chunk": 100, "mirror": True, "chunk_start_share": 0.0},
     "keypoints": {"chunk": 100, "mirror": True, "eyes": False},
     "pictures": {"chunk": 100, "mirror": True, "eyes": False, "keypoints": 0},
     "cloning": {"chunk": 1, "mirror": True},
@@ -64,7 +64,12 @@ def trained(a: argparse.Namespace, variant: str, data: Path) -> tuple[Any, float
             print(f"{variant}: step {count}/{of}, {text}, {seconds:.0f} s of processor time", flush=True)
 
     network = dict(VARIANTS[variant])
-    training = {"steps": a.steps, "batch": a.batch, "seed": a.seed, "asked": network.pop("asked", None)}
+    training = {
+        "steps": a.steps,
+        "batch": a.batch,
+        "seed": a.seed,
+        "chunk_start_share": network.pop("chunk_start_share", None),
+    }
     policy = train_act(open_episodes(data), folder, training, told, small=read_size(a.size), **network)
     seconds = before + time.process_time() - began
     save({"seconds": seconds}, clock)

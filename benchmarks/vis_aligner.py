@@ -3,7 +3,7 @@
 python -m benchmarks.vis_aligner --out DIR [--only films|weights|figures] [--aligner A] [--strips DIR]
 
 Films (Blender's Cycles; a Python with bpy): about an hour on two cores; weights: half an hour on one; figures: 15 minutes.
-Everything is kept in DIR and goes on where it was. The lab's held-out episodes, and the looks of `looks_test`, are in no
+Everything is kept in DIR and goes on where it was. The lab's held-out episodes, and the appearances of `looks_test`, are in no
 training set. --aligner: a model other than the shipped one for the figures.
 """
 
@@ -27,13 +27,13 @@ from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, HeldOutR
 
 CUP = "PutCupOnMat"
 FILMS: dict[str, Mapping[str, Any]] = {
-    "cup_train": {"task": CUP, "look": "lab", "episodes": 25, "frames": 49, "seed": 100},
-    "looks": {"task": CUP, "look": "many", "episodes": 40, "frames": 25, "every": 2, "seed": 3000},
-    "looks_all": {"task": "all", "look": "many", "episodes": 8, "frames": 25, "every": 2, "seed": 5000},
-    "bank": {"task": "all", "look": "lab", "episodes": 8, "every": 25, "seed": 800},
-    "cup_test": {"task": CUP, "look": "lab", "episodes": 10, "frames": 81, "seed": 900},
-    "cup_full": {"task": CUP, "look": "lab", "episodes": 4, "seed": 950},
-    "looks_test": {"task": CUP, "look": "many", "episodes": 8, "frames": 49, "seed": 7000},
+    "cup_train": {"task": CUP, "appearance": "lab", "episodes": 25, "frames": 49, "seed": 100},
+    "looks": {"task": CUP, "appearance": "many", "episodes": 40, "frames": 25, "every": 2, "seed": 3000},
+    "looks_all": {"task": "all", "appearance": "many", "episodes": 8, "frames": 25, "every": 2, "seed": 5000},
+    "bank": {"task": "all", "appearance": "lab", "episodes": 8, "every": 25, "seed": 800},
+    "cup_test": {"task": CUP, "appearance": "lab", "episodes": 10, "frames": 81, "seed": 900},
+    "cup_full": {"task": CUP, "appearance": "lab", "episodes": 4, "seed": 950},
+    "looks_test": {"task": CUP, "appearance": "many", "episodes": 8, "frames": 49, "seed": 7000},
 }
 LEARNT = ("cup_train", "looks", "looks_all")
 STEPS = 5000
@@ -58,7 +58,7 @@ def figures(out: Path, aligner: str, strips: Path | None) -> None:
     for title, name, behind in (
         ("held-out episodes of the lab", "cup_test", bench),
         ("the same, nothing known of the bench", "cup_test", None),
-        ("looks that were never seen, no fine-tuning, nothing known of the bench", "looks_test", None),
+        ("appearances outside the training set, no fine-tuning, nothing known of the bench", "looks_test", None),
         ("whole episodes of the lab, there and back", "cup_full", bench),
     ):
         episodes = load_episodes([out / name])

@@ -25,8 +25,8 @@ BAR = 48  # characters of the largest error
 
 INTRODUCTION = """\
 A six-joint arm was recorded for 16 s: two motions for training, two held out for testing. Its model has
-a URDF, servo gains as on a data sheet, and viscous friction. The arm has one physical effect more. (It lives
-in another physics engine, MuJoCo, and its masses, gains and sensors are not quite right either.)
+a URDF, servo gains as on a data sheet, and viscous friction. The arm has one more physical effect. (It is
+simulated in another physics engine, MuJoCo, and has small errors of masses, gains and sensors too.)
 """
 
 
@@ -74,7 +74,7 @@ def run(folder: str | Path = "demo_report", progress: Progress | None = None) ->
 
     print("\nThe ground truth:")
     print(_indent(_ground_truth(diagnosis, json.loads(TRUTH.read_text(encoding="utf-8")))))
-    print(f"\nreport: {page}\nmodel:  {folder / 'better.json'}\n\nThe same by hand:")
+    print(f"\nreport: {page}\nmodel:  {folder / 'better.json'}\n\nThe same on the command line:")
     inputs = f"--model {folder / 'model.json'} --train {folder / 'train'} --test {folder / 'test'}"
     print(f"  embodiedreamer diagnose {inputs} --report {folder}")
     return page

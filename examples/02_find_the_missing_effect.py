@@ -1,4 +1,4 @@
-"""Which effect does the model lack? Judged on motions that no fit has seen. (half a minute)"""
+"""Which effect does the model lack? Judged on held-out motions. (half a minute)"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Is it my own idea that the model lacks? An effect of fifteen lines, fitted beside one of the catalogue. (15 s)"""
+"""Does the model lack an effect of your own? One of fifteen lines, fitted beside one of the catalogue. (15 s)"""
 
 from __future__ import annotations
 

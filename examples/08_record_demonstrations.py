@@ -1,4 +1,4 @@
-"""Record demonstrations of a task by its scripted expert, and look into them. (ten seconds)"""
+"""Record demonstrations of a task by its scripted expert, and read them. (ten seconds)"""
 
 from __future__ import annotations
 

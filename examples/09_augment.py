@@ -1,4 +1,4 @@
-"""Recorded episodes filmed anew with a blue cup and a sheet of paper, to train on beside the old. (half a minute)"""
+"""Recorded episodes with generated frames of a blue cup and a sheet of paper, as further training data. (half a minute)"""
 
 from __future__ import annotations
 

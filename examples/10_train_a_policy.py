@@ -1,4 +1,4 @@
-"""Train ACT on demonstrations and judge it on scenes it has not seen; 20 steps here, 8000 in earnest. (half a minute)"""
+"""Train ACT on demonstrations and evaluate it on held-out scenes; 20 steps here, 8000 for a useful policy. (half a minute)"""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from embodiedreamer_gym.recordings.episodes import open_episodes
 
 
 def main() -> None:
-    record_demonstrations(Demonstrations("GrabPaperCup", size=(64, 48)), 2, "demos")  # 50 in earnest
+    record_demonstrations(Demonstrations("GrabPaperCup", size=(64, 48)), 2, "demos")  # 50 for a useful policy
     episodes = open_episodes("demos")  # a folder of real logs, or a LeRobot set, will do as well
 
     config = ActConfig(episodes.state_size, episodes.action_size, episodes.cameras, image_size=(64, 48))

@@ -1,4 +1,4 @@
-"""Roll a policy out several times from each start, tell the better tries from the worse, and move it towards the better. (ten seconds)"""
+"""Roll a policy out several times from each start, rank the tries, and fine-tune it to prefer the better ones. (ten seconds)"""
 
 from __future__ import annotations
 

@@ -10,8 +10,8 @@ OBSERVATIONS = "position,effort,no_command,teleoperation"
 
 @o.verb(
     o.option("--cases", "N", "how many", 20, o.number(int, 1, 9999)),
-    o.option("--tiers", "T,...", "in turn, of what is hidden", TIERS),
-    o.option("--observations", "O,...", "in turn, of what is recorded", OBSERVATIONS),
+    o.option("--tiers", "T,...", "kinds of hidden causes, taken in turn", TIERS),
+    o.option("--observations", "O,...", "recorded signals, taken in turn", OBSERVATIONS),
     o.option(
         "--real", "DIR", "folders with model.json, train/ and test/ of real robots, as further cases", [], nargs="+"
     ),
@@ -20,7 +20,7 @@ OBSERVATIONS = "position,effort,no_command,teleoperation"
     o.JOBS,
     o.QUIET,
     o.out_folder("cases; new or empty"),
-    o.option("--truth", "DIR", "what they hide; new or empty (default: OUT-truth)", None, o.output_folder),
+    o.option("--truth", "DIR", "ground truth of the cases; new or empty (default: OUT-truth)", None, o.output_folder),
 )
 def run(a, progress):
     """Draw hidden cases for any tool, the truth in a folder of its own."""

@@ -7,7 +7,7 @@ from embodiedreamer_gym.cli import options as o
 
 @o.verb(
     o.option("--truth", "DIR", "as `bench make` writes it", o.REQUIRED, Path),
-    o.option("--answers", "FILE.jsonl", "of one entry or several", o.REQUIRED, Path, nargs="+"),
+    o.option("--answers", "FILE.jsonl", "answer files, of one entry or several", o.REQUIRED, Path, nargs="+"),
     o.QUIET,
     o.JSON,
 )

@@ -12,7 +12,7 @@ METHODS = ("least-squares", "surrogate", "surrogate-trajectory", "annealing", "a
     o.RECORDINGS,
     o.MODEL,
     o.out_file("FILE.json", "calibrated model"),
-    o.option("--method", None, "of the fit", METHODS[0], choices=METHODS),
+    o.option("--method", None, "fitting method", METHODS[0], choices=METHODS),
     *o.FIT,
     *o.LOGS,
 )

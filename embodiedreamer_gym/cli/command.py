@@ -25,7 +25,7 @@ VERBS = (
 )  # fmt: skip
 GROUPS = {
     "bench": "A benchmark of diagnosis that any tool can enter.",
-    "standin": "Simulate a real robot with a hidden effect (MuJoCo), or a real camera (Blender).",
+    "standin": "Simulate a robot with a hidden effect (MuJoCo), or a camera (Blender), in place of a real one.",
     "policy": "Train policies on demonstrations and evaluate them in the environments.",
     "vis": "The video model that turns simulated frames into realistic ones.",
 }
@@ -34,7 +34,7 @@ LEARNING_RATE = {"--rate": "--learning-rate"}
 VIS_ALIGNER = {"--dream": "--vis-aligner"}
 RENAMED = {  # of a verb, or of a verb's action: old option -> new option, for one release
     **dict.fromkeys(["compare", "breakdown", "calibrate", "diagnose", "add", "excite", "standin record"], HZ),
-    "vis camera": HZ, "standin film": {"--look": "--appearance"}, "policy train": LEARNING_RATE,
+    "vis camera": HZ, "standin film": {"--look": "--appearance"}, "policy train": LEARNING_RATE | {"--asked": "--chunk-start-share"},
     "policy evaluate": VIS_ALIGNER, "policy prefer": LEARNING_RATE | VIS_ALIGNER,
 }  # fmt: skip
 

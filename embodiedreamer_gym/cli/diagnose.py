@@ -8,7 +8,13 @@ from embodiedreamer_gym.cli.logs import load_model, load_split
     o.MODEL,
     *o.SPLIT,
     o.out_file("FILE.json", "better model", None),
-    o.option("--resume", "FILE", "keeps finished fits, for a run after an interruption", None, o.output_file),
+    o.option(
+        "--resume",
+        "FILE",
+        "keeps finished fits; the same command continues from it after an interruption",
+        None,
+        o.output_file,
+    ),
     *o.FIT,
     *o.LOGS,
 )

@@ -6,15 +6,15 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
 
 
 @o.verb(
-    o.option("recordings", "REC", "that both effects must explain, if there are any yet", nargs="*"),
+    o.option("recordings", "REC", "to which both effects are fitted first (optional)", nargs="*"),
     o.MODEL,
-    o.option("--separate", "A,B", "two effects", o.REQUIRED),
+    o.option("--separate", "A,B", "the two effects to distinguish", o.REQUIRED),
     o.out_file("FILE.csv", "commands; FILE.png beside it"),
     o.option("--table", "Z", "height of a table in the URDF's root frame, m", None, o.number(float, -100.0, 100.0)),
-    o.option("--seconds", "S", "of motion", 8.0, o.number(float, 0.1, 600.0)),
+    o.option("--seconds", "S", "length of the motion", 8.0, o.number(float, 0.1, 600.0)),
     o.option("--speed", "X", "share of the speed limits, at most 1", 0.5, o.POSITIVE),
-    o.option("--acceleration", "A", "rad/s^2", 6.0, o.number(float, 0.0, 1e4, above=True)),
-    o.option("--reach", "R", "rad to either side", 0.6, o.number(float, 0.0, 100.0, above=True)),
+    o.option("--acceleration", "A", "largest acceleration, rad/s^2", 6.0, o.number(float, 0.0, 1e4, above=True)),
+    o.option("--reach", "R", "largest deflection to either side, rad", 0.6, o.number(float, 0.0, 100.0, above=True)),
     *o.LOGS[:-1],
 )
 def run(a, progress):

@@ -10,7 +10,7 @@ WITHOUT = ("--seed", "--jobs", "--report", "--resume")  # which have no part in 
     o.option(
         "recordings",
         "REC",
-        "to replay in MuJoCo from the written file, and to compare with `compare`'s rollouts",
+        "that MuJoCo replays with the written file, for comparison with the rollouts of `compare`",
         nargs="*",
     ),
     o.MODEL,
@@ -19,14 +19,14 @@ WITHOUT = ("--seed", "--jobs", "--report", "--resume")  # which have no part in 
     o.option(
         "--timestep",
         "S",
-        "of an MJCF, s (default: chosen by what the model contains)",
+        "time step of an MJCF, s (default: chosen by what the model contains)",
         None,
         o.number(float, 1e-6, 0.05),
     ),
     *(one for one in o.LOGS if one.name not in WITHOUT),
 )
 def run(a, progress):
-    """Write a model with its effects as MJCF or URDF, and list what the format cannot say."""
+    """Write a model with its effects as MJCF or URDF, and list what the format cannot express."""
     from embodiedreamer_gym.engines.export import export_model
 
     model = load_model(a, a.model)

@@ -11,6 +11,7 @@ from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
 
 USELESS = "no-command"  # code of the finding of a log that cannot be simulated
 UNFIT = ("swapped", "sign-flipped")  # codes of findings that forbid a fit to the log
+FAULT = {"error": "fault"}  # "error: ..." is the one line with which a command that failed ends
 T = TypeVar("T")
 
 
@@ -79,10 +80,13 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
                 raise RecordingError(f"{one.recording.source or one.recording.name}: {finding.message}.")
     for (severity, *_), same in findings.items():
         more = f" (and {len(same) - 1} more)" if len(same) > 1 else ""
-        print(f"{severity}: {same[0][0].name}{more}: {same[0][1].message}", file=sys.stderr)
+        print(f"{FAULT.get(severity, severity)}: {same[0][0].name}{more}: {same[0][1].message}", file=sys.stderr)
     left_out = sum(sum(one.excluded.values()) for one in checked)
     total = sum(one.recording.position.size for one in checked)
     print(f"{len(checked)} recordings, {left_out} of {total} joint samples left out", file=sys.stderr)
+    if left_out == total:
+        raise RecordingError(f"no usable sample is left in {', '.join(one.recording.name for one in checked[:3])}"
+                             f"{' and others' * (len(checked) > 3)}: all of it is faulty or in contact.")  # fmt: skip
     return Recordings(one.recording for one in checked)
 
 

@@ -191,24 +191,26 @@ ALL_JOBS = option("--jobs", "N", "processes (default: one per core)", CORES, JOB
 ROBOT = option("--robot", "M", MODELS, "aloha")
 HZ = option("--hz", "HZ", "samples per second of logs without time stamps", None, POSITIVE)
 UNITS = ("s", "ms", "us", "ns")
-TIME_UNIT = option("--time-unit", None, "of the logs' time stamps (default: recognised from the log)", choices=UNITS)
+TIME_UNIT = option(
+    "--time-unit", None, "unit of the logs' time stamps (default: recognised from the log)", choices=UNITS
+)
 SIZE = option("--size", "WxH", "of the pictures", "128x96")
 TASK = option("--task", "TASK", "such as PutCupOnMat-v0", REQUIRED)
 KINDS = ("rad", "degrees", "degrees-middle", "range")
 MOTORS = (
-    option("--episodes", "0,3-7", "of LeRobot sets without a choice of their own, SET:0,3-7"),
-    option("--units", None, "of LeRobot sets: degrees-middle is about the middle of the calibrated range, range -100 .. 100",
+    option("--episodes", "0,3-7", "episodes of LeRobot sets that are not given as SET:0,3-7"),
+    option("--units", None, "of LeRobot sets; degrees-middle: about the middle of the calibrated range; range: -100 .. 100",
            choices=KINDS),
     option("--motor-calibration", "FILE.json", "LeRobot's calibration file of the robot"),
-    option("--state-topic", "TOPIC", "of positions in a ROS bag that has several"),
-    option("--command-topic", "TOPIC", "of commands, the like"),
-    option("--zero", "J=RAD,...", "what the log shows where a joint is at zero, in place of the model's"),
-    option("--reverse", "J,...", "joints that the log counts in the other direction than the URDF"),
+    option("--state-topic", "TOPIC", "topic of the positions, where a ROS bag has several"),
+    option("--command-topic", "TOPIC", "topic of the commands, where a ROS bag has several"),
+    option("--zero", "J=RAD,...", "the log's values where joints are at zero, instead of the model's"),
+    option("--reverse", "J,...", "joints that the log counts in the opposite direction to the URDF"),
 )  # fmt: skip
 JSON = option("--json", "FILE", "write the result as JSON", None, output_file)
 VIS_ALIGNER = {"metavar": "ALIGNER", "nargs": "?", "const": "lean"}
 LOGS = (
-    option("--effects", "FILE.py", "your own effects too; the file is executed"),
+    option("--effects", "FILE.py", "Python file with your own effects; it is executed"),
     HZ,
     TIME_UNIT,
     *MOTORS,

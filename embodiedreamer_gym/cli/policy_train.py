@@ -11,17 +11,17 @@ WIDEST = 160  # pixels
 
 
 @o.verb(
-    o.option("--data", "DIR", "ALOHA/AgileX HDF5 files or a LeRobot set; of several, all", o.REQUIRED, Path, nargs="+"),
+    o.option("--data", "DIR", "ALOHA/AgileX HDF5 files or a LeRobot set; several are joined", o.REQUIRED, Path, nargs="+"),
     o.out_folder("policy, checkpoint and curves"),
     o.option("--steps", "N", "of the optimiser (default 8000 with masks, else 4000)", None, o.COUNT),
-    o.option("--batch", "B", "starts of a step (default 64 with masks, else 32)", None, o.COUNT),
+    o.option("--batch", "B", "training examples per step (default 64 with masks, else 32)", None, o.COUNT),
     o.option("--learning-rate", "R", "peak (default: small 1e-3, paper 1e-5)", None, o.number(float, 0.0, 1e3, above=True)),
     o.option("--chunk", "K", "actions predicted", 100, o.COUNT),
     o.option("--cameras", "NAME", "one to three (default: all of the data)", nargs="+"),
     o.option("--size", "WxH", f"scale pictures to (default: as they are; small preset: at most {WIDEST} wide)"),
     o.option("--mirror", "M", f"learn mirrored demonstrations too, for the other arm of this symmetric robot: {o.MODELS}"),
     o.option("--no-masks", None, "do not learn from the objects' masks that the data may have"),
-    o.option("--asked", "S", "share of the training starts at the times where whole chunks begin (default 0.7);"
+    o.option("--chunk-start-share", "S", "share of the training starts at the times where whole chunks begin (default 0.7);"
            " 0 for a policy that is queried more often", None, o.number(float, 0.0)),
     o.option("--no-rest", None, "do not learn to rest after an episode's end"),
     o.option("--preset", None, "sizes of the network", "small", choices=PRESETS),
@@ -48,7 +48,7 @@ def run(a, progress):
     learning_rate = PRESETS[a.preset] if a.learning_rate is None else a.learning_rate
     mirror = () if a.mirror is None else _mirror(a.mirror)
     settings = TrainingConfig.usual(config, steps=a.steps, batch=a.batch, learning_rate=learning_rate, mirror=mirror,
-                                    chunk_start_share=a.asked, rest=not a.no_rest, seed=a.seed)  # fmt: skip
+                                    chunk_start_share=a.chunk_start_share, rest=not a.no_rest, seed=a.seed)  # fmt: skip
     return f"{a.out}: {train(episodes, config, settings, a.out, progress, progress.note, a.device)!r}"
 
 

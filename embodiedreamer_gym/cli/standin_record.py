@@ -28,7 +28,7 @@ LOG = {  # of a single arm
     o.out_folder("model.json, train/, test/ and truth.json"),
 )
 def run(a, progress):
-    """Record a stand-in robot with a hidden effect, the ground truth in a file of its own."""
+    """Record a stand-in robot: a simulated one with a hidden effect. The ground truth is in a file of its own."""
     from embodiedreamer_gym.effects import CATALOGUE
     from embodiedreamer_gym.io.files import atomic_folder, write_json
     from embodiedreamer_gym.standin.cases import aloha_case, draw_case

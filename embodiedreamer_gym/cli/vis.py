@@ -26,7 +26,7 @@ FINE_TUNING = 0.3  # of the learning rate of a training from the beginning
     o.option("--from", "DIR", "svd: a local folder with unet and vae", dest="source"),
 )
 def train(a, progress):
-    """Train a video model from the beginning."""
+    """Train a video model from scratch."""
     import torch
 
     from embodiedreamer_gym.vis_aligner.lean import Lean
@@ -66,7 +66,7 @@ def _fit(a, aligner, share: float, progress) -> str:
     o.QUIET,
 )
 def evaluate(a, progress):
-    """Compare a model with held-out episodes, copying and raw simulation."""
+    """Evaluate a model on held-out episodes, beside copied frames and the raw simulation."""
     from embodiedreamer_gym.io.video import save_picture
     from embodiedreamer_gym.vis_aligner import metrics
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes

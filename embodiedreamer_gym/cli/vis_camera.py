@@ -19,7 +19,7 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
     o.option("--fixed", None, "the camera was in one place in all recordings"),
     o.option("--free", "A,B", "what is fitted: focal, aspect, cx, cy, k1, delay", "focal,aspect"),
     o.option("--loose", "A,B", "links that differ from the model in the pictures", ""),
-    o.option("--margin", "M", "m around them", 0.06, o.number(float, 0.0, 10.0)),
+    o.option("--margin", "M", "width of the ignored margin around these links, m", 0.06, o.number(float, 0.0, 10.0)),
     o.HZ,
     o.SEED,
     o.out_file("FILE.json", "camera file"),

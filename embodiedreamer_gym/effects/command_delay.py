@@ -15,7 +15,7 @@ class CommandDelay(SignalLaw):
     family = "late_command"
     stage = "command"
     parameters = (Parameter("seconds", "s", off=0.0, low=0.0, high=LONGEST, typical=0.03),)
-    symptom = "the whole motion comes late by the same time, so the error grows with speed"
+    symptom = "the whole motion is late by the same time, so the error grows with speed"
     reveals = "fast multisine and steps"
     confused_with = ("command_lowpass", "command_rate_limit")
 

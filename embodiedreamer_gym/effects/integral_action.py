@@ -17,7 +17,7 @@ class IntegralAction(SignalLaw):
         Parameter("rate", "1/s", off=0.0, low=0.0, high=50.0, typical=1.0),
         Parameter("limit", "N m", off=1e3, low=0.05, high=1e3, typical=2.0, scale="torque", shape=True),
     )
-    symptom = "errors at holds creep to zero in every pose, and fast moves swing past their target"
+    symptom = "errors at holds creep to zero in every pose, and fast moves overshoot their target"
     reveals = "long holds in poses of different weight, after moves"
     confused_with = ("velocity_cascade", "gravity_compensation", "torque_bias", "hysteresis", "derivative_on_error")
 

@@ -12,7 +12,9 @@ class JointElasticity(MechanicsChange):
         Parameter("compliance", "rad/(N m)", off=0.0, low=0.0, high=0.3, typical=0.02, scale="1/torque"),
         Parameter("settling", "s", off=0.004, low=0.0, high=0.05, typical=0.004, shape=True),
     )
-    symptom = "the joint rings after sudden stops, faster than its servo, and hardly feels its load while speeding up"
+    symptom = (
+        "the joint rings after sudden stops, faster than its servo, and its load hardly acts on it while it accelerates"
+    )
     reveals = "abrupt stops and a multisine up to the resonance; the end effector, which sags unseen by the encoders"
     confused_with = ("rotor_inertia", "backlash")
 

@@ -15,7 +15,7 @@ class PwmDeadband(SignalLaw):
         Parameter("level", "N m", off=0.0, low=0.0, high=3.0, typical=0.1, scale="torque"),
         Parameter("start", "N m", off=0.0, low=0.0, high=3.0, typical=0.05, scale="torque"),
     )
-    symptom = "near the target the joint stands free, then the torque sets in with a jump"
+    symptom = "near the target the joint moves freely, then the torque sets in with a jump"
     reveals = "slow ramps through poses without gravity torque, and small steps"
     confused_with = ("servo_deadzone", "coulomb_friction", "friction_compensation", "backlash")
 

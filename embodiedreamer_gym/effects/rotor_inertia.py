@@ -8,7 +8,7 @@ class RotorInertia(MechanicsChange):
 
     name = "rotor_inertia"
     parameters = (Parameter("inertia", "kg m^2", off=0.0, low=0.0, high=1.5, typical=0.005, scale="torque"),)
-    symptom = "the joint answers late to every change of speed and swings past its target, at any pose and load"
+    symptom = "the joint is late at every change of speed and overshoots its target, at any pose and load"
     reveals = "steps and fast moves to and fro"
     confused_with = ("payload", "command_lowpass", "joint_elasticity")
 

@@ -18,7 +18,7 @@ class TorqueFade(SignalLaw):
         Parameter("loss", "1", off=0.0, low=0.0, high=0.9, typical=0.3),
         Parameter("time", "s", off=5.0, low=0.5, high=600.0, typical=5.0, shape=True),
     )
-    symptom = "the same move comes out weaker late in a log than early in it"
+    symptom = "the same move is weaker late in a log than early in it"
     reveals = "one heavy move repeated for minutes, in a log that begins with the drive cool"
     confused_with = ("payload", "torque_saturation", "torque_constant")
 

@@ -8,11 +8,15 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.io.files import atomic_file
 
 
-def write_video(frames: np.ndarray, path: str | Path, rate: float = 30.0) -> None:
-    """Write frames (T, H, W, 3) uint8 as mp4; rate: frames per second.
+@renamed_arguments(rate="fps")
+def write_video(frames: np.ndarray, path: str | Path, fps: float = 30.0) -> None:
+    """Write frames (T, H, W, 3) uint8 as mp4 by OpenCV, which needs no extra; fps: frames per second.
+
+    LeRobot sets are h264 or AV1 with exact times: `recordings.episodes.video` writes them by PyAV.
 
     Raises: VisionError where the file cannot be written.
     """
@@ -22,7 +26,7 @@ def write_video(frames: np.ndarray, path: str | Path, rate: float = 30.0) -> Non
         raise wrong
     height, width = frames.shape[1:3]
     with atomic_file(path, VisionError, suffix=".mp4") as part:
-        writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), rate, (width, height))
+        writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), fps, (width, height))
         if not writer.isOpened():
             raise wrong
         for frame in frames:

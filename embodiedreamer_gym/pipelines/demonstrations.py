@@ -30,7 +30,7 @@ RECIPE = 4  # to be raised with whatever changes the episodes of the same settin
 STEPS = 300  # control steps, after which an attempt has failed
 STILL = 15  # control steps without motion, after which an episode that has succeeded ends
 MOVES = 0.002  # rad, m or share of the gripper's opening per control step
-PATIENCE = 20  # attempts beyond four for each episode that is wanted, after which the expert is given up
+PATIENCE = 20  # attempts beyond four for each episode that is wanted, after which recording stops
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def record_demonstrations(wanted: Demonstrations, episodes: int, folder: str | P
         if attempt >= 4 * episodes + PATIENCE:
             raise SimulationError(
                 f"the expert has succeeded in {done} of {attempt} attempts at {wanted.task} with robot {wanted.robot}; "
-                "it is given up: the robot may be too far from the one it plans with."
+                "recording stops: the robot may be too far from the one it plans with."
             )
         calls = [(wanted, number, folder) for number in range(attempt, attempt + episodes - done)]
         for path in each(_attempt, calls, jobs):
@@ -132,7 +132,7 @@ def _whole(path: Path, said: dict[str, Any]) -> int:
         failed = int(there.pop("failed"))
     except (KeyError, ValueError, TypeError) as error:
         raise RecordingError(
-            f"{path.parents[1]} is in the way: it is no set of demonstrations; give another folder."
+            f"{path.parents[1]} exists already and is no set of demonstrations; give another folder."
         ) from error
     check_settings(path.parents[1], there, said)
     return failed

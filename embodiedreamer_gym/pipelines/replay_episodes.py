@@ -108,7 +108,7 @@ def read_source(path: Path, task: str | None = None, robot: str | None = None) -
         about = _demonstration(file)
     task = task or about.get("task") or str(attributes.get("task", ""))
     if task not in TASKS:
-        raise RecordingError(f"{path} does not say which task it is of; give one of {', '.join(TASKS)}.")
+        raise RecordingError(f"{path} does not state its task; give one of {', '.join(TASKS)}.")
     seed = attributes["seed"] if about and "seed" in attributes else None
     if seed is not None and not isinstance(seed, int | np.integer):
         raise RecordingError(f"{path}: the attribute seed is no whole number.")
@@ -158,6 +158,6 @@ def _check_objects(path: Path, task: str, objects: Mapping[str, np.ndarray]) -> 
     wanted = {prop.name for prop in TASKS[task]().props}
     if set(objects) != wanted:
         raise RecordingError(
-            f"{path} does not say where the objects were: it needs {', '.join(f'/objects/{n}' for n in sorted(wanted))}, "
+            f"{path} needs the poses of the task's objects, {', '.join(f'/objects/{n}' for n in sorted(wanted))}, "
             f"and has {', '.join(f'/objects/{n}' for n in objects) or 'none'}."
         )

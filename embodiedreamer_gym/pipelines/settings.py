@@ -43,7 +43,7 @@ class EvaluationSettings:
     jobs: int = 1
     """Processes."""
     video: Path | None = None
-    """Write what the cameras saw, a video for each episode."""
+    """Write the camera pictures, a video for each episode."""
 
 
 @dataclass(frozen=True)

@@ -244,7 +244,7 @@ def read_settings(path: Path, attribute: str, what: str) -> dict[str, Any]:
         with open_hdf5(path) as file:
             return dict(file.json(attribute))
     except (RecordingError, TypeError, ValueError) as error:
-        raise RecordingError(f"{path} is in the way: it is no {what}; give another folder.") from error
+        raise RecordingError(f"{path} exists already and is no {what}; give another folder.") from error
 
 
 def write_rows(

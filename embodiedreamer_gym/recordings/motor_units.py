@@ -93,7 +93,7 @@ class MotorUnits:
         if self.kind is None:
             likely = ("LeRobot's degrees" if most > MOST["range"] else "LeRobot's -100 .. 100 (range), or degrees") if most > MOST["rad"] / 3 else "rad"  # fmt: skip
             raise RecordingError(
-                f"{source}: in which units are these joints? The set does not say; they span {low:.4g} to {high:.4g}, which "
+                f"{source}: the set does not state the units of these joints; they span {low:.4g} to {high:.4g}, which "
                 f"resembles {likely}; give --units {', '.join(UNIT_KINDS[:-1])} or {UNIT_KINDS[-1]} (units=...)"
             )
         if most > MOST[self.kind]:

@@ -122,11 +122,11 @@ def _infer(raw: np.ndarray, step: float, position: np.ndarray, source: str, defa
     if plausible:
         rates = " or ".join(f"{hz[unit]:.4g} Hz in {unit}" for unit in plausible)
         raise RecordingError(
-            f"{source}: are these times {' or '.join(NAMES[unit] for unit in plausible)}? Their step of {step:g} is {rates}, "
+            f"{source}: the unit of these times may be {' or '.join(NAMES[unit] for unit in plausible)}: their step of {step:g} is {rates}, "
             f"and the motion fits both; give --time-unit {plausible[0]} or {plausible[-1]} (time_unit=...)"
         )
     raise RecordingError(
-        f"{source}: in which unit are these times? Their step of {step:g} is no rate between 1 Hz and 10 kHz in s, ms, us "
+        f"{source}: the unit of these times is not known: their step of {step:g} is no rate between 1 Hz and 10 kHz in s, ms, us "
         "or ns; give --time-unit ms, say (time_unit=...), or correct the stamps"
     )
 

@@ -56,15 +56,21 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def urdf_path(text: str, model_path: Path) -> Path:
-    """Path of the URDF a model names: relative to the model's file, or one that the package ships."""
+    """Path of the URDF a model names: relative to the model's file, or one that the package ships.
+
+    Raises: ModelError, which names the model, when there is no such file.
+    """
+    path = model_path.parent / text
     if text.startswith(BUILT_IN_URDF):
-        return ASSETS / "urdf" / text.removeprefix(BUILT_IN_URDF)
+        path = ASSETS / "urdf" / text.removeprefix(BUILT_IN_URDF)
     try:
-        path = model_path.parent / text
         real = Path(os.path.realpath(path))  # Path.resolve fails at a loop of links
-        return real if os.path.isfile(real) else path  # which the sentence about it names
+        found = os.path.isfile(real)
     except ValueError as error:  # a null character
         raise ModelError(f"model {model_path}: the urdf {brief(text)} cannot be a path.") from error
+    if not found:
+        raise ModelError(f"model {model_path}: its URDF {path} does not exist.")
+    return path if text.startswith(BUILT_IN_URDF) else real
 
 
 def urdf_text(urdf: Path, model_path: Path) -> str:

@@ -41,7 +41,9 @@ class Transmission:
             raise ModelError("transmission: a sign is 1 or -1.")
         rows = np.abs(self.matrix).max(axis=1, initial=0.0)
         if not (rows > 0).all() or np.linalg.cond(self.matrix / rows[:, None]) > WORST:
-            raise ModelError("transmission: its matrix has no inverse, so it says nothing of some motor's torque.")
+            raise ModelError(
+                "transmission: its matrix has no inverse, so the torque of some motor cannot be determined."
+            )
 
     def __repr__(self) -> str:
         return f"Transmission({', '.join(self.motors)})"

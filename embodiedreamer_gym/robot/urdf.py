@@ -114,7 +114,7 @@ def _check_names(robot: yourdfpy.Robot, path: Path) -> None:
                 raise ModelError(f"{path.name} must have one root link, but joints form a loop through '{link}'.")
             seen.add(link)
         if link != root:
-            raise ModelError(f"link '{link}' of {path.name} hangs on nothing.")
+            raise ModelError(f"link '{link}' of {path.name} is not connected to the root link.")
 
 
 def _check_numbers(robot: yourdfpy.Robot, path: Path) -> None:

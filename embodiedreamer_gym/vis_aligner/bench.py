@@ -67,12 +67,14 @@ def make_gallery(episodes: Sequence[Episode], photos: int = PHOTOS) -> Gallery |
 
 def with_benches(episodes: Sequence[Episode]) -> list[Episode]:
     """The episodes, each with the bench of all episodes before it; its gallery is of other episodes."""
-    looks = {look: [e for e in episodes if e.look == look] for look in dict.fromkeys(e.look for e in episodes)}
+    groups: dict[str, list[Episode]] = {}
+    for episode in episodes:
+        groups.setdefault(episode.appearance, []).append(episode)
     made: dict[str, Iterator[Bench]] = {}
-    for look, those in looks.items():
+    for appearance, those in groups.items():
         behind, halves = _behind(those), (make_gallery(those[1::2]), make_gallery(those[::2]))
-        made[look] = itertools.cycle([Bench(*behind, gallery) for gallery in halves])
-    return [replace(e, bench=next(made[e.look])) for e in episodes]
+        made[appearance] = itertools.cycle([Bench(*behind, gallery) for gallery in halves])
+    return [replace(e, bench=next(made[e.appearance])) for e in episodes]
 
 
 def _free(episode: Episode) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.io.deprecation import renamed_arguments
 
 TABLE, ROBOT, OBJECT, GOAL = 1, 2, 3, 4  # classes; 0 is the background, further props count as goals
 CLASS_NAMES = ("background", "table", "robot", "object", "goal")
@@ -219,12 +221,13 @@ class References:
         return self.last.shape[1], self.last.shape[0]
 
 
+@renamed_arguments(look="appearance")
 @dataclass(frozen=True, eq=False)
 class Episode:
     """A clip with its truth: real frames (T, H, W, 3) uint8 and what the simulator shows of the same instants.
 
-    clean: the frames without the sensor's noise, where known; class_names: what the classes' numbers mean; look: episodes
-    before the same bench, in the same light, have one name; bench: what is known of it, where that was made.
+    clean: the frames without the sensor's noise, where known; class_names: what the classes' numbers mean; appearance:
+    a name that episodes before the same bench, in the same light, share; bench: what is known of it, where that was made.
     Raises: VisionError when the sizes differ.
     """
 
@@ -233,7 +236,7 @@ class Episode:
     condition: Condition
     clean: Array | None = None
     class_names: tuple[str, ...] = CLASS_NAMES
-    look: str = ""
+    appearance: str = ""
     bench: Bench | None = None
 
     def __post_init__(self) -> None:
@@ -248,6 +251,12 @@ class Episode:
 
     def __repr__(self) -> str:
         return f"Episode({self.name!r}, {len(self)} frames of {self.condition.size[0]} x {self.condition.size[1]})"
+
+    @property
+    def look(self) -> str:
+        """The appearance by its name in version 0.1."""
+        warnings.warn("Episode.look is deprecated; use Episode.appearance", DeprecationWarning, stacklevel=2)
+        return self.appearance
 
     @cached_property
     def first_seen(self) -> Array:

@@ -45,10 +45,10 @@ def load_episode(path: str | Path, camera: str = "head") -> Episode:
         depth = None if depth is None else depth.astype(np.float32)
         if classes.dtype != np.uint8 or (parts is not None and parts.dtype != np.uint8):
             raise VisionError("classes and parts must be uint8.")
-        look = file.json("look", {})
+        filmed = file.json("look", {})  # the attribute that `standin film` writes
         names = file.strings("class_names") or CLASS_NAMES
-        style = str(look.get("name", "")) if isinstance(look, dict) else ""
-        return Episode(path.stem, frames, Condition(rgb, classes, depth, parts, projections), clean, names, style)
+        appearance = str(filmed.get("name", "")) if isinstance(filmed, dict) else ""
+        return Episode(path.stem, frames, Condition(rgb, classes, depth, parts, projections), clean, names, appearance)
 
 
 def load_episodes(patterns: Sequence[str | Path], camera: str = "head") -> list[Episode]:

@@ -248,6 +248,15 @@ def test_a_log_whose_sign_is_flipped_is_no_food_for_a_fit(work, logs, capsys) ->
     assert code == 0 and "shoulder" in err
 
 
+def test_a_log_of_an_arm_that_stands_still_is_one_error(work, logs, capsys) -> None:
+    """What is wrong with its joints is said before, in lines that do not begin with "error:"."""
+    log = load_recordings(logs / "train")[0]
+    save_recording(log.with_(position=np.zeros_like(log.position)), work / "still.csv")
+    code, _, err = run(capsys, "compare", "--model", "two.json", "still.csv")
+    assert code == 2 and err.count("error:") == 1 and "fault: still: elbow does not move" in err
+    assert err.splitlines()[-1].startswith("error: no usable sample is left in still")
+
+
 def test_dashes_are_no_value(work, capsys) -> None:
     code, _, err = run(capsys, "compare", "--model", "two.json", "log.csv", "--json=--")
     assert code == 2 and err == "error: --json=--: '--' cannot be a value.\n"

@@ -181,12 +181,12 @@ def test_what_fails_is_counted_and_left_out(demos: Path, small: str, tmp_path: P
 
 def test_a_log_that_says_where_the_objects_were(demos: Path, small: str, tmp_path: Path) -> None:
     log = plain_log(demos, tmp_path / "logs" / "log.hdf5", "task")
-    with pytest.raises(RecordingError, match="which task it is of; give one of"):
+    with pytest.raises(RecordingError, match="does not state its task; give one of"):
         regenerate(log, tmp_path / "out", small)
     assert regenerate(log, tmp_path / "out", small, task="GrabPaperCup").written == 1
     assert about(tmp_path / "out" / "log_0.hdf5")["replay_error"] < 0.01
     bare = plain_log(demos, tmp_path / "logs" / "bare.hdf5", "objects")
-    with pytest.raises(RecordingError, match="needs /objects/cup, and has none"):
+    with pytest.raises(RecordingError, match="needs the poses of the task's objects, /objects/cup, and has none"):
         regenerate(bare, tmp_path / "none", small)
 
 
@@ -234,7 +234,7 @@ def test_damaged_episodes(demos: Path, small: str, tmp_path: Path, harm: str) ->
     }
     damage[harm]()
     given = [folder, demos] if harm == "twice" else folder
-    said = {"cut": "damaged, cut short", "other": "mine.hdf5 is in the way", "twice": "two episodes are called",
+    said = {"cut": "damaged, cut short", "other": "mine.hdf5 exists already", "twice": "two episodes are called",
             "empty": "no HDF5 episode"}[harm]  # fmt: skip
     with pytest.raises(EmbodieDreamerError, match=said) as caught:
         regenerate(given, out, small)

@@ -176,7 +176,7 @@ def test_units_are_asked_for(tmp_path: Path, make, factor: float, likely: str) -
     log = make()
     with LeRobotWriter(tmp_path / "set", 50, JOINTS) as writer:
         writer.add_episode(log.position * factor, log.command * factor, {})
-    with pytest.raises(RecordingError, match=f"in which units.*span -.*{likely}"):
+    with pytest.raises(RecordingError, match=f"does not state the units.*span -.*{likely}"):
         load_recordings(tmp_path / "set")
     if factor > 100:
         with pytest.raises(RecordingError, match="cannot be in the units 'rad'"):

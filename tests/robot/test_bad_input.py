@@ -86,7 +86,9 @@ def test_a_chain_of_a_thousand_links(arm: Path) -> None:
     ("key", "value", "words"),
     [
         ("urdf", "no.urdf", "no.urdf does not exist"),
-        ("urdf", ".", "does not exist"),
+        ("urdf", ".", "bad.json: its URDF .* does not exist"),
+        ("urdf", "/", "bad.json: its URDF / does not exist"),
+        ("urdf", "embodiedreamer:none.urdf", "bad.json: its URDF .*none.urdf does not exist"),
         ("urdf", 3, "needs"),
         ("joints", ["shoulder", "knee"], "'knee' is no movable joint of two.urdf; movable: shoulder, elbow"),
         ("joints", ["elbow", "elbow"], "of two.urdf are not unique"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.test_floors import FILES, imported
+from tests.test_layers import FILES, imported
 
 ROOTS = ("standin.hidden", "standin.engine", "standin.plant", "standin.firmware")
 URDF = "robot.urdf"  # the one module outside `standin` that they may use besides `errors`: a reader of URDF files

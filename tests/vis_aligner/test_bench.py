@@ -36,7 +36,7 @@ def test_what_was_seen_once_counts() -> None:
 
 
 def test_each_bench_has_its_own() -> None:
-    ones = [replace(episode(seed), look=bench) for seed, bench in ((0, "a"), (1, "b"), (2, "a"))]
+    ones = [replace(episode(seed), appearance=bench) for seed, bench in ((0, "a"), (1, "b"), (2, "a"))]
     dark = replace(ones[1], frames=ones[1].frames // 2)
     a, b, again = with_benches([ones[0], dark, ones[2]])
     assert a.bench is not None and again.bench is not None and b.bench is not None
@@ -49,7 +49,7 @@ def test_a_gallery_has_poses_that_differ_and_none_of_the_episode_itself() -> Non
     turning = [board([(0.0, 0.0, 1.0, 0.0)] * 5 + [(0.0, 0.0, 1.0, a) for a in (0.5, 1.0, 1.5)]) for _ in range(2)]
     angles = (0.0, 0.4, 0.8, 1.2)
     leaning = [tilted(clip, angles) for clip in turning]
-    one, two = (Episode(str(k), c.rgb + np.uint8(k), c, look="a") for k, c in enumerate(leaning))
+    one, two = (Episode(str(k), c.rgb + np.uint8(k), c, appearance="a") for k, c in enumerate(leaning))
     found = make_gallery([one, two], 4)
     assert found is not None and len(found) == 4
     axes = facings(found.condition)[:, 0]

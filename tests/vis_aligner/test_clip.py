@@ -22,6 +22,14 @@ def test_references_of_an_episode_are_those_of_playing_it() -> None:
     assert there.seen.sum() > one.references(0).seen.sum()
 
 
+def test_the_former_name_of_appearance_works_with_a_warning() -> None:
+    one = episode(1)
+    with pytest.warns(DeprecationWarning, match="'look' of Episode is now 'appearance'"):
+        named = Episode("a", one.frames, one.condition, look="dim")
+    with pytest.warns(DeprecationWarning, match="use Episode.appearance"):
+        assert named.look == named.appearance == "dim"
+
+
 def test_what_was_seen_is_not_redrawn() -> None:
     """The plate keeps the first sight of a pixel, whatever is shown later."""
     one = episode(2)

@@ -84,7 +84,7 @@ def load_lerobot(folder: str | Path) -> ActPolicy:
     unfit += [name for name in renamed if tuple(renamed[name].shape) != expected.get(name)]
     if unfit:
         raise PolicyError(
-            f"{folder / MODEL} does not fit its config.json: '{unfit[0]}' is missing, too much or of another size."
+            f"{folder / MODEL} does not fit its config.json: '{unfit[0]}' is missing, unexpected or of another size."
         )
     network.load_state_dict(renamed, strict=False)
     return ActPolicy(network)

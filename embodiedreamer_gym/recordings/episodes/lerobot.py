@@ -56,7 +56,7 @@ class LeRobotEpisode(Episode):
                 f"{table}: episode {self.number} has {len(column)} steps, but {self.length} in meta/episodes"
             )
         if len(flat) != width * self.length or (nested and set(_sizes(column)) != {width}):
-            raise RecordingError(f"{table}: {key} has not {width} numbers a step, as meta/info.json says")
+            raise RecordingError(f"{table}: {key} has not {width} numbers a step, as meta/info.json states")
         values = flat.to_numpy(zero_copy_only=False).reshape(self.length, width)
         return check_numbers(values, f"{table}: {key} of episode {self.number}")
 
@@ -78,7 +78,7 @@ class LeRobotEpisodes(EpisodeSet):
         super().__init__(str(folder), names, episodes, info.state_size, info.action_size, sizes, info.hz)
         if sum(self.lengths) != info.frames:
             raise RecordingError(
-                f"{self.source}: the episodes have {sum(self.lengths)} steps, meta/info.json says {info.frames}"
+                f"{self.source}: the episodes have {sum(self.lengths)} steps, meta/info.json states {info.frames}"
             )
 
 
@@ -117,7 +117,7 @@ def _check_numbering(folder: Path, numbers: list[Any], info: Info) -> None:
     """Raises: RecordingError where the episodes are not as many as info says, numbered from 0."""
     if numbers != list(range(info.episodes)):
         raise RecordingError(
-            f"{folder}: meta/episodes has {len(numbers)} episodes, meta/info.json says {info.episodes}; "
+            f"{folder}: meta/episodes has {len(numbers)} episodes, meta/info.json states {info.episodes}; "
             "they must be numbered from 0 without a gap"
         )
 

@@ -158,7 +158,7 @@ class _Decoder:
         """Raises: RecordingError for a frame or codec of another size."""
         if (one.width, one.height) != self._size:
             raise RecordingError(f"{self._path}: the frames are {one.width} x {one.height}, "
-                                 f"not {self._size[0]} x {self._size[1]} as meta/info.json says")  # fmt: skip
+                                 f"not {self._size[0]} x {self._size[1]} as meta/info.json states")  # fmt: skip
 
     def _when(self, frame: Any) -> float:
         return frame.pts * self._tick

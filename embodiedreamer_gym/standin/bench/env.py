@@ -5,15 +5,17 @@ from __future__ import annotations
 import gymnasium as gym
 
 from embodiedreamer_gym.envs import task_id
+from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.standin.bench.engine import Effects, Pictures, StandInWorld
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 
 
+@renamed_arguments(look="appearance")
 def make_stand_in(
     task: str = "PutCupOnMat",
     effects: Effects | None = None,
     chunk: int = 100,
-    look: str = "lab",
+    appearance: str = "lab",
     size: tuple[int, int] = (128, 96),
     seed_of_robot: int | None = 0,
     pictures: str | Pictures = "traced",
@@ -25,11 +27,11 @@ def make_stand_in(
     task: a name in TASKS.
     effects, seed_of_robot, pictures, blender: see `StandInWorld`.
     chunk: actions (chunk, 14) of one step, see `ActionChunk`.
-    look: appearance of the bench: lab, or a whole number that draws one.
+    appearance: of the bench: lab, or a whole number that draws one.
     size: width and height of a picture, pixels.
     control_hz: actions per second.
     Raises: ModelError, EffectError, SimulationError or VisionError that names what is allowed; MissingExtraError.
     """
-    world = StandInWorld(effects, seed_of_robot, look, pictures, blender)
+    world = StandInWorld(effects, seed_of_robot, appearance, pictures, blender)
     env = gym.make(task_id(task), engine=world, image_size=size, control_hz=control_hz, disable_env_checker=True)
     return ActionChunk(env, chunk)

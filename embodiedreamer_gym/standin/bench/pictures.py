@@ -23,21 +23,21 @@ SAMPLES = 4  # light paths per pixel, as in the films
 
 
 class PathTraced:
-    """Pictures (H, W, 3), uint8, of a robot and props by their poses, in a look, as the films show them.
+    """Pictures (H, W, 3), uint8, of a robot and props by their poses, in an appearance, as the films show them.
 
-    Blender starts with the first picture, which also sets the exposure: by that state without its props. look: lab or a
-    whole number; size: width, height; blender: path of a Python interpreter that has bpy, see `find_blender`.
-    Raises: VisionError for another look or size; MissingExtraError without bpy.
+    Blender starts with the first picture, which also sets the exposure: by that state without its props. appearance: lab or
+    a whole number; size: width, height; blender: path of a Python interpreter that has bpy, see `find_blender`.
+    Raises: VisionError for another appearance or size; MissingExtraError without bpy.
     """
 
-    def __init__(self, robot: RobotModel, props: Sequence[Prop], look: str, size: tuple[int, int],
+    def __init__(self, robot: RobotModel, props: Sequence[Prop], appearance: str, size: tuple[int, int],
                  blender: str | None = None) -> None:  # fmt: skip
-        if look == "many":
-            raise VisionError("a bench has one look; give lab, or a whole number that draws one.")
+        if appearance == "many":
+            raise VisionError("a bench has one appearance; give lab, or a whole number that draws one.")
         check_size(size)
-        self._look = find_appearance(look, 0)
+        self._appearance = find_appearance(appearance, 0)
         self._blender = find_blender(blender)
-        self._optics = NoisyCamera(CAMERAS[CAMERA], size, self._look.camera_noise)
+        self._optics = NoisyCamera(CAMERAS[CAMERA], size, self._appearance.camera_noise)
         self._parts = scene_parts(robot.urdf, props)
         self._props = {prop.name for prop in props}
         self.bodies = tuple(dict.fromkeys(part.body for part in self._parts))
@@ -54,7 +54,7 @@ class PathTraced:
             empty = here.copy()
             empty[[name in self._props for name in self.bodies], 2, 3] -= AWAY
             take = Animation(self._parts, self.bodies, empty[None])
-            self._studio = Studio(make_scene(take, self._look, self._optics.wide, SAMPLES), self._blender)
+            self._studio = Studio(make_scene(take, self._appearance, self._optics.wide, SAMPLES), self._blender)
             self._exposure = auto_exposure(self._optics.distort(self._studio.read()), self._optics.noise)
         return add_sensor_noise(self._optics.develop(self._studio.shoot(here), self._exposure), rng)
 

@@ -86,7 +86,7 @@ OPENING = {
     "features must be an object": setting("features", value=3),
     "fps must be a number above 0, not 0": setting("fps", value=0),
     "total_episodes must be a whole number": setting("total_episodes", value="2"),
-    r"has 2 episodes, meta/info\.json says 3": setting("total_episodes", value=3),
+    r"has 2 episodes, meta/info\.json states 3": setting("total_episodes", value=3),
     "the episodes have 14 steps": setting("total_frames", value=15),
     "feature observation.state is missing": info(lambda data: data["features"].pop("observation.state")),
     "the shape of action must be 1 whole numbers": setting("features", "action", "shape", value=[2, 7]),

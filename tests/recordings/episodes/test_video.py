@@ -100,7 +100,7 @@ def test_what_is_no_such_video(film: Path, tmp_path: Path) -> None:
     unknown.write_bytes(film.read_bytes().replace(b"avc1", b"none").replace(b"av01", b"none"))
     with pytest.raises(RecordingError, match="its video has no codec that can be read"):
         read(video.VideoReader(), unknown, 0)
-    with pytest.raises(RecordingError, match=r"the frames are 64 x 48, not 32 x 48 as meta/info\.json says"):
+    with pytest.raises(RecordingError, match=r"the frames are 64 x 48, not 32 x 48 as meta/info\.json states"):
         video.VideoReader().read(film, np.array([0.0]), RATE, (32, 48))
 
 

@@ -215,6 +215,11 @@ def test_the_camera_sees_the_cup_and_not_twice_the_same_noise(filmed: ActionChun
     assert np.abs(first - moved).max() > 40 > np.abs(first - again).max()
 
 
-def test_a_look_of_each_episode_is_refused() -> None:
-    with pytest.raises(VisionError, match="a bench has one look"):
+def test_an_appearance_of_each_episode_is_refused() -> None:
+    with pytest.raises(VisionError, match="a bench has one appearance"):
+        make_stand_in(appearance="many")
+    with (
+        pytest.warns(DeprecationWarning, match="'look' of make_stand_in is now 'appearance'"),
+        pytest.raises(VisionError),
+    ):
         make_stand_in(look="many")

@@ -89,16 +89,16 @@ def test_a_closed_camera_starts_again(camera: PathTraced) -> None:
 
 @pytest.mark.usefixtures("camera")
 @pytest.mark.parametrize(
-    ("look", "size", "sentence"),
+    ("appearance", "size", "sentence"),
     [
-        ("many", SIZE, "a bench has one look; give lab, or a whole number"),
+        ("many", SIZE, "a bench has one appearance; give lab, or a whole number"),
         ("attic", SIZE, "there is no appearance 'attic'"),
         ("lab", (64, 4096), "pictures cannot be 64 x 4096 pixels; each may be 16 to 2048"),
     ],
 )
-def test_what_it_cannot_show_is_named(look: str, size: tuple[int, int], sentence: str) -> None:
+def test_what_it_cannot_show_is_named(appearance: str, size: tuple[int, int], sentence: str) -> None:
     with pytest.raises(VisionError, match=sentence):
-        PathTraced(load_nominal(), CUP, look, size)
+        PathTraced(load_nominal(), CUP, appearance, size)
 
 
 def test_frames_may_follow_a_scene(tmp_path: Path) -> None:

@@ -142,6 +142,7 @@ def test_former_names_work_with_a_warning(capsys: pytest.CaptureFixture[str]) ->
     ]
     assert renamed(["policy", "train", "--rate=1e-3"]) == ["policy", "train", "--learning-rate=1e-3"]
     assert renamed(["policy", "prefer", "--dream", "--rate=1"])[2:] == ["--vis-aligner", "--learning-rate=1"]
+    assert renamed(["policy", "train", "--asked", "0"])[2:] == ["--chunk-start-share", "0"]
     assert renamed(["vis", "camera", "--rate", "5"])[2:] == ["--hz", "5"]
     capsys.readouterr()
     for words in ([], ["--rate"], ["demos", "--rate"], ["policy", "train", "--learning-rate", "1"]):

@@ -1,4 +1,4 @@
-"""The package is a house: imports go downward only, and packages of one floor do not see each other."""
+"""The packages are layers: imports go downward only, and packages of one layer do not import each other."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import embodiedreamer_gym
 NAME = "embodiedreamer_gym"
 PACKAGE = Path(embodiedreamer_gym.__file__).parent
 TOP = 11
-FLOORS = {
-    "errors": -1,  # below the ground floor: everybody may see it
+LAYERS = {
+    "errors": -1,  # below all layers: every package may import it
     "io": 0,
     **dict.fromkeys(["geometry", "learning", "motions", "recordings"], 1),
     **dict.fromkeys(["effects", "policies", "vis_aligner"], 2),
@@ -56,17 +56,17 @@ def offences(module: str, source: str) -> list[str]:
     here, found = module.split(".")[0], []
     for name in imported(source):
         there = name.split(".")[0]
-        there = there if there in FLOORS else "__init__"  # a public name of the package itself
+        there = there if there in LAYERS else "__init__"  # a public name of the package itself
         if name == "relative":
             found.append(f"{module}: relative import")
-        elif there != here and FLOORS[there] >= FLOORS[here]:
-            found.append(f"{module} (floor {FLOORS[here]}) imports {name} (floor {FLOORS[there]})")
+        elif there != here and LAYERS[there] >= LAYERS[here]:
+            found.append(f"{module} (layer {LAYERS[here]}) imports {name} (layer {LAYERS[there]})")
     return found
 
 
-def test_every_module_has_a_floor() -> None:
+def test_every_module_has_a_layer() -> None:
     units = {module.split(".")[0] for module in FILES}
-    assert units <= set(FLOORS), f"give these a floor: {sorted(units - set(FLOORS))}"
+    assert units <= set(LAYERS), f"give these a layer: {sorted(units - set(LAYERS))}"
 
 
 def test_imports_go_downward_only() -> None:

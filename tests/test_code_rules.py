@@ -1,4 +1,4 @@
-"""Manners of the house that a linter does not know."""
+"""Rules for the source that a linter does not check."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NOT_COUNTED = ("standin/", "vis_aligner/camera_calibration/")
 HEAVY = ("torch", "matplotlib", "mujoco", "pybullet")
 
 
-def bad_manners(source: str) -> list[str]:
+def broken_rules(source: str) -> list[str]:
     """What the source does that no file of the package may do, with its line."""
     found = []
     for node in ast.walk(ast.parse(source)):
@@ -47,7 +47,7 @@ def bad_manners(source: str) -> list[str]:
 
 
 def test_every_file_keeps_the_rules() -> None:
-    broken = {name: bad_manners(path.read_text()) for name, path in FILES.items()}
+    broken = {name: broken_rules(path.read_text()) for name, path in FILES.items()}
     assert {name: offences for name, offences in broken.items() if offences} == {}
 
 
@@ -88,8 +88,8 @@ def test_no_file_has_a_path_of_the_machine_it_was_written_on() -> None:
         "np.load(path, allow_pickle=True)",
     ],
 )
-def test_bad_manners_are_caught(source: str) -> None:
-    assert len(bad_manners(source)) == 1
+def test_broken_rules_are_caught(source: str) -> None:
+    assert len(broken_rules(source)) == 1
 
 
 def test_import_is_light_and_offline() -> None:
