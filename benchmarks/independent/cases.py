@@ -40,7 +40,7 @@ STEPS = 10  # sizes tried on each
 
 @dataclass(frozen=True)
 class Sensors:
-    """An encoder of so many bits with its noise, rad, and the relative noise of the effort."""
+    """An encoder of so many bits with its noise, rad, and the effort's noise in shares of the usual torque."""
 
     noise: float
     bits: int
@@ -59,8 +59,7 @@ class Sensors:
     def log(self, name: str, arm: Arm, truth: Truth, hold: bool, rng: np.random.Generator) -> Recording:
         """What is recorded of a log; sensor noise is left for the reader to find out, as of a real log."""
         noisy = truth.position + self.noise * rng.standard_normal(truth.position.shape)
-        effort = truth.effort * (1 + self.effort * rng.standard_normal(truth.effort.shape))
-        effort += 0.002 * usual_torque(arm) * rng.standard_normal(truth.effort.shape)
+        effort = truth.effort + self.effort * usual_torque(arm) * rng.standard_normal(truth.effort.shape)
         position = np.round(noisy / self.quantum) * self.quantum
         return Recording(name, arm.names, truth.time, position, truth.command, effort=effort,
                          command_hold="hold" if hold else "linear")  # fmt: skip

@@ -141,7 +141,7 @@ class Payload(Fault):
         """Mass, kg, and place in the tip's frame, (3,), m."""
         along, around, far = 2 * self.draw[0, 0] - 1, 2 * np.pi * self.draw[0, 1], 0.08 * self.draw[0, 2]
         flat = np.sqrt(1 - along**2)
-        mass = 0.8 * self.size * self.arm.each("mass").sum()
+        mass = 0.8 * self.size * float(self.arm.each("mass").sum())
         return mass, far * np.array([flat * np.cos(around), flat * np.sin(around), along])
 
     def values(self) -> Values:
