@@ -72,7 +72,7 @@ def test_singles_are_of_the_catalogue_and_the_others_are_not():
 
 @pytest.mark.parametrize("name", ["independent", "independent_teleoperation"])
 def test_a_case_is_the_same_for_a_seed(name, monkeypatch):
-    short = {n: replace(d, recording=d.recording | {"seconds": 1.0}) for n, d in SETS.items() if d.independent}
+    short = {n: replace(d, recording=dict(d.recording) | {"seconds": 1.0}) for n, d in SETS.items() if d.independent}
     monkeypatch.setattr(diagnosis_cases, "SETS", short)
     label = next(label for label in labels(name, "test") if label.effects == ("payload",))
     first, second = (diagnosis_cases.draw(name, "test", label) for _ in range(2))

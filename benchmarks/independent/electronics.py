@@ -61,11 +61,19 @@ class ServoDeadzone(Fault):
     """Errors within a band count as none; beyond it the firmware subtracts the band, or (of half the robots) does not."""
 
     def values(self) -> Values:
-        return {"width": self.by_joint(0.1 * self.amount)}
+        return {
+            "width": self.by_joint(0.1 * self.amount),
+            "jump": self.by_joint(np.full(len(self.on), float(self.jumps))),
+        }
+
+    @property
+    def jumps(self) -> bool:
+        """Whether the whole error counts beyond the band."""
+        return bool(self.draw[0, 3] < 0.5)
 
     def error(self, state: State, error: np.ndarray) -> np.ndarray:
         width = 0.1 * self.amount
-        outside = error if self.draw[0, 3] < 0.5 else error - np.sign(error) * width
+        outside = error if self.jumps else error - np.sign(error) * width
         return np.where(np.abs(error) > width, outside, 0.0)
 
 
