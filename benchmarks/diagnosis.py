@@ -1,6 +1,6 @@
 """Blind diagnosis: robots with none, one or two hidden effects, made in another engine; what `diagnose` says of them.
 
-python -m benchmarks.diagnosis [--set main|positions|teleoperation|no_command|poor_urdf|other_arm|ties|firmware] [--seeds test|development]
+python -m benchmarks.diagnosis [--set main|positions|teleoperation|no_command|poor_urdf|other_arm|ties|firmware|independent|independent_teleoperation] [--seeds test|development]
                                [--cases N] [--jobs 2] [--oracle singles|all|none] [--brute N] [--out FILE.jsonl]
                                [--beside MAIN.jsonl] [--figures-only]
 
@@ -11,7 +11,9 @@ whose law another member contains. The variants have 80 cases each: positions (a
 30 Hz to learn from and to be judged by; no_command (positions and efforts); poor_urdf (the same, masses up to 10 % and centres 10 mm off); other_arm (two other arms, the mixture of
 main, beside main's figures); ties (slow, poor motion on a user's question "this or that?", then the proposed motion is
 recorded, everything is asked again, and the two are compared by their likelihood). A torque constant is in no_command only: with a logged command the gains take
-it up, and nothing is left to see.
+it up, and nothing is left to see. independent and independent_teleoperation come from another generator that shares no code with
+the package's stand-in (`benchmarks/independent`): three arms, 21 effects sized by what they change of the held-out logs, 3 to 60
+sensor noises before anything is fitted, and eight effects outside the catalogue.
 
 Four recordings of 6 s a case, two of them held out and of another kind. The labels are written to OUT.labels.json and
 their SHA-256 printed before the first diagnosis; the diagnoser sees files of recordings, a URDF and nominal gains.

@@ -16,6 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.independent import cases as independent
+from benchmarks.independent.arms import ARMS
+from benchmarks.independent.outside import OUTSIDE as INDEPENDENT_OUTSIDE
 from embodiedreamer_gym.diagnosis import Diagnosis, add_effect, compare, diagnose
 from embodiedreamer_gym.diagnosis.candidates import refit
 from embodiedreamer_gym.diagnosis.decision import decide
@@ -45,6 +48,7 @@ from embodiedreamer_gym.standin.labels import (
 SEEDS = {"development": 20011, "test": 70001}
 # Beside the URDF's errors an offset of each joint's effort is estimated, which a bias is, alone or in a direction-dependent friction.
 BESIDE_OFFSETS = tuple(name for name in IN_EFFORT if name not in ("torque_bias", "direction_dependent_friction"))
+PLAIN_NOISES = 10.0  # visibility from which an effect of the independent generator is plain
 TIES = (
     ("command_delay", "command_lowpass"),
     ("torque_bias", "joint_spring"),
@@ -59,7 +63,10 @@ TIES = (
 
 @dataclass(frozen=True)
 class Design:
-    """A set of cases: how many of each kind, which effects in rotation, which arms, how it is recorded, how strong a single effect is."""
+    """A set of cases: how many of each kind, which effects in rotation, which arms, how it is recorded, how strong a single effect is.
+
+    independent: whether `benchmarks.independent` makes the cases, where a strength is a visibility in sensor noises.
+    """
 
     number: int
     counts: Mapping[str, int]
@@ -67,10 +74,27 @@ class Design:
     arms: tuple[str, ...] = ("arm6",)
     recording: Mapping[str, Any] = field(default_factory=dict)
     strengths: tuple[float, float] = (BARELY, STRONG)
+    independent: bool = False
+
+    @property
+    def outside(self) -> tuple[str, ...]:
+        """Effects that the diagnoser is not told of."""
+        return tuple(INDEPENDENT_OUTSIDE) if self.independent else OUTSIDE
+
+    @property
+    def plain(self) -> tuple[float, float]:
+        """Range of strengths of pairs and of effects outside the catalogue."""
+        return (PLAIN_NOISES, independent.MOST) if self.independent else (PLAIN, STRONG)
+
+    def partners(self, effect: str) -> list[str]:
+        """Effects that may make a pair with this one."""
+        return independent.partners(effect) if self.independent else partners(effect)
 
 
 FEW = {"null": 24, "single": 56}
 POOR = {"mass_error": 0.1, "com_error": 0.01}  # of a real robot's URDF: relative, and m
+ANOTHERS: dict[str, Any] = {"singles": independent.SINGLES, "arms": tuple(ARMS), "independent": True,
+                            "strengths": (independent.LEAST, independent.MOST)}  # fmt: skip
 SLOW = {"learnt": ("slow_ramps", "slow_ramps"), "held_out": ("hold_poses", "slow_ramps"), "reach": 0.2, "speed": 0.15}
 SETS = {
     "main": Design(1, {"null": 100, "single": 80, "pair": 30, "outside": 30}),
@@ -81,6 +105,13 @@ SETS = {
     "other_arm": Design(5, {"null": 33, "single": 27, "pair": 10, "outside": 10}, arms=("arm6b", "arm7")),
     "firmware": Design(8, {"null": 20, "single": 16}, singles=FIRMWARE, strengths=(0.7, 1.5)),
     "ties": Design(6, {"tie": 80}, recording=SLOW),
+    "independent": Design(11, {"null": 80, "single": 96, "pair": 32, "outside": 32}, **ANOTHERS),
+    "independent_teleoperation": Design(
+        12,
+        {"null": 40, "single": 56, "pair": 16, "outside": 8},
+        recording={"kinds": independent.AS_A_PERSON, "hz": 30.0},
+        **ANOTHERS,
+    ),
 }
 
 
@@ -113,7 +144,7 @@ def labels(name: str, seeds: str) -> list[Label]:
 
 def _label(design: Design, index: int, kind: str, k: int, rng: np.random.Generator) -> Label:
     """The k-th case of its kind."""
-    rotation = {"outside": OUTSIDE}.get(kind, design.singles)
+    rotation = design.outside if kind == "outside" else design.singles
     arm = design.arms[(k + k // len(rotation)) % len(design.arms)]
     effect = rotation[k % len(rotation)]
     if kind == "null":
@@ -121,17 +152,19 @@ def _label(design: Design, index: int, kind: str, k: int, rng: np.random.Generat
     if kind == "single":
         return Label(index, kind, (effect,), draw_strength(rng, *design.strengths), arm)
     if kind == "outside":
-        return Label(index, kind, (effect,), draw_strength(rng, PLAIN), arm)
+        return Label(index, kind, (effect,), draw_strength(rng, *design.plain), arm)
     if kind == "pair":
-        strength, other = draw_strength(rng, PLAIN), str(rng.choice(partners(effect)))
+        strength, other = draw_strength(rng, *design.plain), str(rng.choice(design.partners(effect)))
         return Label(index, kind, (effect, other), strength, arm)
     question = TIES[k % len(TIES)]
     return Label(index, kind, (question[k // len(TIES) % 2],), draw_strength(rng, 0.5, 1.5), arm, question)
 
 
-def draw(name: str, seeds: str, label: Label) -> Case:
+def draw(name: str, seeds: str, label: Label) -> Case | independent.IndependentCase:
     """The robot and the recordings of a label; one that never comes to rest, as under too much friction, is redrawn."""
     rng = case_rng(name, seeds, label.index)
+    if SETS[name].independent:
+        return independent.draw(label.effects, label.arm, label.strength, rng.spawn(1)[0], **SETS[name].recording)
     recording: dict[str, Any] = {"seconds": 6.0, "with_velocity": False, **SETS[name].recording}
     return draw_at_rest(label.effects, label.arm, rng, label.strength or PLAIN, **recording)
 
@@ -146,6 +179,8 @@ def run_case(name: str, seeds: str, label: Label, oracle: str = "singles") -> di
     try:
         case = draw(name, seeds, label)
         row["label"] |= {"values": case.hidden, "joints": places(case.hidden)}
+        if isinstance(case, independent.IndependentCase):
+            row["label"]["visibility"] = dict(case.visibility)
         with tempfile.TemporaryDirectory() as folder:
             model = RobotModel.load(case.write(folder))
             row["label"]["beyond"] = beyond(model, case.hidden)
@@ -153,7 +188,7 @@ def run_case(name: str, seeds: str, label: Label, oracle: str = "singles") -> di
             begun = time.perf_counter()
             found = _diagnose(model, folder, known)
             row |= {"seconds": time.perf_counter() - begun, "found": found.as_dict()}
-            if label.kind == "tie":
+            if isinstance(case, Case) and label.kind == "tie":
                 row["next"] = ask_again(case, model, folder, found, label)
             if label.kind in {"none": (), "singles": ("single",), "all": ("single", "pair")}[oracle]:
                 row |= oracle_of(model, folder, label.effects)
@@ -171,7 +206,7 @@ def beyond(model: RobotModel, hidden: Mapping[str, Mapping[str, Mapping[str, flo
     """True values that lie outside the bounds that the model gives a parameter, as "effect.parameter[joint]"."""
     found = []
     for effect, values in hidden.items():
-        for parameter in CATALOGUE[effect].parameters:
+        for parameter in CATALOGUE[effect].parameters if effect in CATALOGUE else ():
             low, high = model.parameter_bounds(parameter)
             names = model.joints if parameter.per == "joint" else model.arms
             found += [f"{effect}.{parameter.name}[{at}]" for at, value in values.get(parameter.name, {}).items()

@@ -51,7 +51,6 @@ TARGETS: dict[str, dict[str, tuple[float, float]]] = {  # least and most
     "no_command": {"name": (0.90, 1), "fall": (0.80, np.inf)},
     "poor_urdf": {"name": (0.88, 1), "accused": (0, 0)},
     "ties": {"resolved": (0.80, 1), "decided": (0.85, 1)},
-    "other_arm": {},
 }  # fmt: skip
 
 
@@ -104,7 +103,7 @@ def median(key: str, values: Iterable[float | None], targets: Mapping[str, tuple
 
 def figures(rows: Sequence[Row], name: str) -> list[Figure]:
     """All figures of a set that its rows allow, with that set's targets."""
-    targets = TARGETS[name]
+    targets = TARGETS.get(name, {})
     singles, nulls, pairs, outside, ties = (of_kind(rows, k) for k in ("single", "null", "pair", "outside", "tie"))
     seen = [row for row in singles if visible(row)]
     right = [row for row in singles if right_name(row)]
@@ -113,7 +112,7 @@ def figures(rows: Sequence[Row], name: str) -> list[Figure]:
     found += share("name_or_tie", (right_name(row) or tied(row) for row in seen), targets)
     found += share("joints", map(right_joints, right), targets)
     found += share("misnamed", (misnamed(row) for row in singles if not visible(row)), targets)
-    if name == "teleoperation":
+    if "teleoperation" in name:
         found += share("right_or_silent", (not misnamed(row) for row in singles), targets)
     for key, of in (("fall", fall), ("fall_above_noise", fall_above_noise), ("gap", gap)):
         found += median(key, map(of, seen), targets)

@@ -1,0 +1,200 @@
+"""A case: a robot that differs from its description, its faults, four logs of it, and a user's files of all that."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from benchmarks.independent.arms import ARMS, Arm, urdf
+from benchmarks.independent.electronics import ELECTRONICS
+from benchmarks.independent.fault import Fault, Values
+from benchmarks.independent.mechanics import MECHANICS
+from benchmarks.independent.motions import KINDS, Path
+from benchmarks.independent.outside import OUTSIDE
+from benchmarks.independent.plant import Robot, nominal, usual_torque
+from benchmarks.independent.rollout import Logger, Truth, simulate
+from embodiedreamer_gym.recordings import Recording, save_recording
+
+FAULTS = ELECTRONICS | MECHANICS | OUTSIDE
+SINGLES = (*ELECTRONICS, *MECHANICS)
+FAMILIES = (
+    ("command_delay", "command_lowpass", "command_rate_limit"),
+    ("servo_deadzone", "torque_saturation", "voltage_limit"),
+    ("coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction", "hysteresis",
+     "quadratic_drag"),
+    ("torque_bias", "torque_ripple", "joint_spring", "payload", "base_tilt", "encoder_offset"),
+    ("rotor_inertia", "joint_elasticity", "backlash"),
+)  # fmt: skip
+EXCITING = ("sines", "point_to_point", "ramps", "teleoperation")  # two to learn from, two held out
+AS_A_PERSON = ("teleoperation",) * 4
+SECONDS = 6.0
+LEAST, MOST = 3.0, 60.0  # visibility of a fault
+CLOSE = 1.25  # factor within which a visibility is as wanted
+ATTEMPTS = 6  # choices of joints, where a fault cannot be seen as wanted
+STEPS = 10  # sizes tried on each
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """An encoder of so many bits with its noise, rad, and the effort's noise in shares of the usual torque."""
+
+    noise: float
+    bits: int
+    effort: float = 0.02
+
+    @property
+    def quantum(self) -> float:
+        """The encoder's step, rad."""
+        return 2 * np.pi / 2**self.bits
+
+    @property
+    def sigma(self) -> float:
+        """Noise and rounding together, rad."""
+        return float(np.hypot(self.noise, self.quantum / np.sqrt(12)))
+
+    def log(self, name: str, arm: Arm, truth: Truth, hold: bool, rng: np.random.Generator) -> Recording:
+        """What is recorded of a log; sensor noise is left for the reader to find out, as of a real log."""
+        noisy = truth.position + self.noise * rng.standard_normal(truth.position.shape)
+        effort = truth.effort + self.effort * usual_torque(arm) * rng.standard_normal(truth.effort.shape)
+        position = np.round(noisy / self.quantum) * self.quantum
+        return Recording(name, arm.names, truth.time, position, truth.command, effort=effort,
+                         command_hold="hold" if hold else "linear")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class IndependentCase:
+    """A robot, its faults with their visibility, and its logs to learn from and held out."""
+
+    robot: Robot
+    faults: Mapping[str, Fault]
+    visibility: Mapping[str, float]
+    train: tuple[Recording, ...]
+    test: tuple[Recording, ...]
+
+    @property
+    def hidden(self) -> dict[str, Values]:
+        """Effect -> parameter -> joint or end effector -> value."""
+        return {name: fault.values() for name, fault in self.faults.items()}
+
+    def write(self, folder: str | FilePath) -> FilePath:
+        """A user's files: URDF, the model with nominal gains, and the logs as csv; the model's path."""
+        place, made = FilePath(folder), nominal(self.robot.arm)
+        servo = {"stiffness": made.stiffness.tolist(), "damping": made.damping.tolist()}
+        model = {
+            "name": made.arm.name,
+            "robot": {"urdf": "arm.urdf", "joints": list(made.arm.names), "end_effectors": ["tip"]},
+            "servo": servo,
+            "rotor_inertia": made.rotor.tolist(),
+            "viscous_friction": made.viscous.tolist(),
+        }
+        for part, logs in (("train", self.train), ("test", self.test)):
+            (place / part).mkdir(parents=True, exist_ok=True)
+            for log in logs:
+                save_recording(log, place / part / f"{log.name}.csv")
+        (place / "arm.urdf").write_text(urdf(made.arm))
+        (place / "model.json").write_text(json.dumps(model, indent=1))
+        return place / "model.json"
+
+
+def partners(effect: str) -> list[str]:
+    """Effects of other families."""
+    return [other for family in FAMILIES if effect not in family for other in family]
+
+
+def draw(
+    effects: Sequence[str],
+    arm: str,
+    wanted: float,
+    rng: np.random.Generator,
+    kinds: Sequence[str] = EXCITING,
+    hz: float = 100.0,
+    seconds: float = SECONDS,
+) -> IndependentCase:
+    """A case whose faults are each, alone and with nothing refitted, as visible as wanted, or as nearly as is found.
+
+    kinds: of the four motions, the last two held out. hz: samples a second.
+    """
+    robot = draw_robot(ARMS[arm], rng)
+    sensors = Sensors(rng.uniform(0.2e-3, 0.5e-3), 14 if rng.random() < 0.25 else 12)
+    logger = Logger(seconds, hz, bool(rng.random() < 0.5))
+    paths = [KINDS[kind](robot.arm, rng, seconds) for kind in kinds]
+    yardstick = Yardstick(robot, paths[2:], logger, sensors.sigma) if effects else None
+    faults: dict[str, Fault] = {}
+    seen: dict[str, float] = {}
+    for name in effects:
+        if yardstick is not None:
+            faults[name], seen[name] = choose(FAULTS[name], wanted, yardstick, rng)
+    logs = [sensors.log(f"{kind}_{k}", robot.arm, simulate(robot, list(faults.values()), path, logger, rng),
+                        logger.hold, rng)
+            for k, (kind, path) in enumerate(zip(kinds, paths, strict=True))]  # fmt: skip
+    return IndependentCase(robot, faults, seen, tuple(logs[:2]), tuple(logs[2:]))
+
+
+def draw_robot(arm: Arm, rng: np.random.Generator) -> Robot:
+    """A robot as it comes from the shop: masses 1.5 %, centres of mass 2 mm, gains 5 % and friction 25 % off."""
+    n, made = len(arm.joints), nominal(arm)
+    return replace(
+        made,
+        mass=made.mass * (1 + 0.015 * rng.standard_normal(n)),
+        centre=made.centre + 0.002 * rng.standard_normal((n, 3)),
+        stiffness=made.stiffness * rng.uniform(0.95, 1.05, n),
+        damping=made.damping * rng.uniform(0.95, 1.05, n),
+        viscous=made.viscous * rng.uniform(0.75, 1.25, n),
+    )
+
+
+class Yardstick:
+    """How far a fault moves the held-out logs of a robot, in sensor noises."""
+
+    def __init__(self, robot: Robot, paths: Sequence[Path], logger: Logger, sigma: float) -> None:
+        self.robot, self.paths, self.logger, self.sigma = robot, paths, logger, sigma
+        self.without = self._positions([])
+
+    def _positions(self, faults: list[Fault]) -> np.ndarray:
+        return np.concatenate([simulate(self.robot, faults, path, self.logger).position for path in self.paths])
+
+    def __call__(self, fault: Fault) -> float:
+        """Root mean square of the change of position on the joint where it is largest, in noises."""
+        change = self._positions([fault]) - self.without
+        return float(np.sqrt(np.mean(change**2, axis=0)).max() / self.sigma)
+
+
+def choose(kind: type[Fault], wanted: float, yardstick: Yardstick, rng: np.random.Generator) -> tuple[Fault, float]:
+    """A fault on one to three joints that is about as visible as wanted, and its visibility."""
+    arm, found = yardstick.robot.arm, []
+    for _ in range(ATTEMPTS):
+        n = len(arm.joints)
+        at = np.sort(rng.choice(n, rng.integers(1, 4), replace=False))
+        found.append(sized(kind, arm, at, rng.random((n, 4)), wanted, yardstick))
+        if _apart(found[-1][1], wanted) <= CLOSE:
+            break
+    return min(found, key=lambda one: _apart(one[1], wanted))
+
+
+def sized(
+    kind: type[Fault], arm: Arm, at: np.ndarray, shares: np.ndarray, wanted: float, yardstick: Yardstick
+) -> tuple[Fault, float]:
+    """The fault at the size at which it is about as visible as wanted: by proportion, then between two sizes."""
+    low, high, size = 1e-4, 1.0, 0.05
+    best: tuple[Fault, float] | None = None
+    for _ in range(STEPS):
+        fault = kind(arm, at, shares, size)
+        seen = yardstick(fault)
+        if best is None or _apart(seen, wanted) < _apart(best[1], wanted):
+            best = fault, seen
+        if _apart(seen, wanted) <= CLOSE or (size == 1.0 and seen < wanted):
+            break
+        low, high = (size, high) if seen < wanted else (low, size)
+        size *= np.clip(wanted / max(seen, 1e-9), 0.1, 10)
+        size = float(size) if low < size < high else (high if high == 1.0 else float(np.sqrt(low * high)))
+    return best if best is not None else (kind(arm, at, shares, size), 0.0)
+
+
+def _apart(seen: float, wanted: float) -> float:
+    """Factor between two visibilities, at least 1."""
+    ratio = max(seen, 1e-9) / wanted
+    return float(max(ratio, 1 / ratio))

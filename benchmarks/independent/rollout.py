@@ -1,0 +1,115 @@
+"""One log: a position servo at 1 kHz in front of MuJoCo, the faults at their places, encoders and a current sensor behind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from benchmarks.independent.fault import TICK, Fault, State
+from benchmarks.independent.motions import Path
+from benchmarks.independent.plant import STEP, Plant, Robot, usual_torque
+
+REST = 1.0  # s at the first command before the log
+TORQUE_NOISE = 0.002  # of the usual torque, sd of what each tick adds
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A log before its sensors' noise: time (T,), command, encoder angle and servo torque (T, n)."""
+
+    time: np.ndarray
+    command: np.ndarray
+    position: np.ndarray
+    effort: np.ndarray
+
+
+@dataclass(frozen=True)
+class Logger:
+    """How a log is taken: seconds, samples a second, and whether the controller holds a command or goes on to the next."""
+
+    seconds: float
+    hz: float
+    hold: bool
+
+    def times(self) -> np.ndarray:
+        """Times of the samples, (T,), s."""
+        return np.arange(round(self.seconds * self.hz) + 1) / self.hz
+
+    def commands(self, path: Path) -> np.ndarray:
+        """The commands at every tick of the log, (ticks, n): between samples held, or linear."""
+        samples = path(self.times())
+        place = np.arange(round(self.seconds / TICK) + 1) * TICK * self.hz + 1e-9
+        if self.hold:
+            return samples[np.minimum(place.astype(int), len(samples) - 1)]
+        return np.stack([np.interp(place, np.arange(len(samples)), column) for column in samples.T], axis=1)
+
+
+def simulate(
+    robot: Robot, faults: Sequence[Fault], path: Path, logger: Logger, rng: np.random.Generator | None = None
+) -> Truth:
+    """One log of a robot; with a generator the drive's torque is a little noisy.
+
+    A sample is the state that the controller reads at its time, before it sends the sample's command: with held commands
+    the effort beside it is still that of the command before.
+    """
+    for fault in faults:
+        robot = fault.build(robot)
+    plant, ticks = Plant(robot), logger.commands(path)
+    state = State(plant, lambda time: ticks[min(max(round(time / TICK), 0), len(ticks) - 1)])
+    _rest(plant, ticks[0])
+    for fault in faults:
+        fault.begin(ticks[0])
+    before, noise = round(REST / TICK), TORQUE_NOISE * usual_torque(robot.arm)
+    positions, efforts = np.empty_like(ticks), np.empty_like(ticks)
+    for k in range(-before, len(ticks)):
+        state.time = k * TICK
+        measured = _look(state, faults)
+        if k >= 0:
+            positions[k], efforts[k] = measured, state.torque
+        _servo(state, faults, measured, noise * rng.standard_normal(len(noise)) if rng else 0.0)
+        for _ in range(round(TICK / STEP)):
+            mujoco.mj_step(plant.model, plant.data)
+    rows = np.minimum(np.round(logger.times() / TICK).astype(int), len(ticks) - 1)
+    return Truth(logger.times(), path(logger.times()), positions[rows], efforts[rows])
+
+
+def _rest(plant: Plant, command: np.ndarray) -> None:
+    """Put the arm where its springs carry its weight at this command."""
+    plant.data.qpos[plant.motor] = command
+    for _ in range(5):
+        mujoco.mj_forward(plant.model, plant.data)
+        plant.data.qpos[plant.motor] = command - plant.data.qfrc_bias[plant.motor] / plant.robot.stiffness
+
+
+def _look(state: State, faults: Sequence[Fault]) -> np.ndarray:
+    """Read the motors; what the encoders say of them."""
+    data, at = state.plant.data, state.plant.motor
+    state.position, state.velocity = data.qpos[at].copy(), data.qvel[at].copy()
+    measured = state.position
+    for fault in faults:
+        measured = fault.measured(state, measured)
+    return measured
+
+
+def _servo(state: State, faults: Sequence[Fault], measured: np.ndarray, noise: np.ndarray | float) -> None:
+    """One tick: from the command to the torques and the friction of the next physics steps."""
+    plant = state.plant
+    reference = state.command(state.time)
+    for fault in faults:
+        reference = fault.reference(state, reference)
+    error = reference - measured
+    for fault in faults:
+        error = fault.error(state, error)
+    torque = plant.robot.stiffness * error - plant.robot.damping * state.velocity
+    for fault in faults:
+        torque = fault.drive(state, torque)
+    load, friction = np.zeros(len(torque)), np.zeros(len(torque))
+    for fault in faults:
+        load += fault.load(state)
+        friction += fault.friction(state)
+    state.torque = torque
+    plant.data.qfrc_applied[plant.motor] = torque + load + noise
+    plant.model.dof_frictionloss[plant.motor] = friction
