@@ -20,7 +20,7 @@ from benchmarks.independent import cases as independent
 from benchmarks.independent.arms import ARMS
 from benchmarks.independent.outside import OUTSIDE as INDEPENDENT_OUTSIDE
 from embodiedreamer_gym.diagnosis import Diagnosis, add_effect, compare, diagnose
-from embodiedreamer_gym.diagnosis.candidates import refit
+from embodiedreamer_gym.diagnosis.candidates import refit, single_trial
 from embodiedreamer_gym.diagnosis.decision import decide
 from embodiedreamer_gym.diagnosis.experiment_design import propose_motion
 from embodiedreamer_gym.diagnosis.screening import linearise, screen
@@ -276,7 +276,7 @@ def brute_case(name: str, seeds: str, label: Label) -> dict[str, Any]:
             calibrated = finish(problem, fit, 0.0).model
             short, points = linearise(problem, fit, model)
             screened = screen(CATALOGUE, points, short, np.ones(model.n))
-            refitted = [refit(calibrated, item, problem, train, test, False) for item in screened]
+            refitted = [refit(single_trial(calibrated, item, problem.hold, False), train, test) for item in screened]
             row["named"] = min(refitted, key=lambda c: c.held_out.score).kind.name
     except Exception as error:
         row["failed"] = f"{type(error).__name__}: {error}"

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.effect_starts import best_by_joint, recombine, sizes_of, start_of
+from embodiedreamer_gym.diagnosis.effect_starts import Starts, Values, recombine, single_starts, start_of
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, pooled, summarise_errors
 from embodiedreamer_gym.diagnosis.refit_cache import CachedFit
 from embodiedreamer_gym.diagnosis.screening import Screened
@@ -20,6 +20,7 @@ from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
 ITERATIONS = 12
+EARLY = 4  # iterations after which the most promising refits go on
 TOLERANCE = 1e-3
 STUCK = 1.4  # chi2 of a joint above which a fit may have ended in a wrong valley
 CLEARLY = 0.05  # of a joint's chi2, by which one fit is better there than another
@@ -63,54 +64,93 @@ def judged(problem: Problem, trained: HeldOut, held_out: HeldOut) -> HeldOut:
     return held_out if problem.signals.by_effort else pooled(trained, held_out)
 
 
-def refit(
-    base: RobotModel, screened: Screened, problem: Problem, train: Sequence[Recording], test: Sequence[Recording],
-    both_rules: bool, rival: float = np.inf, cached: CachedFit | None = None,
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A refit that is to be made: the model with one effect more, or two, where to begin, and under which rules between commands.
+
+    kind: the effect added last; again: a second start, tried where a joint stays above its noise.
+    """
+
+    kind: type[Effect]
+    model: RobotModel
+    starts: Starts
+    holds: tuple[str | None, ...]
+    again: Values | None = None
+
+    @property
+    def name(self) -> str:
+        """Names of all effects."""
+        return "+".join(e.name for e in self.model.effects)
+
+
+def single_trial(base: RobotModel, screened: Screened, hold: str | None, both_rules: bool) -> Trial:
+    """One more effect, from the screening's start and several sizes; under both rules where the recordings name none."""
+    model = base.with_effect(screened.kind, screened.joints)
+    starts = single_starts(screened.kind, model, screened.start, screened.nominal)
+    holds = RULES if both_rules and screened.kind.stage == "command" else (hold,)
+    return Trial(screened.kind, model, starts, holds, screened.start)
+
+
+def begin_refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recording], iterations: int) -> Candidate:
+    """The first iterations of a refit, from the best of its starts."""
+    fits = []
+    for hold in trial.holds:
+        problem = Problem(trial.model, train, hold=hold)
+        fits.append(
+            _candidate(trial, problem, minimise(problem, trial.starts.best(problem), iterations, TOLERANCE), test)
+        )
+    return _best(fits)
+
+
+def finish_refit(
+    trial: Trial, begun: Candidate, test: Sequence[Recording], iterations: int, rival: float = np.inf
 ) -> Candidate:  # fmt: skip
-    """Fit base + effect from several starts; under both rules between commands where the recordings name none.
+    """Continue a refit; where a joint stays above its noise, fit from the second start too, and recombine both joint by joint.
 
-    problem: the base model's own, whose rule between commands is kept; rival: cost of another refit, far above which this
-    one is given up; cached: where this refit ended once before.
+    rival: cost of another refit, far above which this one is given up.
     """
-    trial = base.with_effect(screened.kind, screened.joints)
-    options = RULES if both_rules and screened.kind.stage == "command" else (problem.hold,)
-    if cached is not None:
-        options = (cached.hold,)
-    fits: list[Candidate] = []
-    for hold in options:
-        new = Problem(trial, train, hold=hold)
-        if cached is None:
-            fit = _from_starts(new, screened, trial, rival)
-        elif len(cached.x) == len(new.rows):
-            fit = fit_at(new, cached.x)
-        else:
-            raise CalibrationError(f"the refit cache does not fit {screened.kind.name}; give another file.")
-        model = new.model_at(fit.x)
-        fits.append(Candidate(screened.kind, model, new, fit, evaluate(model, test, hold), new.rollouts))
-    best = min(fits, key=lambda c: c.fit.cost)
-    return replace(best, rollouts=sum(c.rollouts for c in fits))
-
-
-def _from_starts(problem: Problem, screened: Screened, trial: RobotModel, rival: float) -> Fit:
-    """Fit from the best of several sizes joint by joint; where a joint stays above its noise also from the screening's start.
-
-    Then what each fit found best is recombined joint by joint, and fitted again.
-    """
-    first = start_of(problem, screened.start)
-    sizes = sizes_of(screened.kind, trial, screened.start)
-    gains = [{}, screened.nominal] if screened.nominal else [{}]
-    starts = [first, *(start_of(problem, {**size, **gain}) for gain in gains for size in sizes)]
-    fit = minimise(problem, best_by_joint(problem, starts), ITERATIONS, TOLERANCE, rival=rival)
+    problem, spent = begun.problem, begun.problem.rollouts
+    fit = begun.fit
+    if not fit.converged:
+        fit = minimise(problem, fit.x, iterations, TOLERANCE, rival=rival)
     chi2 = problem.joint_rms(fit.residuals)[0] ** 2
-    if problem.signals.by_effort or chi2.max() <= STUCK or fit.cost > rival + BEHIND:
-        return fit
-    other = minimise(problem, first, ITERATIONS, TOLERANCE, rival=min(fit.cost, rival))
-    both = np.stack([chi2, problem.joint_rms(other.residuals)[0] ** 2])
-    fits = [fit, other]
-    if (both[1] < both[0] - CLEARLY).any() and (both[0] < both[1] - CLEARLY).any():
-        mixed = recombine(problem, np.stack([fit.x, other.x]), both)
-        fits.append(minimise(problem, mixed, ITERATIONS, TOLERANCE, rival=min(f.cost for f in fits)))
-    return min(fits, key=lambda f: f.cost)
+    behind = problem.signals.by_effort or chi2.max() <= STUCK or fit.cost > rival + BEHIND
+    if trial.again is not None and not behind:
+        other = minimise(problem, start_of(problem, trial.again), ITERATIONS, TOLERANCE, rival=min(fit.cost, rival))
+        both = np.stack([chi2, problem.joint_rms(other.residuals)[0] ** 2])
+        points = np.stack([fit.x, other.x])
+        fit = min(fit, other, key=lambda f: f.cost)
+        if (both[1] < both[0] - CLEARLY).any() and (both[0] < both[1] - CLEARLY).any():
+            mixed = minimise(problem, recombine(problem, points, both), ITERATIONS, TOLERANCE, rival=fit.cost)
+            fit = min(fit, mixed, key=lambda f: f.cost)
+    done = _candidate(trial, problem, fit, test)
+    return replace(done, rollouts=begun.rollouts + problem.rollouts - spent)
+
+
+def refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recording]) -> Candidate:
+    """A whole refit."""
+    return finish_refit(trial, begin_refit(trial, train, test, EARLY), test, ITERATIONS - EARLY)
+
+
+def resume_refit(trial: Trial, cached: CachedFit, train: Sequence[Recording], test: Sequence[Recording]) -> Candidate:
+    """A refit that ended once before.
+
+    Raises: CalibrationError where it was of another model.
+    """
+    problem = Problem(trial.model, train, hold=cached.hold)
+    if len(cached.x) != len(problem.rows):
+        raise CalibrationError(f"the refit cache does not fit {trial.name}; give another file.")
+    return _candidate(trial, problem, fit_at(problem, cached.x), test)
+
+
+def _candidate(trial: Trial, problem: Problem, fit: Fit, test: Sequence[Recording]) -> Candidate:
+    model = problem.model_at(fit.x)
+    return Candidate(trial.kind, model, problem, fit, evaluate(model, test, problem.hold), problem.rollouts)
+
+
+def _best(fits: Sequence[Candidate]) -> Candidate:
+    """The candidate of least cost, with the rollouts of all."""
+    return replace(min(fits, key=lambda c: c.fit.cost), rollouts=sum(c.rollouts for c in fits))
 
 
 def prune(

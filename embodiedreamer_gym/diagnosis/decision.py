@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.candidates import Candidate, refit
+from embodiedreamer_gym.diagnosis.candidates import Candidate, refit, single_trial
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
 from embodiedreamer_gym.diagnosis.screening import linearise, screen_effect
 from embodiedreamer_gym.effects import find_effect
@@ -89,7 +89,7 @@ def decide(
     candidates = []
     for done, kind in enumerate(kinds, 1):
         screened = screen_effect(kind, points, short, np.ones(model.n))
-        candidates.append(refit(calibrated, screened, problem, train, test, both_rules))
+        candidates.append(refit(single_trial(calibrated, screened, problem.hold, both_rules), train, test))
         progress("refitting effects", done, len(kinds), effect=kind.name)
     share = independent_share(test)
     one, other = sorted(candidates, key=lambda c: -likelihood_ratio(c.held_out, candidates[0].held_out, share).value)

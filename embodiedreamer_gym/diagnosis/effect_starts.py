@@ -1,4 +1,4 @@
-"""Where the refit of an effect begins: several sizes at nominal and at calibrated gains, the best of them joint by joint.
+"""Where the refit of effects begins: several sizes at nominal and at calibrated gains, the best of them joint by joint.
 
 The cost of a free run has several valleys in the size of an effect; one rollout per size finds the deepest one's neighbourhood.
 """
@@ -6,6 +6,7 @@ The cost of a free run has several valleys in the size of an effect; one rollout
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,21 +16,93 @@ from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
 SIZES = (0.15, 0.4, 0.8, 1.5, 2.5, 4.0, 6.0)  # of a parameter that vanishes at zero, relative to its typical size
 LIMITS = (0.6, 0.8, 1.0, 1.25, 1.6)  # of a limit, relative to the screening's
+PAIR_SIZES = (0.2, 0.5, 1.0, 2.0, 3.5, 6.0)  # the like, of each of two effects
+PAIR_LIMITS = (0.6, 0.8, 1.0, 1.25, 1.6, 2.0)
 Values = Mapping[ParameterKey, np.ndarray]
 
 
-def sizes_of(
-    kind: type[Effect], model: RobotModel, start: Values, factors: Sequence[float] = (), both_signs: bool = True
-) -> list[dict[ParameterKey, np.ndarray]]:
-    """An effect's parameters at several sizes; shapes as in `start`, limits around it.
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """Values to begin with, group -> values: each of `first` with each of `second` is tried, and the best taken by joint.
 
-    factors: of the typical size, or of a limit in `start`; default: those of this module.
-    both_signs: whether an effect with two directions is tried in both, else in that of `start`.
+    of_arm: whether the choices among `first` and among `second` are those of an arm's effect, the same on all its joints.
     """
-    limit = any(p.off == p.high for p in kind.parameters)
+
+    first: tuple[Values, ...]
+    second: tuple[Values, ...] = ({},)
+    of_arm: tuple[bool, bool] = (False, False)
+
+    def best(self, problem: Problem) -> np.ndarray:
+        """Scaled start (m,); one rollout for each combination.
+
+        The coupling between joints is weaker than a wrong size.
+        """
+        points = np.array([[start_of(problem, {**a, **b}) for b in self.second] for a in self.first])
+        shape, model = points.shape, problem.model
+        chi2 = problem.joint_rms(problem.residuals(points.reshape(-1, shape[2]))) ** 2
+        one, other = _chosen(np.log1p(chi2).reshape(*shape[:2], -1), self.of_arm, model)
+        joint = joint_of_rows(problem)
+        return points[one[joint], other[joint], np.arange(shape[2])]
+
+
+def single_starts(kind: type[Effect], model: RobotModel, start: Values, nominal: Values) -> Starts:
+    """Starts of one more effect: the screening's, and several sizes at the model's and at nominal gains (empty: none)."""
+    gains = [{}, nominal] if nominal else [{}]
+    sizes = _sizes(kind, model, start, LIMITS if _is_limit(kind) else SIZES, both_signs=True)
+    return Starts((start, *({**size, **gain} for gain in gains for size in sizes)), of_arm=(is_of_arm(kind), False))
+
+
+def pair_starts(
+    kinds: Sequence[type[Effect]], model: RobotModel, start: Values, nominal: Values, fitted: Values | None = None
+) -> Starts:  # fmt: skip
+    """Starts of two effects: sizes of both, with the signs and shapes of `start`, at nominal gains.
+
+    fitted: values of the first effect and gains of a fit with it alone, to begin with too.
+    """
+    grids = [[{**nominal, **size} for size in _sizes(k, model, start, PAIR_LIMITS if _is_limit(k) else PAIR_SIZES, False)]
+             for k in kinds]  # fmt: skip
+    second = [{key: v for key, v in size.items() if key.effect} for size in grids[1]]
+    first = grids[0] if fitted is None else [*grids[0], fitted]
+    return Starts(tuple(first), tuple(second), (is_of_arm(kinds[0]), is_of_arm(kinds[1])))
+
+
+def start_of(problem: Problem, start: Values) -> np.ndarray:
+    """Scaled start (m,) of a problem: the model's own values, but those of `start` (group -> values) where given."""
+    low, high = np.array([row.low for row in problem.rows]), np.array([row.high for row in problem.rows])
+    values = np.array([start[r.key.group][r.index] if r.key.group in start else r.value for r in problem.rows])
+    return np.clip(problem.scale(np.clip(values, low, high)), problem.lower, problem.upper)
+
+
+def recombine(problem: Problem, points: np.ndarray, chi2: np.ndarray) -> np.ndarray:
+    """Parameters (m,) that take for each joint those of the point (K, m) with the least chi2 (K, n); of an arm, by its sum."""
+    of_arm = any(row.key.place not in problem.model.joints for row in problem.rows)
+    best, _ = _chosen(np.log1p(chi2)[:, None], (of_arm, False), problem.model)
+    return points[best[joint_of_rows(problem)], np.arange(points.shape[1])]
+
+
+def joint_of_rows(problem: Problem) -> np.ndarray:
+    """Joint (m,) of each parameter, of an arm's parameter the arm's first."""
+    model = problem.model
+    return np.array([row.index if row.key.place in model.joints else int(np.flatnonzero(model.tree.arm == row.index)[0])
+                     for row in problem.rows], int)  # fmt: skip
+
+
+def is_of_arm(kind: type[Effect]) -> bool:
+    """Whether an effect has one set of values for all joints of an arm."""
+    return all(p.per == "arm" for p in kind.parameters)
+
+
+def _is_limit(kind: type[Effect]) -> bool:
+    return any(p.off == p.high for p in kind.parameters)
+
+
+def _sizes(
+    kind: type[Effect], model: RobotModel, start: Values, factors: Sequence[float], both_signs: bool
+) -> list[dict[ParameterKey, np.ndarray]]:
+    """An effect's parameters at several sizes, of a limit relative to `start`; shapes, and one sign alone, as in `start`."""
     two = both_signs and any(p.low < 0 and not p.shape for p in kind.parameters)
     choices = []
-    for factor in factors or (LIMITS if limit else SIZES):
+    for factor in factors:
         for sign in (1.0, -1.0) if two else (1.0,):
             values = {}
             for p in kind.parameters:
@@ -47,28 +120,20 @@ def sizes_of(
     return choices
 
 
-def start_of(problem: Problem, start: Values) -> np.ndarray:
-    """Scaled start (m,) of a problem: the model's own values, but those of `start` (group -> values) where given."""
-    low, high = np.array([row.low for row in problem.rows]), np.array([row.high for row in problem.rows])
-    values = np.array([start[r.key.group][r.index] if r.key.group in start else r.value for r in problem.rows])
-    return np.clip(problem.scale(np.clip(values, low, high)), problem.lower, problem.upper)
-
-
-def best_by_joint(problem: Problem, starts: Sequence[np.ndarray]) -> np.ndarray:
-    """Scaled start (m,) that takes for each joint, or arm, the best of several starts (m,); one rollout each.
-
-    The coupling between joints is weaker than a wrong size. Parameters of an arm are chosen by the sum over its joints.
-    """
-    points = np.array(starts)
-    return recombine(problem, points, problem.joint_rms(problem.residuals(points)) ** 2)
-
-
-def recombine(problem: Problem, points: np.ndarray, chi2: np.ndarray) -> np.ndarray:
-    """Parameters (m,) that take for each joint, or arm, those of the point (K, m) with the least chi2 (K, n) there."""
-    tree = problem.model.tree
-    by_arm = np.stack([np.log1p(chi2)[:, tree.arm == a].sum(axis=1) for a in range(tree.arms)], axis=1).argmin(axis=0)
-    of_arm = [row.key.place in problem.model.arms and row.key.place not in problem.model.joints for row in problem.rows]
-    best = by_arm[tree.arm] if any(of_arm) else chi2.argmin(axis=0)
-    chosen = [by_arm[a] if arm else best[row.index]
-              for row, arm, a in zip(problem.rows, of_arm, problem.arm_of_row, strict=True)]  # fmt: skip
-    return points[np.array(chosen), np.arange(points.shape[1])]
+def _chosen(cost: np.ndarray, of_arm: Sequence[bool], model: RobotModel) -> tuple[np.ndarray, np.ndarray]:
+    """Of each joint the choices (n,) with the least cost (A, B, n); an arm's effect has one choice on all its joints."""
+    first, second = np.zeros(model.n, int), np.zeros(model.n, int)
+    for a in range(model.tree.arms):
+        own = np.flatnonzero(model.tree.arm == a)
+        costs = cost[:, :, own]
+        if of_arm[0] and of_arm[1]:
+            first[own], second[own] = np.unravel_index(int(costs.sum(axis=2).argmin()), cost.shape[:2])
+        elif of_arm[0]:
+            first[own] = costs.min(axis=1).sum(axis=1).argmin()
+            second[own] = costs[first[own[0]]].argmin(axis=0)
+        elif of_arm[1]:
+            second[own] = costs.min(axis=0).sum(axis=1).argmin()
+            first[own] = costs[:, second[own[0]]].argmin(axis=0)
+        else:
+            first[own], second[own] = np.unravel_index(costs.reshape(-1, len(own)).argmin(axis=0), cost.shape[:2])
+    return first, second

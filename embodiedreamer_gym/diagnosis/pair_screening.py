@@ -1,4 +1,4 @@
-"""Pairs of effects: all of them scored in the linearised model, and the best refitted from a grid of two sizes."""
+"""Pairs of effects: all of them scored in the linearised model."""
 
 from __future__ import annotations
 
@@ -8,19 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate
-from embodiedreamer_gym.diagnosis.effect_starts import Values, sizes_of, start_of
-from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.screening import LinearisationPoint, Screened, own_gains
 from embodiedreamer_gym.effects import Effect
-from embodiedreamer_gym.phys_aligner.least_squares import minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
-from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
 MOST = 1.5  # share of a change of the residuals that the linear model may take
-SIZES = (0.2, 0.5, 1.0, 2.0, 3.5, 6.0)  # of each effect, relative to its typical size
-LIMITS = (0.6, 0.8, 1.0, 1.25, 1.6, 2.0)  # of a limit, relative to what the linear model found
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,53 +111,3 @@ def _start(screened, members, where, first, shares, model: RobotModel) -> dict[P
                 values = item.sets[group][size, np.arange(model.n)]
             start[group] = values
     return start
-
-
-def refit_pair(
-    base: RobotModel, pair: ScreenedPair, nominal: Values, hold: str | None, train: Sequence[Recording],
-    test: Sequence[Recording], rival: float = np.inf,
-) -> Candidate:  # fmt: skip
-    """Fit base + two effects from the best sizes of both, at nominal gains (group -> values, empty for base's own)."""
-    one, other = pair.kinds
-    trial = base.with_effect(one).with_effect(other)
-    problem = Problem(trial, train, hold=hold)
-    grids = [
-        sizes_of(kind, trial, pair.start, LIMITS if _is_limit(kind) else SIZES, both_signs=False) for kind in pair.kinds
-    ]
-    points = np.array([[start_of(problem, {**nominal, **a, **b}) for b in grids[1]] for a in grids[0]])
-    chi2 = problem.joint_rms(problem.residuals(points.reshape(-1, points.shape[2]))) ** 2
-    chosen = _chosen(np.log1p(chi2).reshape(*points.shape[:2], -1), [_of_arm(kind) for kind in pair.kinds], trial)
-    joint = np.array([row.index if row.key.place in trial.joints else int(np.flatnonzero(trial.tree.arm == row.index)[0])
-                      for row in problem.rows])  # fmt: skip
-    x = points[chosen[0][joint], chosen[1][joint], np.arange(points.shape[2])]
-    fit = minimise(problem, x, ITERATIONS, TOLERANCE, rival=rival)
-    model = problem.model_at(fit.x)
-    return Candidate(other, model, problem, fit, evaluate(model, test, hold), problem.rollouts)
-
-
-def _is_limit(kind: type[Effect]) -> bool:
-    return any(p.off == p.high for p in kind.parameters)
-
-
-def _of_arm(kind: type[Effect]) -> bool:
-    return all(p.per == "arm" for p in kind.parameters)
-
-
-def _chosen(cost: np.ndarray, of_arm: Sequence[bool], model: RobotModel) -> tuple[np.ndarray, np.ndarray]:
-    """Of each joint the size (n,) of both effects with the least cost (A, B, n); an arm's effect has one size on its joints."""
-    first, second = np.zeros(model.n, int), np.zeros(model.n, int)
-    for a in range(model.tree.arms):
-        own = np.flatnonzero(model.tree.arm == a)
-        costs = cost[:, :, own]
-        if of_arm[0] and of_arm[1]:
-            u, w = np.unravel_index(int(costs.sum(axis=2).argmin()), cost.shape[:2])
-            first[own], second[own] = u, w
-        elif of_arm[0]:
-            first[own] = costs.min(axis=1).sum(axis=1).argmin()
-            second[own] = costs[first[own[0]]].argmin(axis=0)
-        elif of_arm[1]:
-            second[own] = costs.min(axis=0).sum(axis=1).argmin()
-            first[own] = costs[:, second[own[0]]].argmin(axis=0)
-        else:
-            first[own], second[own] = np.unravel_index(costs.reshape(-1, len(own)).argmin(axis=0), cost.shape[:2])
-    return first, second

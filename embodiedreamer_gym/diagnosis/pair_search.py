@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.backward_elimination import exchanged
-from embodiedreamer_gym.diagnosis.candidates import Candidate, polish
-from embodiedreamer_gym.diagnosis.pair_screening import refit_pair, screen_pairs
+from embodiedreamer_gym.diagnosis.candidates import Candidate, Trial, polish
+from embodiedreamer_gym.diagnosis.effect_starts import Values, pair_starts
+from embodiedreamer_gym.diagnosis.pair_screening import screen_pairs
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.diagnosis.search_state import (
     Search,
@@ -21,8 +22,9 @@ from embodiedreamer_gym.diagnosis.search_state import (
     screen_all,
 )
 from embodiedreamer_gym.diagnosis.verdict import explains_most, improves
-from embodiedreamer_gym.io.parallel import many
+from embodiedreamer_gym.effects import Effect
 
+FINALISTS = 3  # pairs that are refitted to the end
 PARTNERS = 3  # of a single effect, and pairs of the linearised model, that are refitted
 
 
@@ -33,8 +35,12 @@ def add_pair(
 
     screened: effects around the start; singles: the best single effects, by their training cost.
     """
-    pairs = [pair for single in singles for pair in _partners(search, state, single)]
-    pairs += _linear_pairs(search, state, screened, pairs)
+    base, nominal = state.start[0], next((s.nominal for s in screened), {})
+    around = [trial for single in singles for trial in _partners(search, state, single, nominal)]
+    trials = {
+        frozenset(added_effects(base, t.model)): t for t in [*_linear_pairs(search, state, screened, nominal), *around]
+    }
+    pairs = refit_all(search, list(trials.values()), np.inf, FINALISTS)
     pairs = [pair for pair in pairs if improves(state.judged, pair.judged)]
     if not pairs:
         return
@@ -51,35 +57,44 @@ def add_pair(
     state.tie, state.probabilities = tie, probabilities
 
 
-def _partners(search: Search, state: SearchState, single: Candidate) -> list[Candidate]:
-    """Refits with a second effect beside a single one, the best of a screening around it."""
+def _partners(search: Search, state: SearchState, single: Candidate, nominal: Values) -> list[Trial]:
+    """A second effect beside a single one, the best of a screening around it."""
     screened = screen_all(search, single.problem, single.fit, state.null, first=False)
-    kinds = {*single.kind.generalises, *(n for n, k in search.catalogue.items() if single.kind.name in k.generalises)}
-    chosen = [s for s in screened if s.score > 0.01 and s.kind.name not in kinds][:PARTNERS]
-    return refit_all(search, chosen, single.model, single.problem, np.inf)
+    contained = {
+        *single.kind.generalises,
+        *(n for n, k in search.catalogue.items() if single.kind.name in k.generalises),
+    }
+    chosen = [s for s in screened if s.score > 0.01 and s.kind.name not in contained][:PARTNERS]
+    groups = {row.key.group for row in single.problem.rows}
+    fitted = {group: single.model.group_values(group) for group in groups}
+    trials = []
+    for item in chosen:
+        kinds, start = (single.kind, item.kind), {**fitted, **{k: v for k, v in item.start.items() if k.effect}}
+        trials.append(_trial(state, kinds, start, nominal, fitted))
+    return trials
 
 
 def _linear_pairs(
-    search: Search, state: SearchState, screened: Sequence[Screened], found: Sequence[Candidate]
-) -> list[Candidate]:  # fmt: skip
-    """Refits of the best pairs of the linearised model, but of those that are fitted already."""
+    search: Search, state: SearchState, screened: Sequence[Screened], nominal: Values
+) -> list[Trial]:  # fmt: skip
+    """The best pairs of the linearised model."""
     assert search.linearised is not None  # the first screening comes before any pair
     problem, point = search.linearised
     floor = np.sqrt(np.median(state.null.chi2, axis=0))
-    known = {frozenset(added_effects(state.start[0], c)) for c in found}
-    pairs = [p for p in screen_pairs(screened, point, problem, floor, PARTNERS + len(known))
-             if frozenset(k.name for k in p.kinds) not in known][:PARTNERS]  # fmt: skip
-    rival = min((c.fit.cost for c in found), default=np.inf)
-    nominal = next((s.nominal for s in screened), {})
-    calls = [(state.start[0], p, nominal, state.start[1].hold, search.train, search.test, rival) for p in pairs]
-    fitted = many(refit_pair, calls, search.jobs)
-    search.rollouts += sum(c.rollouts for c in fitted)
-    return fitted
+    return [_trial(state, p.kinds, p.start, nominal) for p in screen_pairs(screened, point, problem, floor, PARTNERS)]
+
+
+def _trial(
+    state: SearchState, kinds: tuple[type[Effect], type[Effect]], start: Values, nominal: Values, fitted: Values | None = None
+) -> Trial:  # fmt: skip
+    base, problem, _ = state.start
+    model = base.with_effect(kinds[0]).with_effect(kinds[1])
+    return Trial(kinds[1], model, pair_starts(kinds, model, start, nominal, fitted), (problem.hold,))
 
 
 def _as_steps(search: Search, state: SearchState, pair: Candidate, singles: Sequence[Candidate]) -> list[Candidate]:
     """The single effect of a pair that fits better, and the pair."""
-    names = added_effects(state.start[0], pair)
+    names = added_effects(state.start[0], pair.model)
     own = [c for c in singles if c.kind.name in names]
     if own:
         first = min(own, key=lambda c: c.fit.cost)

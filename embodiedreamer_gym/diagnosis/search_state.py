@@ -7,7 +7,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.candidates import Candidate, judged, refit
+from embodiedreamer_gym.diagnosis.candidates import (
+    EARLY,
+    ITERATIONS,
+    Candidate,
+    Trial,
+    begin_refit,
+    finish_refit,
+    judged,
+    resume_refit,
+    single_trial,
+)
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, gain
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution, draw_null
 from embodiedreamer_gym.diagnosis.probabilities import candidate_probabilities
@@ -26,7 +36,8 @@ from embodiedreamer_gym.robot import RobotModel
 
 REFITS = 5  # best of the screening that are refitted
 SURE = 0.95  # probability from which an effect is named
-LEADERS = 2  # of them that are refitted to the end
+FINALISTS = 4  # of them that are refitted to the end
+CLOSE_BEHIND = 0.1  # of the cost, within which more are
 
 
 @dataclass(frozen=True)
@@ -157,12 +168,11 @@ def screen_all(search: Search, problem: Problem, fit: Fit, null: NullDistributio
 
 
 def fit_candidates(
-    search: Search, screened: Sequence[Screened], model: RobotModel, problem: Problem, fit: Fit, held: HeldOut,
-    rival: float = np.inf,
+    search: Search, screened: Sequence[Screened], model: RobotModel, problem: Problem, fit: Fit, held: HeldOut
 ) -> list[Candidate]:  # fmt: skip
     """Refit the best of the screening and the effects that they may be confused with."""
-    chosen = _shortlist(screened)
-    candidates = refit_all(search, chosen, model, problem, min(fit.cost, rival))
+    trials = [single_trial(model, item, problem.hold, search.both_rules) for item in _shortlist(screened)]
+    candidates = refit_all(search, trials, fit.cost, FINALISTS)
     if not search.ranking:
         linear = {s.kind.name: s.score for s in screened}
         search.ranking = [
@@ -172,34 +182,49 @@ def fit_candidates(
     return candidates
 
 
-def refit_all(
-    search: Search, chosen: Sequence[Screened], model: RobotModel, problem: Problem, rival: float
-) -> list[Candidate]:  # fmt: skip
-    """Refit a model with each of these effects; rival: cost of another fit, far above which the later ones are given up."""
-    step = "+".join([*(e.name for e in model.effects), "masses estimated" * model.has_effect(InertialError)])
-    candidates: list[Candidate] = []
-    for part in (chosen[:LEADERS], chosen[LEADERS:]):  # refits of the second part stop when far behind the first
-        rival = min((c.fit.cost for c in candidates), default=rival)
-        done = len(candidates)
+def refit_all(search: Search, trials: Sequence[Trial], rival: float, finalists: int) -> list[Candidate]:
+    """Make refits; after a few iterations only the best of them go on to the end, and those close behind.
 
-        def finished(k: int, c: Candidate, done=done) -> None:
-            search.progress(
-                "refitting effects",
-                done + k,
-                len(chosen),
-                effect=c.kind.name,
-                held_out_error=search.milli(c.held_out.error),
-            )
-            search.cache.keep(f"{step} + {c.kind.name}", c.fit.x, c.problem.hold)
+    rival: cost of another fit, far above which a refit is given up.
+    """
+    cached = {k: c for k, t in enumerate(trials) if (c := search.cache.get(_key(t))) is not None}
+    fresh = [k for k in range(len(trials)) if k not in cached]
+    count = len(trials)
 
-        cached = [search.cache.get(f"{step} + {item.kind.name}") for item in part]
-        calls = [
-            (model, item, problem, search.train, search.test, search.both_rules, rival, k)
-            for item, k in zip(part, cached, strict=True)
-        ]
-        candidates += many(refit, calls, search.jobs, finished)
-    search.rollouts += sum(c.rollouts for c in candidates)
-    return candidates
+    def begun(done: int, c: Candidate) -> None:
+        search.progress(
+            "beginning refits", done, count, effect=c.kind.name, held_out_error=search.milli(c.held_out.error)
+        )
+
+    def finished(done: int, c: Candidate) -> None:
+        search.progress(
+            "refitting effects", done, len(final), effect=c.kind.name, held_out_error=search.milli(c.held_out.error)
+        )
+
+    candidates = dict(
+        zip(
+            cached,
+            many(resume_refit, [(trials[k], c, search.train, search.test) for k, c in cached.items()], search.jobs),
+            strict=True,
+        )
+    )
+    early = many(begin_refit, [(trials[k], search.train, search.test, EARLY) for k in fresh], search.jobs, begun)
+    candidates.update(zip(fresh, early, strict=True))
+    costs = {k: c.fit.cost for k, c in candidates.items()}
+    ranked = sorted(costs, key=lambda k: costs[k])
+    near = min(costs.values(), default=np.inf) + CLOSE_BEHIND
+    final = [k for place, k in enumerate(ranked) if k in fresh and (place < finalists or costs[k] < near)]
+    calls = [(trials[k], candidates[k], search.test, ITERATIONS - EARLY, rival) for k in final]
+    candidates.update(zip(final, many(finish_refit, calls, search.jobs, finished), strict=True))
+    for k in final:
+        search.cache.keep(_key(trials[k]), candidates[k].fit.x, candidates[k].problem.hold)
+    search.rollouts += sum(c.rollouts for c in candidates.values())
+    return [candidates[k] for k in range(count)]
+
+
+def _key(trial: Trial) -> str:
+    """Name of a refit in the cache."""
+    return trial.name + ", masses estimated" * trial.model.has_effect(InertialError)
 
 
 def _shortlist(screened: Sequence[Screened]) -> list[Screened]:
@@ -232,15 +257,27 @@ def likeliest(search: Search, state: SearchState, candidates: Sequence[Candidate
     )
     state.probabilities = {}
     for candidate, share in zip(candidates, shares, strict=True):
-        for name in added_effects(state.start[0], candidate):
+        for name in added_effects(state.start[0], candidate.model):
             state.probabilities[name] = state.probabilities.get(name, 0.0) + float(share)
     state.probabilities = dict(sorted(state.probabilities.items(), key=lambda item: -item[1]))
     best = candidates[int(np.argmax(shares))]
-    sure = all(state.probabilities[name] >= SURE for name in added_effects(state.start[0], best))
-    state.tie = () if sure else tuple(name for name, p in state.probabilities.items() if p > 1 - SURE)
+    if max(shares) < SURE:  # of a law and its special case that tie, the special case is enough
+        plain = [c for c, p in zip(candidates, shares, strict=True) if p > 1 - SURE and _is_special_case(c, best)]
+        best = plain[0] if plain else best
+    names = added_effects(state.start[0], best.model)
+    contain = {name for name, kind in search.catalogue.items() if set(kind.generalises) & set(names)}
+    open_names = [name for name, p in state.probabilities.items() if p > 1 - SURE and name not in contain]
+    state.tie = () if set(open_names) <= set(names) else tuple(open_names)
     return best
 
 
-def added_effects(base: RobotModel, candidate: Candidate) -> list[str]:
-    """Names of the effects that a candidate has beyond a model."""
-    return [e.name for e in candidate.model.effects if not base.has_effect(type(e))]
+def _is_special_case(one: Candidate, other: Candidate) -> bool:
+    """Whether two models differ in one effect, and the other's contains the one's."""
+    mine, theirs = ({e.name: type(e) for e in c.model.effects} for c in (one, other))
+    own, rest = mine.keys() - theirs.keys(), theirs.keys() - mine.keys()
+    return len(own) == len(rest) == 1 and own <= set(theirs[rest.pop()].generalises)
+
+
+def added_effects(base: RobotModel, model: RobotModel) -> list[str]:
+    """Names of the effects that a model has beyond another."""
+    return [e.name for e in model.effects if not base.has_effect(type(e))]
