@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.effect_starts import Starts, Values, recombine, single_starts, start_of
+from embodiedreamer_gym.diagnosis.effect_starts import Starts, Values, single_starts, start_of
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, pooled, summarise_errors
 from embodiedreamer_gym.diagnosis.refit_cache import CachedFit
 from embodiedreamer_gym.diagnosis.screening import Screened
@@ -16,6 +16,7 @@ from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.least_squares import BEHIND, Fit, fit_at, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.starts import piecewise_start
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
@@ -23,7 +24,6 @@ ITERATIONS = 12
 EARLY = 4  # iterations after which the most promising refits go on
 TOLERANCE = 1e-3
 STUCK = 1.4  # chi2 of a joint above which a fit may have ended in a wrong valley
-CLEARLY = 0.05  # of a joint's chi2, by which one fit is better there than another
 FINAL_ITERATIONS, FINAL_TOLERANCE = 25, 1e-4
 NEGLIGIBLE_LOSS = 0.08  # of held-out score, below which an effect is removed from a joint
 RULES = ("linear", "hold")
@@ -68,7 +68,7 @@ def judged(problem: Problem, trained: HeldOut, held_out: HeldOut) -> HeldOut:
 class Trial:
     """A refit that is to be made: the model with one effect more, or two, where to begin, and under which rules between commands.
 
-    kind: the effect added last; again: a second start, tried where a joint stays above its noise.
+    kind: the effect added last; again: a further start, tried where a joint stays above its noise.
     """
 
     kind: type[Effect]
@@ -105,7 +105,7 @@ def begin_refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recordi
 def finish_refit(
     trial: Trial, begun: Candidate, test: Sequence[Recording], iterations: int, rival: float = np.inf
 ) -> Candidate:  # fmt: skip
-    """Continue a refit; where a joint stays above its noise, fit from the second start too, and recombine both joint by joint.
+    """Continue a refit; where a joint stays above its noise, once more from fits to pieces of the motion.
 
     rival: cost of another refit, far above which this one is given up.
     """
@@ -113,16 +113,11 @@ def finish_refit(
     fit = begun.fit
     if not fit.converged:
         fit = minimise(problem, fit.x, iterations, TOLERANCE, rival=rival)
-    chi2 = problem.joint_rms(fit.residuals)[0] ** 2
-    behind = problem.signals.by_effort or chi2.max() <= STUCK or fit.cost > rival + BEHIND
-    if trial.again is not None and not behind:
-        other = minimise(problem, start_of(problem, trial.again), ITERATIONS, TOLERANCE, rival=min(fit.cost, rival))
-        both = np.stack([chi2, problem.joint_rms(other.residuals)[0] ** 2])
-        points = np.stack([fit.x, other.x])
+    stuck = (problem.joint_rms(fit.residuals)[0] ** 2).max() > STUCK and fit.cost <= rival + BEHIND
+    if stuck and not problem.signals.by_effort:  # of efforts nothing is integrated: no valleys
+        start = piecewise_start(problem, [fit.x, *([start_of(problem, trial.again)] if trial.again else [])])
+        other = minimise(problem, start, ITERATIONS, TOLERANCE, rival=min(fit.cost, rival))
         fit = min(fit, other, key=lambda f: f.cost)
-        if (both[1] < both[0] - CLEARLY).any() and (both[0] < both[1] - CLEARLY).any():
-            mixed = minimise(problem, recombine(problem, points, both), ITERATIONS, TOLERANCE, rival=fit.cost)
-            fit = min(fit, mixed, key=lambda f: f.cost)
     done = _candidate(trial, problem, fit, test)
     return replace(done, rollouts=begun.rollouts + problem.rollouts - spent)
 

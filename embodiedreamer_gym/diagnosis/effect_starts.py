@@ -12,6 +12,7 @@ import numpy as np
 
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.starts import best_choices, joint_of_rows
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
 SIZES = (0.15, 0.4, 0.8, 1.5, 2.5, 4.0, 6.0)  # of a parameter that vanishes at zero, relative to its typical size
@@ -40,7 +41,7 @@ class Starts:
         points = np.array([[start_of(problem, {**a, **b}) for b in self.second] for a in self.first])
         shape, model = points.shape, problem.model
         chi2 = problem.joint_rms(problem.residuals(points.reshape(-1, shape[2]))) ** 2
-        one, other = _chosen(np.log1p(chi2).reshape(*shape[:2], -1), self.of_arm, model)
+        one, other = best_choices(np.log1p(chi2).reshape(*shape[:2], -1), self.of_arm, model)
         joint = joint_of_rows(problem)
         return points[one[joint], other[joint], np.arange(shape[2])]
 
@@ -71,20 +72,6 @@ def start_of(problem: Problem, start: Values) -> np.ndarray:
     low, high = np.array([row.low for row in problem.rows]), np.array([row.high for row in problem.rows])
     values = np.array([start[r.key.group][r.index] if r.key.group in start else r.value for r in problem.rows])
     return np.clip(problem.scale(np.clip(values, low, high)), problem.lower, problem.upper)
-
-
-def recombine(problem: Problem, points: np.ndarray, chi2: np.ndarray) -> np.ndarray:
-    """Parameters (m,) that take for each joint those of the point (K, m) with the least chi2 (K, n); of an arm, by its sum."""
-    of_arm = any(row.key.place not in problem.model.joints for row in problem.rows)
-    best, _ = _chosen(np.log1p(chi2)[:, None], (of_arm, False), problem.model)
-    return points[best[joint_of_rows(problem)], np.arange(points.shape[1])]
-
-
-def joint_of_rows(problem: Problem) -> np.ndarray:
-    """Joint (m,) of each parameter, of an arm's parameter the arm's first."""
-    model = problem.model
-    return np.array([row.index if row.key.place in model.joints else int(np.flatnonzero(model.tree.arm == row.index)[0])
-                     for row in problem.rows], int)  # fmt: skip
 
 
 def is_of_arm(kind: type[Effect]) -> bool:
@@ -118,22 +105,3 @@ def _sizes(
                     values[key] = np.clip(own * factor * typical, low, high)
             choices.append(values)
     return choices
-
-
-def _chosen(cost: np.ndarray, of_arm: Sequence[bool], model: RobotModel) -> tuple[np.ndarray, np.ndarray]:
-    """Of each joint the choices (n,) with the least cost (A, B, n); an arm's effect has one choice on all its joints."""
-    first, second = np.zeros(model.n, int), np.zeros(model.n, int)
-    for a in range(model.tree.arms):
-        own = np.flatnonzero(model.tree.arm == a)
-        costs = cost[:, :, own]
-        if of_arm[0] and of_arm[1]:
-            first[own], second[own] = np.unravel_index(int(costs.sum(axis=2).argmin()), cost.shape[:2])
-        elif of_arm[0]:
-            first[own] = costs.min(axis=1).sum(axis=1).argmin()
-            second[own] = costs[first[own[0]]].argmin(axis=0)
-        elif of_arm[1]:
-            second[own] = costs.min(axis=0).sum(axis=1).argmin()
-            first[own] = costs[:, second[own[0]]].argmin(axis=0)
-        else:
-            first[own], second[own] = np.unravel_index(costs.reshape(-1, len(own)).argmin(axis=0), cost.shape[:2])
-    return first, second

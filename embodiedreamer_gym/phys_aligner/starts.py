@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from embodiedreamer_gym.phys_aligner.least_squares import cost_of, minimise
+from embodiedreamer_gym.phys_aligner.least_squares import minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import pieces
-from embodiedreamer_gym.robot import ParameterKey
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
 PIECE = 0.5  # s: too short for a model that is far off to run away from the motion
 ITERATIONS, TOLERANCE = 8, 1e-3
@@ -44,7 +44,7 @@ def scan_starts(problem: Problem) -> np.ndarray:
 
 
 def piecewise_start(problem: Problem, starts: Sequence[np.ndarray]) -> np.ndarray:
-    """Where to begin: the best on whole recordings of some scaled starts (m,) and of fits to pieces of the motion from them.
+    """Where to begin: joint by joint the best on whole recordings of some starts (m,) and of fits to pieces of the motion from them.
 
     A free run of seconds has a cost of many valleys where an effect is strong; runs of half a second, each begun at the
     measured state, have few. What a piece cannot show, as a slow fade, is lost in it, so that the starts themselves
@@ -59,7 +59,39 @@ def piecewise_start(problem: Problem, starts: Sequence[np.ndarray]) -> np.ndarra
         fit = minimise(short, start, ITERATIONS, TOLERANCE, rival=rival)
         ends.append(fit.x)
         rival = min(rival, fit.cost)
-    choices = np.stack([*starts, *ends])
-    costs = [cost_of(problem, x, r) for x, r in zip(choices, problem.residuals(choices), strict=True)]
+    points = np.stack([*starts, *ends])
     problem.rollouts += short.rollouts
-    return choices[int(np.argmin(costs))]
+    return recombine(problem, points, problem.joint_rms(problem.residuals(points)) ** 2)
+
+
+def recombine(problem: Problem, points: np.ndarray, chi2: np.ndarray) -> np.ndarray:
+    """Parameters (m,) that take for each joint those of the point (K, m) with the least chi2 (K, n); of an arm, by its sum."""
+    of_arm = any(row.key.place not in problem.model.joints for row in problem.rows)
+    best, _ = best_choices(np.log1p(chi2)[:, None], (of_arm, False), problem.model)
+    return points[best[joint_of_rows(problem)], np.arange(points.shape[1])]
+
+
+def joint_of_rows(problem: Problem) -> np.ndarray:
+    """Joint (m,) of each parameter, of an arm's parameter the arm's first."""
+    model = problem.model
+    return np.array([row.index if row.key.place in model.joints else int(np.flatnonzero(model.tree.arm == row.index)[0])
+                     for row in problem.rows], int)  # fmt: skip
+
+
+def best_choices(cost: np.ndarray, of_arm: Sequence[bool], model: RobotModel) -> tuple[np.ndarray, np.ndarray]:
+    """Of each joint the choices (n,) with the least cost (A, B, n); an arm's effect has one choice on all its joints."""
+    first, second = np.zeros(model.n, int), np.zeros(model.n, int)
+    for a in range(model.tree.arms):
+        own = np.flatnonzero(model.tree.arm == a)
+        costs = cost[:, :, own]
+        if of_arm[0] and of_arm[1]:
+            first[own], second[own] = np.unravel_index(int(costs.sum(axis=2).argmin()), cost.shape[:2])
+        elif of_arm[0]:
+            first[own] = costs.min(axis=1).sum(axis=1).argmin()
+            second[own] = costs[first[own[0]]].argmin(axis=0)
+        elif of_arm[1]:
+            second[own] = costs.min(axis=0).sum(axis=1).argmin()
+            first[own] = costs[:, second[own[0]]].argmin(axis=0)
+        else:
+            first[own], second[own] = np.unravel_index(costs.reshape(-1, len(own)).argmin(axis=0), cost.shape[:2])
+    return first, second
