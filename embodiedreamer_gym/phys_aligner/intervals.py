@@ -43,7 +43,8 @@ def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray)
     if len(keep):
         j = jacobian[:, keep]
         chi2 = float(np.mean(r**2))
-        prior = (1.0 + chi2) / problem.independent * problem.prior[keep]  # relative to the residuals, as in the fit
+        relative = (1.0 + chi2) / problem.independent  # of the prior to the residuals, as in the fit
+        prior = relative * problem.prior[keep]
         normal = j.T @ j + np.diag(prior)
         size = np.sqrt(np.diag(normal))
         inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-10, hermitian=True)
@@ -52,7 +53,7 @@ def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray)
         cov = count * inverse @ _coloured_covariance(problem, r, j) @ inverse
         own = count * inverse @ _score_covariance(problem, r, j) @ inverse
         wider = np.sqrt(np.maximum(np.diag(own) / np.maximum(np.diag(cov), 1e-300), 1.0))
-        cov = cov * np.outer(wider, wider) + inverse @ np.diag(prior**2) @ inverse
+        cov = cov * np.outer(wider, wider) + inverse @ np.diag(relative * prior) @ inverse
         covariance[np.ix_(keep, keep)] = cov
         half[keep] = NORMAL_95 * np.sqrt(np.maximum(np.diag(cov), 0.0))
         half[half > HOPELESS] = np.inf

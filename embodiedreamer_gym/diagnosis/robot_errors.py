@@ -1,0 +1,47 @@
+"""A fit beside which the robot's own errors are estimated: masses, centres of mass, viscous friction.
+
+A calibration takes them as the model has them, so its residuals do not show what they do to its parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis.null_distribution import CENTRE, GROUPS, MASS
+from embodiedreamer_gym.effects.inertial_error import InertialError
+from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
+from embodiedreamer_gym.robot.data import UrdfError
+
+VISCOUS = 0.5  # standard deviation of a joint's viscous friction, relative to it or to what is slight
+VISCOUS_FRICTION = ParameterKey("viscous_friction")
+ITERATIONS, TOLERANCE = 6, 1e-4
+
+
+def fit_with_robot_errors(problem: Problem, x: np.ndarray, recordings: Sequence[Recording]) -> tuple[Problem, Fit]:
+    """Continue a fit from scaled parameters (m,) on other recordings, with the robot's errors estimated beside, held near none by their priors.
+
+    Viscous friction is among them although a servo's damping does the same: where a drive is at its limit damping is cut
+    off and friction is not, and a fit with the wrong friction errs in everything in units of torque. Masses and friction
+    that the problem fits already stay as they are.
+    """
+    wider = _problem(problem, problem.model_at(x), recordings)
+    return wider, minimise(wider, wider.start, ITERATIONS, TOLERANCE)
+
+
+def _problem(problem: Problem, model: RobotModel, recordings: Sequence[Recording]) -> Problem:
+    """The problem's parameters at a model's values, and the robot's errors."""
+    groups = list(dict.fromkeys(row.key.group for row in problem.rows))
+    if not model.has_effect(InertialError):
+        model = model.with_(urdf_error=UrdfError(mass=MASS, centre=CENTRE)).with_effect(InertialError)
+        groups += GROUPS
+    if VISCOUS_FRICTION in groups:
+        return Problem(model, recordings, groups, problem.hold)
+    wider = Problem(model, recordings, [*groups, VISCOUS_FRICTION], problem.hold)
+    viscous = np.array([row.key.group == VISCOUS_FRICTION for row in wider.rows])
+    wider.centre[viscous], wider.prior[viscous] = wider.start[viscous], VISCOUS**-2
+    return wider
