@@ -68,10 +68,10 @@ def known_effect(name: str, seeds: str, label: Label) -> dict[str, Any]:
         found = finish(best.problem, best.fit, 0.0, wider).model.parameters()
         worst = best.problem.joint_rms(best.fit.residuals)[0] ** 2 / np.quantile(null.chi2, 0.95, axis=0)
         said: dict[str, Any] = {}
-        for r in found.select(kind.name):
+        for r in found.of_effect(kind.name):
             low, high = r.interval or (None, None)
             said[f"{r.key.place}.{r.key.parameter}"] = {"parameter": r.key.parameter, "value": r.value, "low": low, "high": high}  # fmt: skip
-        servo = [bool(r.interval[0] <= case.truth["servo"][r.key.parameter][r.key.place] <= r.interval[1])
+        servo = [bool(r.interval[0] <= case.truth["servo"][r.key.parameter][r.index] <= r.interval[1])
                  for r in found.select("stiffness", "damping") if r.interval]  # fmt: skip
         at = sorted({key.split(".")[0] for key in said})
         row |= {"found": {"joints": {kind.name: at}, "parameters": {kind.name: said}}, "servo": servo, "seconds": seconds,
