@@ -92,7 +92,9 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
         lines += [f"of the servo's gains: {f.hits} of {f.of}, {100 * f.value:.0f} % [{100 * f.low:.0f}, {100 * f.high:.0f}]"
                   for f in share("held", (i for row in some for i in row["servo"]), {})]  # fmt: skip
     seconds = np.median([row["seconds"] for row in rows], axis=0)
-    return "\n".join([*lines, "", "CPU seconds of refit, selection, intervals, median: " + ", ".join(f"{s:.1f}" for s in seconds)])
+    return "\n".join(
+        [*lines, "", "CPU seconds of refit, selection, intervals, median: " + ", ".join(f"{s:.1f}" for s in seconds)]
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -50,7 +50,7 @@ def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray)
         inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-10, hermitian=True)
         inverse /= np.outer(size, size)
         count = len(r) / max(len(r) - len(keep), 1)
-        cov = count * inverse @ _coloured_covariance(problem, r, j) @ inverse
+        cov = count * inverse @ coloured_covariance(problem, r, j) @ inverse
         own = count * inverse @ _score_covariance(problem, r, j) @ inverse
         wider = np.sqrt(np.maximum(np.diag(own) / np.maximum(np.diag(cov), 1e-300), 1.0))
         cov = cov * np.outer(wider, wider) + inverse @ np.diag(relative * prior) @ inverse
@@ -69,7 +69,7 @@ def _series(problem: Problem) -> Iterator[np.ndarray]:
                 yield rows
 
 
-def _coloured_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+def coloured_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
     """Covariance (m, m) of the scores for stationary residuals that do not depend on the motion."""
     total = np.zeros((jacobian.shape[1],) * 2)
     for rows in _series(problem):
