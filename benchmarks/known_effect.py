@@ -6,13 +6,8 @@ The single effects of the main set of benchmarks.diagnosis. The true effect is f
 the screening leaves; then its joints are selected and the intervals taken. A case counts as fitted where no joint of the
 training recordings is worse than twice what all but 5 % of faultless robots are.
 """
-# ruff: noqa: I001
 
 from __future__ import annotations
-
-from benchmarks.common import pin_threads
-
-pin_threads()  # before numpy is loaded
 
 import argparse
 import hashlib
@@ -25,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.common import pin_threads
 from benchmarks.diagnosis import Case, read_rows, run_missing
 from benchmarks.diagnosis_cases import SEEDS, Label, draw, labels, sealed
 from benchmarks.diagnosis_figures import held, right_joints, share
@@ -106,6 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path)
     a = parser.parse_args(arguments)
+    pin_threads()
     out = a.out or Path("build") / "diagnosis" / f"known-effect-{a.seeds}.jsonl"
     out.parent.mkdir(parents=True, exist_ok=True)
     wanted = [label for label in labels("main", a.seeds) if label.kind == "single"][a.skip : a.skip + a.cases]
