@@ -15,6 +15,7 @@ from scipy.stats import chi2
 from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
+from embodiedreamer_gym.diagnosis.screening import largest_seen
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.intervals import coloured_covariance, spread
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
@@ -32,7 +33,7 @@ def select_joints(candidate: Candidate, train: Sequence[Recording], test: Sequen
         return candidate
     hold, before = candidate.problem.hold, candidate.model
     present = _effect(before, kind)
-    full = Problem(_with(before, _on_all_joints(before, present)), train, hold=hold)
+    full = Problem(_with(before, _on_all_joints(before, present, candidate.problem)), train, hold=hold)
     problem, fit = fit_with_robot_errors(full, full.start, [*train, *test])
     keep = {place for place, chance in significance(kind, problem, fit).items() if chance < CHANCE}
     spent = candidate.rollouts + full.rollouts + problem.rollouts
@@ -103,11 +104,17 @@ def _with(model: RobotModel, effect: Effect) -> RobotModel:
     return model.with_(effects=(*(e for e in model.effects if e.name != effect.name), effect))
 
 
-def _on_all_joints(model: RobotModel, effect: Effect) -> Effect:
-    """The effect on all joints, off where it was not; its shapes are there as they are on the others in the median."""
+def _on_all_joints(model: RobotModel, effect: Effect, problem: Problem) -> Effect:
+    """The effect on all joints: off where it was not, but a limit at the largest value seen, where it begins to show.
+
+    Its shapes are there as they are on the others in the median.
+    """
     values = {}
     for p in effect.parameters:
-        own, off = effect.values[p.name], zip(model.places(p), model.parameter_off(p), strict=True)
-        usual = float(np.median(list(own.values()))) if p.shape and own else None
-        values[p.name] = {place: own.get(place, float(away) if usual is None else usual) for place, away in off}
+        own, start = effect.values[p.name], model.parameter_off(p)
+        if p.shape and own:
+            start = np.full(len(start), np.median(list(own.values())))
+        elif p.off == p.high:
+            start = np.clip(largest_seen(p.unit, model, problem), *model.parameter_bounds(p))
+        values[p.name] = {place: own.get(place, float(v)) for place, v in zip(model.places(p), start, strict=True)}
     return type(effect)(**values)

@@ -6,6 +6,7 @@ A calibration takes them as the model has them, so its residuals do not show wha
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,7 +31,8 @@ def fit_with_robot_errors(problem: Problem, x: np.ndarray, recordings: Sequence[
     that the problem fits already stay as they are.
     """
     wider = _problem(problem, problem.model_at(x), recordings)
-    return wider, minimise(wider, wider.start, ITERATIONS, TOLERANCE)
+    fit = minimise(wider, wider.start, ITERATIONS, TOLERANCE)
+    return wider, replace(fit, jacobian=wider.central_jacobian(fit.x)[1])
 
 
 def _problem(problem: Problem, model: RobotModel, recordings: Sequence[Recording]) -> Problem:

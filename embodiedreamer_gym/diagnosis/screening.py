@@ -161,7 +161,7 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[Par
             spread = (-1.0, 0.0, 1.0) if p.low < 0 else SHAPES
             choices.append([np.clip(f * typical, low, high) for f in spread])
         elif p.off == p.high:
-            top = _top(p.unit, model, problem)
+            top = largest_seen(p.unit, model, problem)
             choices.append([np.clip(f * top, low, high) for f in LIMITS])
         else:
             signs = (1.0, -1.0) if p.low < 0 else (1.0,)
@@ -211,7 +211,7 @@ def _refitted(model: RobotModel, problem: Problem, point: LinearisationPoint, ch
     return left, shares, float(np.median(seen, axis=0).max())
 
 
-def _top(unit: str, model: RobotModel, problem: Problem) -> np.ndarray:
+def largest_seen(unit: str, model: RobotModel, problem: Problem) -> np.ndarray:
     """Largest value (n,) seen of what a limit in this unit holds down."""
     if unit == "N m":
         return _top_torque(model, problem)

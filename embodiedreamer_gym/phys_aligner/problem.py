@@ -171,6 +171,18 @@ class Problem:
         jacobian[:, inertial] = self._inertial
         return r[0], jacobian
 
+    def central_jacobian(self, x: np.ndarray, step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
+        """The like by central differences, one-sided below a lower bound, of the URDF's errors too.
+
+        The error of one-sided differences grows with the curvature and makes it seem that the residuals determine what
+        they do not, as masses and torques that grow in the same proportion.
+        """
+        self._inertial = None
+        r, forward = self.jacobian(x, step)
+        self._inertial = None
+        backward = self.jacobian(x, -step)[1]
+        return r, np.where(x - step >= self.lower, (forward + backward) / 2, forward)
+
     def _colours(self, rows: np.ndarray) -> list[list[int]]:
         """Groups of these parameters (rows) with one of each arm."""
         columns = [rows[self.arm_of_row[rows] == a].tolist() for a in range(self.model.tree.arms)]

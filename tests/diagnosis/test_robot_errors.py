@@ -1,0 +1,53 @@
+"""Intervals of a pendulum whose drive saturates and whose viscous friction is not what the model says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
+from embodiedreamer_gym.phys_aligner.calibration import Calibration, finish
+from embodiedreamer_gym.phys_aligner.least_squares import minimise
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation import simulate
+from tests.bank import fast, robot
+
+LIMIT, NOISE = 2.2, 4e-4  # N m, rad
+
+
+@pytest.fixture(scope="module")
+def model() -> RobotModel:
+    return (
+        robot("pendulum1").with_effect("torque_saturation").with_values({"torque_saturation.limit": {"joint1": LIMIT}})
+    )
+
+
+def play(model: RobotModel, seed: int) -> Recording:
+    """The pendulum on quick sines, with noise."""
+    log = fast(model, seed=seed, name=f"fast_{seed}")
+    noise = NOISE * np.random.default_rng(seed).standard_normal(log.position.shape)
+    return log.with_(position=simulate(model, log).position + noise, noise=np.full(1, NOISE))
+
+
+def fitted(model: RobotModel, factor: float) -> tuple[Calibration, Calibration]:
+    """Calibrations without and with the robot's errors beside; the true friction is `factor` times the model's."""
+    truth = model.with_(viscous_friction=factor * model.viscous_friction)
+    problem = Problem(model, [play(truth, seed) for seed in (1, 2)])
+    fit = minimise(problem, problem.start)
+    wider = fit_with_robot_errors(problem, fit.x, [*problem.recordings, play(truth, 3)])
+    return finish(problem, fit, 0.0), finish(problem, fit, 0.0, wider)
+
+
+def test_the_interval_of_a_limit_holds_it_although_masses_and_friction_are_wrong(model) -> None:
+    plain, wide = (c.model.intervals["torque_saturation.limit[joint1]"] for c in fitted(model, 1.3))
+    assert not plain[0] <= LIMIT <= plain[1]
+    assert wide[0] <= LIMIT <= wide[1]
+    assert wide[1] - wide[0] < 0.4 * LIMIT
+
+
+def test_only_the_parameters_of_the_fit_have_intervals_and_they_hold_their_values(model) -> None:
+    plain, wide = fitted(model, 1.0)
+    assert set(wide.model.intervals) == set(plain.model.intervals)
+    assert all(row.interval[0] <= row.value <= row.interval[1] for row in wide.model.parameters() if row.interval)
