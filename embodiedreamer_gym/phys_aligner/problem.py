@@ -146,14 +146,16 @@ class Problem:
         """Mean (n,) of samples (N,) by joint, zero for a joint without any."""
         return np.bincount(self.joint_of, samples, minlength=self.model.n) / np.maximum(self.joint_counts, 1)
 
-    def jacobian(self, x: np.ndarray, step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
+    def jacobian(self, x: np.ndarray, step: float = 1e-3, anew: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (N,) and their derivatives (N, m) by one-sided differences, away from the nearer bound.
 
         Parameters of different arms share a rollout: one arm's motion does not feel the other's. The derivatives by the
-        URDF's errors, which are many and nearly constant, are those of the first call.
+        URDF's errors, which are many and nearly constant, are those of the first call, but for `anew`.
         """
         sign = np.where(x + step <= self.upper, 1.0, -1.0)
         inertial = self.of_urdf
+        if anew:
+            self._inertial = None
         colours = self._colours(np.flatnonzero(~inertial if self._inertial is not None else inertial | True))
         points = np.repeat(x[None], len(colours) + 1, axis=0)
         for p, members in enumerate(colours):
@@ -170,18 +172,6 @@ class Problem:
             self._inertial = jacobian[:, inertial]
         jacobian[:, inertial] = self._inertial
         return r[0], jacobian
-
-    def central_jacobian(self, x: np.ndarray, step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
-        """The like by central differences, one-sided below a lower bound, of the URDF's errors too.
-
-        The error of one-sided differences grows with the curvature and makes it seem that the residuals determine what
-        they do not, as masses and torques that grow in the same proportion.
-        """
-        self._inertial = None
-        r, forward = self.jacobian(x, step)
-        self._inertial = None
-        backward = self.jacobian(x, -step)[1]
-        return r, np.where(x - step >= self.lower, (forward + backward) / 2, forward)
 
     def _colours(self, rows: np.ndarray) -> list[list[int]]:
         """Groups of these parameters (rows) with one of each arm."""
