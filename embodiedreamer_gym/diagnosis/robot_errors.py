@@ -21,14 +21,14 @@ from embodiedreamer_gym.robot.data import UrdfError
 VISCOUS = 0.5  # standard deviation of a joint's viscous friction, relative to it or to what is slight
 VISCOUS_FRICTION = ParameterKey("viscous_friction")
 ITERATIONS, TOLERANCE = 6, 1e-4
-FINE, SECANT = 1e-4, 1e-2  # steps of the last derivatives, scaled units
-JUMPS = 0.2  # relative change of a derivative with its step, beyond which a law jumps
+FINE, COARSE, SECANT = 1e-5, 1e-4, 1e-2  # steps of the last derivatives, scaled units
+JUMPS = 0.2  # relative change of a derivative from a coarse step to a fine one, beyond which a law jumps
 
 
 def fit_with_robot_errors(problem: Problem, x: np.ndarray, recordings: Sequence[Recording]) -> tuple[Problem, Fit]:
-    """Continue a fit from scaled parameters (m,) on other recordings, with the robot's errors estimated beside, held near none by their priors.
+    """Continue a fit from scaled parameters (m,) on other recordings, with the robot's errors estimated beside.
 
-    Viscous friction is among them although a servo's damping does the same: where a drive is at its limit damping is cut
+    They are held near none by their priors. Viscous friction is among them although a servo's damping does the same: where a drive is at its limit damping is cut
     off and friction is not, and a fit with the wrong friction errs in everything in units of torque. Masses and friction
     that the problem fits already stay as they are.
     """
@@ -45,8 +45,8 @@ def _derivatives(problem: Problem, fit: Fit) -> np.ndarray:
     jumps, as a gap of teeth does, has no derivative, but a slope over a step as long as its parameter is uncertain.
     """
     fine = problem.jacobian(fit.x, FINE, anew=True)[1]
-    change, size = (np.linalg.norm(j, axis=0) for j in (fine - fit.jacobian, fine))
-    jumps = (change > JUMPS * size) & ~problem.of_urdf
+    change, size = (np.linalg.norm(j, axis=0) for j in (fine - problem.jacobian(fit.x, COARSE)[1], fine))
+    jumps = change > JUMPS * size
     if jumps.any():
         fine[:, jumps] = problem.jacobian(fit.x, SECANT)[1][:, jumps]
     return fine
@@ -58,9 +58,13 @@ def _problem(problem: Problem, model: RobotModel, recordings: Sequence[Recording
     if not model.has_effect(InertialError):
         model = model.with_(urdf_error=UrdfError(mass=MASS, centre=CENTRE)).with_effect(InertialError)
         groups += GROUPS
-    if VISCOUS_FRICTION in groups:
-        return Problem(model, recordings, groups, problem.hold)
-    wider = Problem(model, recordings, [*groups, VISCOUS_FRICTION], problem.hold)
-    viscous = np.array([row.key.group == VISCOUS_FRICTION for row in wider.rows])
-    wider.centre[viscous], wider.prior[viscous] = wider.start[viscous], VISCOUS**-2
+    friction = VISCOUS_FRICTION not in groups
+    wider = Problem(model, recordings, [*groups, VISCOUS_FRICTION] if friction else groups, problem.hold)
+    if friction:
+        viscous = np.array([row.key.group == VISCOUS_FRICTION for row in wider.rows])
+        wider.centre[viscous], wider.prior[viscous] = wider.start[viscous], VISCOUS**-2
+    if model.fixed:
+        fixed = {row.name for row in model.parameters().select(*model.fixed).rows}
+        held = np.array([row.name in fixed for row in wider.rows])
+        wider.lower[held] = wider.upper[held] = wider.start[held]
     return wider

@@ -59,3 +59,11 @@ def test_only_the_parameters_of_the_fit_have_intervals_and_they_hold_their_value
     plain, wide = fitted(model, 1.0)
     assert set(wide.model.intervals) == set(plain.model.intervals)
     assert all(row.interval[0] <= row.value <= row.interval[1] for row in wide.model.parameters() if row.interval)
+
+
+def test_what_the_model_holds_fixed_stays(model) -> None:
+    problem = Problem(model.with_(fixed=frozenset({"viscous_friction"})), [play(model, 1)])
+    wider, fit = fit_with_robot_errors(problem, problem.start, problem.recordings)
+    values = dict(zip([row.name for row in wider.rows], wider.values(fit.x), strict=True))
+    assert values["viscous_friction[joint1]"] == pytest.approx(model.viscous_friction[0])
+    assert values["inertial_error.mass[joint1]"] != 0
