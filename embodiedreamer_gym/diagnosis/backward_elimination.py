@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate, polish, prune
+from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate, polish
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
+from embodiedreamer_gym.diagnosis.joint_selection import select_joints
 from embodiedreamer_gym.diagnosis.verdict import TIE, contenders, improves
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
@@ -86,7 +87,7 @@ def prune_all(
     """The steps with each effect only on the joints that need it, given all effects."""
     last = steps[-1]
     for kind in dict.fromkeys(step.kind for step in steps):
-        last = prune(replace(last, kind=kind), train, test)
+        last = select_joints(replace(last, kind=kind), train, test)
     return [*steps[:-1], replace(last, kind=steps[-1].kind)]
 
 

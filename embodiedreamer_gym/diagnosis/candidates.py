@@ -18,14 +18,13 @@ from embodiedreamer_gym.phys_aligner.least_squares import BEHIND, Fit, fit_at, m
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.starts import piecewise_start
 from embodiedreamer_gym.recordings import Recording
-from embodiedreamer_gym.robot import ParameterKey, RobotModel
+from embodiedreamer_gym.robot import RobotModel
 
 ITERATIONS = 12
 EARLY = 4  # iterations after which the most promising refits go on
 TOLERANCE = 1e-3
 STUCK = 1.4  # chi2 of a joint above which a fit may have ended in a wrong valley
 FINAL_ITERATIONS, FINAL_TOLERANCE = 25, 1e-4
-NEGLIGIBLE_LOSS = 0.08  # of held-out score, below which an effect is removed from a joint
 RULES = ("linear", "hold")
 
 
@@ -148,68 +147,6 @@ def _best(fits: Sequence[Candidate]) -> Candidate:
     return replace(min(fits, key=lambda c: c.fit.cost), rollouts=sum(c.rollouts for c in fits))
 
 
-def prune(
-    candidate: Candidate, train: Sequence[Recording], test: Sequence[Recording], share: float = 0.1
-) -> Candidate:  # fmt: skip
-    """Keep the effect only on the joints (or arms) where switching it off costs held-out score, and refit.
-
-    A joint stays when switching it off alone loses more than `share` of the largest loss of a joint, both with the other
-    parameters as they are and with them refitted (linearly); the latter alone counts where held-out motion depends on no
-    joint, as for a limit that it does not reach. The smaller effect is taken unless it does worse on held-out recordings.
-    """
-    kind, model = candidate.kind, candidate.model
-    effect = next(e for e in model.effects if e.name == kind.name)
-    places = sorted({place for values in effect.values.values() for place in values}, key=_order(model))
-    if len(places) < 2:
-        return candidate
-    losses, refitted_losses = [], []
-    for place in places:
-        values = {
-            ParameterKey(p.name, kind.name): {place: float(model.parameter_off(p)[model.places(p).index(place)])}
-            for p in kind.parameters if place in model.places(p)
-        }  # fmt: skip
-        off = evaluate(model.with_values(values), test, candidate.problem.hold)
-        refitted_losses.append(_refitted_loss(candidate, place))
-        losses.append(min(off.score - candidate.held_out.score, refitted_losses[-1]))
-    keep = _above(places, losses, share) or _above(places, refitted_losses, share)
-    spent = candidate.rollouts + len(places)
-    if not keep or len(keep) == len(places):
-        return replace(candidate, rollouts=spent)
-    smaller = kind(**{k: {j: v for j, v in values.items() if j in keep} for k, values in effect.values.items()})
-    trimmed = model.with_(effects=(*(e for e in model.effects if e.name != kind.name), smaller))
-    new = Problem(trimmed, train, hold=candidate.problem.hold)
-    fit = minimise(new, new.start, ITERATIONS, TOLERANCE)
-    fitted = new.model_at(fit.x)
-    held_out = evaluate(fitted, test, new.hold)
-    spent += new.rollouts
-    if held_out.score > candidate.held_out.score + NEGLIGIBLE_LOSS * (len(places) - len(keep)):
-        return replace(candidate, rollouts=spent)
-    return Candidate(kind, fitted, new, fit, held_out, spent)
-
-
-def _above(places: Sequence[str], losses: Sequence[float], share: float) -> list[str]:
-    """Places whose loss is not negligible beside the largest."""
-    return [p for p, loss in zip(places, losses, strict=True) if loss > max(share * max(losses), NEGLIGIBLE_LOSS)]
-
-
-def _refitted_loss(candidate: Candidate, place: str) -> float:
-    """Loss of training score when the effect is off at one joint (or arm) and the others are refitted.
-
-    Half the squared distance from off in units of the estimate's covariance, whose Hessian is that of the sum over
-    joints of log(1 + chi2). It overestimates the loss of an effect that is off at a distant bound (a limit).
-    """
-    problem, fit = candidate.problem, candidate.fit
-    keys = [row.key for row in problem.rows]
-    own = np.array([i for i, key in enumerate(keys) if (key.effect, key.place) == (candidate.kind.name, place)], int)
-    off = problem.scale(np.array([r.value if r.off is None else r.off for r in problem.rows]))[own]
-    weighted = fit.jacobian * (fit.weight / np.sqrt(problem.joint_counts[problem.joint_of]))[:, None]
-    free = (fit.x > problem.lower + 1e-9) & (fit.x < problem.upper - 1e-9)
-    free[own] = False
-    own_part, others = weighted[:, own], weighted[:, free]
-    left = own_part - others @ np.linalg.lstsq(others, own_part, rcond=1e-6)[0]
-    return 0.5 * float(np.sum((left @ (fit.x[own] - off)) ** 2))
-
-
 def polish(candidate: Candidate, test: Sequence[Recording]) -> Candidate:
     """Continue a refit to a finer tolerance, so that no later effect makes up for it."""
     problem = candidate.problem
@@ -220,8 +157,3 @@ def polish(candidate: Candidate, test: Sequence[Recording]) -> Candidate:
     return replace(
         candidate, model=model, fit=fit, held_out=held_out, rollouts=candidate.rollouts + problem.rollouts - spent
     )
-
-
-def _order(model: RobotModel):
-    names = (*model.joints, *model.arms)
-    return names.index

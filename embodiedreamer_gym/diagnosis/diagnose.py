@@ -15,6 +15,7 @@ from embodiedreamer_gym.diagnosis.held_out import evaluate, summarise_errors
 from embodiedreamer_gym.diagnosis.notes import notes_on
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
+from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
 from embodiedreamer_gym.diagnosis.search import search_effects
 from embodiedreamer_gym.diagnosis.search_state import Search, SearchState, screen_all
 from embodiedreamer_gym.diagnosis.verdict import (
@@ -162,7 +163,10 @@ def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:
             explainable = explainable_chi2(calibrated.model, search.train, search.test)
             convincing = is_convincing(base, state.held, state.null.chi2, explainable)
         verdict = "unknown" if not state.steps or not convincing else "ambiguous" if state.tie else "missing"
-    final = finish(state.current[1], state.current[2], 0.0, state.null.parameter_sd)
+    _, problem, fit = state.current
+    wider = fit_with_robot_errors(problem, fit.x, [*search.train, *search.test])
+    search.rollouts += wider[0].rollouts
+    final = finish(problem, fit, 0.0, wider)
     return Attempt(verdict, calibrated, final, state, p_value)
 
 

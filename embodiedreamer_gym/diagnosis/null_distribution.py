@@ -36,14 +36,12 @@ class NullDistribution:
     chi2, trained_chi2: (draws, n), on held-out motion and on the motion that was fitted; the same robot in each row.
     moves: (n,), joints that the fitted motion moves far beyond their noise.
     rollouts: how many were spent.
-    parameter_sd: (m,), standard deviation that the masses give the calibrated parameters, in scaled units.
     """
 
     chi2: np.ndarray
     trained_chi2: np.ndarray
     moves: np.ndarray
     rollouts: int
-    parameter_sd: np.ndarray
 
     def p_value(self, chi2: np.ndarray, trained_chi2: np.ndarray) -> float:
         """Share of faultless robots as bad as a robot's chi2 (n,) held out, and on the motion that was fitted.
@@ -100,9 +98,8 @@ def draw_null(
     draws = rng.standard_normal((DRAWS, len(size))) * size
     parts = [(draws, mass_test + response_test @ response, test_problem),
              (draws, mass_train + fit.jacobian @ response, train_problem)]  # fmt: skip
-    parameter_sd = np.sqrt(np.sum((response * size) ** 2, axis=1))
     rollouts = train_problem.rollouts + test_problem.rollouts + calibrated.rollouts
-    return _null(parts, rollouts, parameter_sd, rng)
+    return _null(parts, rollouts, rng)
 
 
 def _estimated_masses(
@@ -117,7 +114,7 @@ def _estimated_masses(
     root = vectors / np.sqrt(np.maximum(values, 1e-8)) / size[:, None]
     draws = rng.standard_normal((DRAWS, len(size))) @ root.T
     parts = [(draws, response, judged), (draws[:, :0], fit.jacobian[:, :0], problem)]
-    return _null(parts, judged.rollouts, np.zeros(len(size)), rng)
+    return _null(parts, judged.rollouts, rng)
 
 
 def _left(draws: np.ndarray, response: np.ndarray, problem: Problem) -> np.ndarray:
@@ -131,7 +128,7 @@ def _left(draws: np.ndarray, response: np.ndarray, problem: Problem) -> np.ndarr
 
 
 def _null(
-    parts: Sequence[tuple[np.ndarray, np.ndarray, Problem]], rollouts: int, parameter_sd: np.ndarray, rng: np.random.Generator
+    parts: Sequence[tuple[np.ndarray, np.ndarray, Problem]], rollouts: int, rng: np.random.Generator
 ) -> NullDistribution:  # fmt: skip
     """The distribution of what wrong parameters leave, with the sensors' noise added; held out, then of the fitted motion.
 
@@ -145,7 +142,7 @@ def _null(
     for draws, response, problem in parts:
         few = np.sqrt(2.0 / np.maximum(problem.joint_counts, 1)) * rng.standard_normal(shape)
         chi2.append(FIRST_STATE + np.exp(sensor + few) + _left(draws, response, problem))
-    return NullDistribution(chi2[0], chi2[1], moving_joints(parts[1][2]), rollouts, parameter_sd)
+    return NullDistribution(chi2[0], chi2[1], moving_joints(parts[1][2]), rollouts)
 
 
 def moving_joints(problem: Problem) -> np.ndarray:

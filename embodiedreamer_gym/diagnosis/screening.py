@@ -165,7 +165,7 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[Par
             spread = (-1.0, 0.0, 1.0) if p.low < 0 else SHAPES
             choices.append([np.clip(f * typical, low, high) for f in spread])
         elif p.off == p.high:
-            top = _top(p.unit, model, problem)
+            top = largest_seen(p.unit, model, problem)
             choices.append([np.clip(f * top, low, high) for f in LIMITS])
         else:
             signs = (1.0, -1.0) if p.low < 0 else (1.0,)
@@ -221,7 +221,7 @@ def own_gains(problem: Problem, point: LinearisationPoint, rows: np.ndarray, joi
     return np.linalg.qr(gains)[0] if gains.shape[1] else np.zeros((len(rows), 0))
 
 
-def _top(unit: str, model: RobotModel, problem: Problem) -> np.ndarray:
+def largest_seen(unit: str, model: RobotModel, problem: Problem) -> np.ndarray:
     """Largest value (n,) seen of what a limit in this unit holds down."""
     if unit == "N m":
         return _top_torque(model, problem)

@@ -98,8 +98,11 @@ def eliminate(search: Search, state: SearchState) -> None:
     if state.rivals and len(state.steps) > 1:
         state.steps, close = resolve_tie(state.base, state.rivals, state.steps, search.train, search.test)
         state.set_rivals(close)
+    exact, everywhere = state.is_exact, list(state.steps)
     state.steps = prune_all(state.steps, search.train, search.test)
     state.steps[-1] = polish(state.steps[-1], search.test)
+    if exact and not state.is_exact:  # a joint is missed
+        state.steps = everywhere
     state.steps = drop_last(state.judged_start, state.steps, search.train, search.test)
     if not state.steps:
         state.tie = ()

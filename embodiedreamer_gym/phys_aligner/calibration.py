@@ -14,7 +14,7 @@ from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence, silent
 from embodiedreamer_gym.phys_aligner.base_parameters import BaseParameter, base_parameter_table, base_parameters
-from embodiedreamer_gym.phys_aligner.intervals import NORMAL_95, spread
+from embodiedreamer_gym.phys_aligner.intervals import spread
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.signals import with_effort_sensor, with_effort_unit
@@ -158,21 +158,25 @@ def with_nuisances(model: RobotModel, recordings: Sequence[Recording]) -> RobotM
     return model.with_effect(InertialError)
 
 
-def finish(problem: Problem, fit: Fit, seconds: float, sway: np.ndarray | None = None) -> Calibration:
+def finish(problem: Problem, fit: Fit, seconds: float, wider: tuple[Problem, Fit] | None = None) -> Calibration:
     """A least-squares fit as a Calibration: values, intervals, what is not determined.
 
-    sway (m,): a further standard deviation of the scaled parameters, which the residuals do not show.
+    wider: a fit of the same parameters and of others beside, from which the intervals are taken; each is extended to hold
+    the value.
     """
-    uncertainty = spread(problem, fit.x, fit.residuals * fit.weight, fit.jacobian * fit.weight[:, None])
-    half = uncertainty.half_width if sway is None else np.hypot(uncertainty.half_width, NORMAL_95 * sway)
-    low, high = problem.values(fit.x - half), problem.values(fit.x + half)
+    judge, around = wider or (problem, fit)
+    uncertainty = spread(judge, around.x, around.residuals * around.weight, around.jacobian * around.weight[:, None])
+    low, high = (judge.values(around.x + sign * uncertainty.half_width) for sign in (-1, 1))
+    place = {row.name: i for i, row in enumerate(judge.rows)}
     intervals, undetermined = dict(problem.model.intervals), []
-    for i, row in enumerate(problem.rows):
-        if np.isfinite(half[i]):
-            intervals[row.name] = (float(max(low[i], row.low)), float(min(high[i], row.high)))
+    for row, value in zip(problem.rows, problem.values(fit.x), strict=True):
+        i = place[row.name]
+        if np.isfinite(uncertainty.half_width[i]):
+            inside = (max(min(low[i], value), row.low), min(max(high[i], value), row.high))
+            intervals[row.name] = (float(inside[0]), float(inside[1]))
         else:
             intervals.pop(row.name, None)
-        if uncertainty.undetermined[i] and not problem.of_urdf[i]:
+        if uncertainty.undetermined[i] and not judge.of_urdf[i]:
             undetermined.append(row.name)
     model = problem.model_at(fit.x, intervals)
     if problem.hold is not None:

@@ -43,16 +43,17 @@ def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray)
     if len(keep):
         j = jacobian[:, keep]
         chi2 = float(np.mean(r**2))
-        prior = (1.0 + chi2) / problem.independent * problem.prior[keep]  # relative to the residuals, as in the fit
+        relative = (1.0 + chi2) / problem.independent  # of the prior to the residuals, as in the fit
+        prior = relative * problem.prior[keep]
         normal = j.T @ j + np.diag(prior)
         size = np.sqrt(np.diag(normal))
         inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-10, hermitian=True)
         inverse /= np.outer(size, size)
         count = len(r) / max(len(r) - len(keep), 1)
-        cov = count * inverse @ _coloured_covariance(problem, r, j) @ inverse
+        cov = count * inverse @ coloured_covariance(problem, r, j) @ inverse
         own = count * inverse @ _score_covariance(problem, r, j) @ inverse
         wider = np.sqrt(np.maximum(np.diag(own) / np.maximum(np.diag(cov), 1e-300), 1.0))
-        cov = cov * np.outer(wider, wider) + inverse @ np.diag(prior**2) @ inverse
+        cov = cov * np.outer(wider, wider) + inverse @ np.diag(relative * prior) @ inverse
         covariance[np.ix_(keep, keep)] = cov
         half[keep] = NORMAL_95 * np.sqrt(np.maximum(np.diag(cov), 0.0))
         half[half > HOPELESS] = np.inf
@@ -68,7 +69,7 @@ def _series(problem: Problem) -> Iterator[np.ndarray]:
                 yield rows
 
 
-def _coloured_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+def coloured_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
     """Covariance (m, m) of the scores for stationary residuals that do not depend on the motion."""
     total = np.zeros((jacobian.shape[1],) * 2)
     for rows in _series(problem):

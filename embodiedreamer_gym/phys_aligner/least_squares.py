@@ -114,7 +114,7 @@ def damped_step(
     """A damped Gauss-Newton step kept inside the bounds: parameters that would leave are fixed there, one pass each."""
     j, e = jacobian * w[:, None], r * w
     prior = 2.0 / problem.independent * problem.prior
-    normal, gradient = j.T @ j + np.diag(prior), j.T @ e + prior * x
+    normal, gradient = j.T @ j + np.diag(prior), j.T @ e + prior * (x - problem.centre)
     diagonal = np.maximum(np.diag(normal), 1e-12 * max(np.diag(normal).max(), 1e-300))
     free = np.ones(len(x), bool)
     step = np.zeros(len(x))

@@ -43,8 +43,9 @@ class Problem:
     A parameter with a positive lower bound is scaled by its logarithm, any other by a typical size, so that a step
     of one is a large step in each. Residuals are (measured - simulated) / sigma over the usable samples, see `Signals`.
     rollouts counts parameter sets simulated over all recordings; independent is the share of the samples that counts as
-    independent; prior (m,) is 1 for parameters that are known beforehand to one scaled unit, and 0 for the others; of_urdf (m,)
-    says which are the URDF's errors; logarithmic (m,) which are scaled by their logarithm.
+    independent; prior (m,) is the precision to which parameters are known beforehand, in scaled units: 1 for those of effects that
+    say so, else 0; centre (m,) is where; of_urdf (m,) says which are the URDF's errors; logarithmic (m,) which are scaled by
+    their logarithm.
     """
 
     def __init__(
@@ -76,6 +77,7 @@ class Problem:
         self.prior = np.array(
             [bool(row.key.effect) and model.find_parameter(row.key)[1].prior for row in self.rows], float
         )
+        self.centre = np.zeros(len(self.rows))
         self.of_urdf = np.array([row.key.effect == InertialError.name for row in self.rows], bool)
         self._inertial: np.ndarray | None = None
         self.sigma, usable = self.signals.sigma, self.signals.usable
@@ -134,7 +136,7 @@ class Problem:
 
     def prior_cost(self, x: np.ndarray) -> float:
         """Cost of the distance of scaled parameters (m,) from what is known beforehand, on the scale of the fit's cost."""
-        return float(np.sum(self.prior * x**2) / (self.independent * len(self.joint_of)))
+        return float(np.sum(self.prior * (x - self.centre) ** 2) / (self.independent * len(self.joint_of)))
 
     def joint_rms(self, residuals: np.ndarray) -> np.ndarray:
         """Root mean square (P, n) of residuals (P, N), in sensor noises."""
@@ -144,14 +146,16 @@ class Problem:
         """Mean (n,) of samples (N,) by joint, zero for a joint without any."""
         return np.bincount(self.joint_of, samples, minlength=self.model.n) / np.maximum(self.joint_counts, 1)
 
-    def jacobian(self, x: np.ndarray, step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
+    def jacobian(self, x: np.ndarray, step: float = 1e-3, anew: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (N,) and their derivatives (N, m) by one-sided differences, away from the nearer bound.
 
         Parameters of different arms share a rollout: one arm's motion does not feel the other's. The derivatives by the
-        URDF's errors, which are many and nearly constant, are those of the first call.
+        URDF's errors, which are many and nearly constant, are those of the first call, but for `anew`.
         """
         sign = np.where(x + step <= self.upper, 1.0, -1.0)
         inertial = self.of_urdf
+        if anew:
+            self._inertial = None
         colours = self._colours(np.flatnonzero(~inertial if self._inertial is not None else inertial | True))
         points = np.repeat(x[None], len(colours) + 1, axis=0)
         for p, members in enumerate(colours):

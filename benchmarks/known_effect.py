@@ -1,0 +1,118 @@
+"""Joints and intervals of a single hidden effect whose name is given: which joints it is found on, what the intervals hold.
+
+    python -m benchmarks.known_effect [--seeds test|development] [--cases 40] [--skip 0] [--jobs 2] [--out FILE.jsonl]
+
+The single effects of the main set of benchmarks.diagnosis. The true effect is fitted as a diagnosis fits it, on the joints that
+the screening leaves; then its joints are selected and the intervals taken. A case counts as fitted where no joint of the
+training recordings is worse than twice what all but 5 % of faultless robots are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.common import pin_threads
+from benchmarks.diagnosis import Case, read_rows, run_missing
+from benchmarks.diagnosis_cases import SEEDS, Label, draw, labels, sealed
+from benchmarks.diagnosis_figures import held, right_joints, share
+from embodiedreamer_gym.diagnosis.candidates import polish, refit
+from embodiedreamer_gym.diagnosis.joint_selection import select_joints
+from embodiedreamer_gym.diagnosis.null_distribution import draw_null
+from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
+from embodiedreamer_gym.diagnosis.screening import linearise, screen_effect
+from embodiedreamer_gym.effects import CATALOGUE
+from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
+from embodiedreamer_gym.recordings import load_recordings
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.standin.labels import places
+
+FITTED = 2.0  # times the chi2 of all but 5 % of faultless robots, of the worst joint
+
+
+def known_effect(name: str, seeds: str, label: Label) -> dict[str, Any]:
+    """Fit the effect that a case hides, select its joints, take the intervals; then set the truth beside them."""
+    row: dict[str, Any] = {"index": label.index, "label": asdict(label)}
+    try:
+        case = draw(name, seeds, label)
+        row["label"] |= {"values": case.hidden, "joints": places(case.hidden)}
+        with tempfile.TemporaryDirectory() as folder:
+            model = RobotModel.load(case.write(folder))
+            train, test = (load_recordings(f"{folder}/{part}") for part in ("train", "test"))
+        kind = CATALOGUE[label.effects[0]]
+        problem, fit = fit_least_squares(model, train)
+        calibrated = finish(problem, fit, 0.0).model
+        null = draw_null(calibrated, fit, problem, test, np.random.default_rng(0))
+        short, points = linearise(problem, fit, model)
+        screened = screen_effect(kind, points, short, np.sqrt(np.median(null.chi2, axis=0)))
+        begun = time.process_time()
+        first = polish(refit(calibrated, screened, problem, train, test, False), test)
+        seconds = [time.process_time() - begun]
+        chosen = select_joints(first, train, test)
+        seconds.append(time.process_time() - begun - sum(seconds))
+        best = polish(chosen, test)
+        wider = fit_with_robot_errors(best.problem, best.fit.x, [*train, *test])
+        seconds.append(time.process_time() - begun - sum(seconds))
+        found = finish(best.problem, best.fit, 0.0, wider).model.parameters()
+        worst = best.problem.joint_rms(best.fit.residuals)[0] ** 2 / np.quantile(null.chi2, 0.95, axis=0)
+        said: dict[str, Any] = {}
+        for r in found.of_effect(kind.name):
+            low, high = r.interval or (None, None)
+            said[f"{r.key.place}.{r.key.parameter}"] = {"parameter": r.key.parameter, "value": r.value, "low": low, "high": high}  # fmt: skip
+        servo = [bool(r.interval[0] <= case.truth["servo"][r.key.parameter][r.index] <= r.interval[1])
+                 for r in found.select("stiffness", "damping") if r.interval]  # fmt: skip
+        at = sorted({key.split(".")[0] for key in said})
+        row |= {"found": {"joints": {kind.name: at}, "parameters": {kind.name: said}}, "servo": servo, "seconds": seconds,
+                "fitted": bool(worst.max() <= FITTED), "rollouts": chosen.rollouts - first.rollouts}  # fmt: skip
+    except Exception as error:  # shown, not hidden
+        row["failed"] = f"{type(error).__name__}: {error}"
+    return row
+
+
+def report(rows: Sequence[dict[str, Any]]) -> str:
+    """Shares of all cases, and of those that are fitted."""
+    lines = [f"failed: case {row['index']}, {row['failed']}" for row in rows if "failed" in row]
+    rows = [row for row in rows if "failed" not in row]
+    for title, some in (("all cases", rows), ("fitted cases", [row for row in rows if row["fitted"]])):
+        lines += ["", f"{title}: {len(some)}"]
+        figures = share("joints", map(right_joints, some), {}) + share("held", (i for r in some for i in held(r)), {})
+        lines += [str(figure) for figure in figures]
+        lines += [f"of the servo's gains: {f.hits} of {f.of}, {100 * f.value:.0f} % [{100 * f.low:.0f}, {100 * f.high:.0f}]"
+                  for f in share("held", (i for row in some for i in row["servo"]), {})]  # fmt: skip
+    seconds = np.median([row["seconds"] for row in rows], axis=0)
+    return "\n".join(
+        [*lines, "", "CPU seconds of refit, selection, intervals, median: " + ", ".join(f"{s:.1f}" for s in seconds)]
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the cases that are missing, then print the shares."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.known_effect", description=str(__doc__).splitlines()[0])
+    parser.add_argument("--seeds", choices=SEEDS, default="test")
+    parser.add_argument("--cases", type=int, default=40, help="how many single effects")
+    parser.add_argument("--skip", type=int, default=0, help="how many are left out first")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path)
+    a = parser.parse_args(arguments)
+    pin_threads()
+    out = a.out or Path("build") / "diagnosis" / f"known-effect-{a.seeds}.jsonl"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    wanted = [label for label in labels("main", a.seeds) if label.kind == "single"][a.skip : a.skip + a.cases]
+    stamp = {"seeds": a.seeds, "labels_sha256": hashlib.sha256(sealed("main", a.seeds).encode()).hexdigest()}
+    for row in run_missing(wanted, Case(known_effect, "main", a.seeds), out, a.jobs, stamp):
+        print(row["index"], row["label"]["effects"][0], "found", row.get("found", {}).get("joints", row.get("failed")),
+              "true", row["label"].get("joints"), flush=True)  # fmt: skip
+    indices = {label.index for label in wanted}
+    print(f"\n{report([row for row in read_rows(out) if row['index'] in indices])}")
+
+
+if __name__ == "__main__":
+    main()

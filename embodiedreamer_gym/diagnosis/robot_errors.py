@@ -1,0 +1,70 @@
+"""A fit beside which the robot's own errors are estimated: masses, centres of mass, viscous friction.
+
+A calibration takes them as the model has them, so its residuals do not show what they do to its parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis.null_distribution import CENTRE, GROUPS, MASS
+from embodiedreamer_gym.effects.inertial_error import InertialError
+from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
+from embodiedreamer_gym.robot.data import UrdfError
+
+VISCOUS = 0.5  # standard deviation of a joint's viscous friction, relative to it or to what is slight
+VISCOUS_FRICTION = ParameterKey("viscous_friction")
+ITERATIONS, TOLERANCE = 6, 1e-4
+FINE, COARSE, SECANT = 1e-5, 1e-4, 1e-2  # steps of the last derivatives, scaled units
+JUMPS = 0.2  # relative change of a derivative from a coarse step to a fine one, beyond which a law jumps
+
+
+def fit_with_robot_errors(problem: Problem, x: np.ndarray, recordings: Sequence[Recording]) -> tuple[Problem, Fit]:
+    """Continue a fit from scaled parameters (m,) on other recordings, with the robot's errors estimated beside.
+
+    They are held near none by their priors. Viscous friction is among them although a servo's damping does the same: where a drive is at its limit damping is cut
+    off and friction is not, and a fit with the wrong friction errs in everything in units of torque. Masses and friction
+    that the problem fits already stay as they are.
+    """
+    wider = _problem(problem, problem.model_at(x), recordings)
+    fit = minimise(wider, wider.start, ITERATIONS, TOLERANCE)
+    return wider, replace(fit, jacobian=_derivatives(wider, fit))
+
+
+def _derivatives(problem: Problem, fit: Fit) -> np.ndarray:
+    """Derivatives (N, m) at a fit by finer steps than it took.
+
+    The error of a step grows with the curvature. In a direction that residuals do not determine, as of masses and torques
+    that grow in the same proportion, it is more than the prior's share and makes the direction seem determined. A law that
+    jumps, as a gap of teeth does, has no derivative, but a slope over a step as long as its parameter is uncertain.
+    """
+    fine = problem.jacobian(fit.x, FINE, anew=True)[1]
+    change, size = (np.linalg.norm(j, axis=0) for j in (fine - problem.jacobian(fit.x, COARSE)[1], fine))
+    jumps = change > JUMPS * size
+    if jumps.any():
+        fine[:, jumps] = problem.jacobian(fit.x, SECANT)[1][:, jumps]
+    return fine
+
+
+def _problem(problem: Problem, model: RobotModel, recordings: Sequence[Recording]) -> Problem:
+    """The problem's parameters at a model's values, and the robot's errors."""
+    groups = list(dict.fromkeys(row.key.group for row in problem.rows))
+    if not model.has_effect(InertialError):
+        model = model.with_(urdf_error=UrdfError(mass=MASS, centre=CENTRE)).with_effect(InertialError)
+        groups += GROUPS
+    friction = VISCOUS_FRICTION not in groups
+    wider = Problem(model, recordings, [*groups, VISCOUS_FRICTION] if friction else groups, problem.hold)
+    if friction:
+        viscous = np.array([row.key.group == VISCOUS_FRICTION for row in wider.rows])
+        wider.centre[viscous], wider.prior[viscous] = wider.start[viscous], VISCOUS**-2
+    if model.fixed:
+        fixed = {row.name for row in model.parameters().select(*model.fixed).rows}
+        held = np.array([row.name in fixed for row in wider.rows])
+        wider.lower[held] = wider.upper[held] = wider.start[held]
+    return wider

@@ -1,0 +1,67 @@
+"""The joints of an effect on a six-joint arm whose masses and gains are a little wrong."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+from embodiedreamer_gym.diagnosis.candidates import Candidate
+from embodiedreamer_gym.diagnosis.held_out import evaluate
+from embodiedreamer_gym.diagnosis.joint_selection import select_joints
+from embodiedreamer_gym.effects import CATALOGUE
+from embodiedreamer_gym.effects.payload import Payload
+from embodiedreamer_gym.phys_aligner.least_squares import minimise
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.standin.cases import Case, draw_case
+from tests.bank import load
+
+
+def candidate(case: Case, effect: str, joints: tuple[str, ...] | None, **start: float) -> Candidate:
+    """The effect fitted on these joints (on all by default), from a start."""
+    model = load(case.model_json, case.urdf, "arm6").with_effect(effect, joints)
+    model = model.with_values(
+        {f"{effect}.{name}": dict.fromkeys(joints or model.joints, v) for name, v in start.items()}
+    )
+    problem = Problem(model, case.train)
+    fit = minimise(problem, problem.start, 12, 1e-3)
+    model = problem.model_at(fit.x)
+    return Candidate(CATALOGUE[effect], model, problem, fit, evaluate(model, case.test), problem.rollouts)
+
+
+def drawn(effect: str, among: list[int], seed: int) -> Case:
+    """The effect on some of these joints."""
+    return draw_case(effect, "arm6", np.random.default_rng(seed), among=among)
+
+
+@pytest.mark.parametrize("left_out", [False, True])
+def test_friction_is_found_on_its_joints_also_where_the_screening_left_one_out(left_out: bool) -> None:
+    case = next(
+        c for seed in range(9) if len((c := drawn("coulomb_friction", [1, 2], seed)).truth["values"]["torque"]) == 2
+    )
+    fitted = candidate(case, "coulomb_friction", ("joint2",) if left_out else None, torque=0.1)
+    found = select_joints(fitted, case.train, case.test)
+    assert set(found.model.effects[0].values["torque"]) == {"joint2", "joint3"}
+    assert found.rollouts > fitted.rollouts + len(found.problem.rows)
+    assert found.held_out.score < fitted.held_out.score + 0.1
+
+
+def test_a_limit_is_found_on_its_joint_by_what_is_left_without_it() -> None:
+    case = drawn("torque_saturation", [1], 0)
+    limit = case.truth["values"]["limit"]["joint2"]
+    fitted = candidate(case, "torque_saturation", None)
+    values: Any = {"torque_saturation.limit": {"joint2": 0.9 * limit}}
+    problem = Problem(fitted.model.with_values(values), case.train)
+    fit = minimise(problem, problem.start, 12, 1e-3)
+    fitted = Candidate(fitted.kind, problem.model_at(fit.x), problem, fit, fitted.held_out, 0)
+    found = select_joints(fitted, case.train, case.test)
+    assert found.model.effects[0].values["limit"] == {"joint2": pytest.approx(limit, rel=0.1)}
+
+
+def test_an_effect_of_arms_stays_as_it_is() -> None:
+    fitted: Any = SimpleNamespace(kind=Payload)
+    assert select_joints(fitted, [], []) is fitted

@@ -1,0 +1,69 @@
+"""Intervals of a pendulum whose drive saturates and whose viscous friction is not what the model says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
+from embodiedreamer_gym.phys_aligner.calibration import Calibration, finish
+from embodiedreamer_gym.phys_aligner.least_squares import minimise
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation import simulate
+from tests.bank import fast, robot
+
+LIMIT, NOISE = 0.45, 4e-4  # N m, rad
+
+
+@pytest.fixture(scope="module")
+def model() -> RobotModel:
+    return (
+        robot("pendulum1").with_effect("torque_saturation").with_values({"torque_saturation.limit": {"joint1": LIMIT}})
+    )
+
+
+def play(model: RobotModel, seed: int) -> Recording:
+    """The pendulum on quick sines, with noise."""
+    log = fast(model, seed=seed, name=f"fast_{seed}")
+    noise = NOISE * np.random.default_rng(seed).standard_normal(log.position.shape)
+    return log.with_(position=simulate(model, log).position + noise, noise=np.full(1, NOISE))
+
+
+def fitted(model: RobotModel, factor: float) -> tuple[Calibration, Calibration]:
+    """Calibrations without and with the robot's errors beside; the true friction is `factor` times the model's."""
+    truth = model.with_(viscous_friction=factor * model.viscous_friction)
+    problem = Problem(model, [play(truth, seed) for seed in (1, 2)])
+    fit = minimise(problem, problem.start)
+    wider = fit_with_robot_errors(problem, fit.x, [*problem.recordings, play(truth, 3)])
+    return finish(problem, fit, 0.0), finish(problem, fit, 0.0, wider)
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.3])
+def test_the_interval_of_a_limit_holds_it_although_masses_and_friction_are_wrong(model, factor: float) -> None:
+    plain, wide = (c.model.intervals["torque_saturation.limit[joint1]"] for c in fitted(model, factor))
+    assert not plain[0] <= LIMIT <= plain[1]
+    assert wide[0] <= LIMIT <= wide[1]
+
+
+def test_masses_and_torques_in_the_same_proportion_are_not_told_apart(model) -> None:
+    wide = fitted(model, 1.0)[1].model
+    low, high = wide.intervals["torque_saturation.limit[joint1]"]
+    assert 0.005 < (high - low) / 2 / LIMIT < 0.05  # masses: 2 %
+    low, high = wide.intervals["stiffness[joint1]"]
+    assert 0.005 < (high - low) / 2 / 40 < 0.05
+
+
+def test_only_the_parameters_of_the_fit_have_intervals_and_they_hold_their_values(model) -> None:
+    plain, wide = fitted(model, 1.0)
+    assert set(wide.model.intervals) == set(plain.model.intervals)
+    assert all(row.interval[0] <= row.value <= row.interval[1] for row in wide.model.parameters() if row.interval)
+
+
+def test_what_the_model_holds_fixed_stays(model) -> None:
+    problem = Problem(model.with_(fixed=frozenset({"viscous_friction"})), [play(model, 1)])
+    wider, fit = fit_with_robot_errors(problem, problem.start, problem.recordings)
+    values = dict(zip([row.name for row in wider.rows], wider.values(fit.x), strict=True))
+    assert values["viscous_friction[joint1]"] == pytest.approx(model.viscous_friction[0])
+    assert values["inertial_error.mass[joint1]"] != 0
