@@ -109,9 +109,7 @@ def finish_refit(
     rival: cost of another refit, far above which this one is given up.
     """
     problem, spent = begun.problem, begun.problem.rollouts
-    fit = begun.fit
-    if not fit.converged:
-        fit = minimise(problem, fit.x, iterations, TOLERANCE, rival=rival)
+    fit = minimise(problem, begun.fit.x, iterations, TOLERANCE, rival=rival)
     stuck = (problem.joint_rms(fit.residuals)[0] ** 2).max() > STUCK and fit.cost <= rival + BEHIND
     if stuck and not problem.signals.by_effort:  # of efforts nothing is integrated: no valleys
         start = piecewise_start(problem, [fit.x, *([start_of(problem, trial.again)] if trial.again else [])])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,7 @@ from embodiedreamer_gym.robot import RobotModel
 REFITS = 5  # best of the screening that are refitted
 SURE = 0.95  # probability from which an effect is named
 FINALISTS = 4  # of them that are refitted to the end
+LEADERS = 2  # of these that are refitted first
 CLOSE_BEHIND = 0.1  # of the cost, within which more are
 
 
@@ -187,44 +189,45 @@ def refit_all(search: Search, trials: Sequence[Trial], rival: float, finalists: 
 
     rival: cost of another fit, far above which a refit is given up.
     """
-    cached = {k: c for k, t in enumerate(trials) if (c := search.cache.get(_key(t))) is not None}
-    fresh = [k for k in range(len(trials)) if k not in cached]
-    count = len(trials)
+    begun = _through_cache(search, trials, "begun", begin_refit, lambda t: (t, search.train, search.test, EARLY))
+    ranked = sorted(range(len(trials)), key=lambda k: begun[k].fit.cost)
+    near = min((c.fit.cost for c in begun), default=np.inf) + CLOSE_BEHIND
+    final = [k for place, k in enumerate(ranked) if place < finalists or begun[k].fit.cost < near]
+    done = dict(enumerate(begun))
+    for part in (final[:LEADERS], final[LEADERS:]):  # refits of the second part stop when far behind the first
+        index = {id(trials[k]): k for k in part}
+        finished = _through_cache(
+            search, [trials[k] for k in part], "refitted", finish_refit,
+            lambda t, index=index, rival=rival: (t, begun[index[id(t)]], search.test, ITERATIONS - EARLY, rival),
+        )  # fmt: skip
+        done.update(zip(part, finished, strict=True))
+        rival = min([rival, *(c.fit.cost for c in finished)])
+    search.rollouts += sum(c.rollouts for c in done.values())
+    return [done[k] for k in range(len(trials))]
 
-    def begun(done: int, c: Candidate) -> None:
-        search.progress(
-            "beginning refits", done, count, effect=c.kind.name, held_out_error=search.milli(c.held_out.error)
-        )
+
+def _through_cache(
+    search: Search, trials: Sequence[Trial], stage: str, refit: Callable[..., Candidate],
+    arguments: Callable[[Trial], tuple[Any, ...]],
+) -> list[Candidate]:  # fmt: skip
+    """One stage of refits; those that the cache holds are not made again."""
+    cached = [search.cache.get(_key(t, stage)) for t in trials]
+    fresh = [t for t, c in zip(trials, cached, strict=True) if c is None]
 
     def finished(done: int, c: Candidate) -> None:
         search.progress(
-            "refitting effects", done, len(final), effect=c.kind.name, held_out_error=search.milli(c.held_out.error)
+            f"{stage} effects", done, len(fresh), effect=c.kind.name, held_out_error=search.milli(c.held_out.error)
         )
+        search.cache.keep(_key(fresh[done - 1], stage), c.fit.x, c.problem.hold)
 
-    candidates = dict(
-        zip(
-            cached,
-            many(resume_refit, [(trials[k], c, search.train, search.test) for k, c in cached.items()], search.jobs),
-            strict=True,
-        )
-    )
-    early = many(begin_refit, [(trials[k], search.train, search.test, EARLY) for k in fresh], search.jobs, begun)
-    candidates.update(zip(fresh, early, strict=True))
-    costs = {k: c.fit.cost for k, c in candidates.items()}
-    ranked = sorted(costs, key=lambda k: costs[k])
-    near = min(costs.values(), default=np.inf) + CLOSE_BEHIND
-    final = [k for place, k in enumerate(ranked) if k in fresh and (place < finalists or costs[k] < near)]
-    calls = [(trials[k], candidates[k], search.test, ITERATIONS - EARLY, rival) for k in final]
-    candidates.update(zip(final, many(finish_refit, calls, search.jobs, finished), strict=True))
-    for k in final:
-        search.cache.keep(_key(trials[k]), candidates[k].fit.x, candidates[k].problem.hold)
-    search.rollouts += sum(c.rollouts for c in candidates.values())
-    return [candidates[k] for k in range(count)]
+    made = iter(many(refit, [arguments(t) for t in fresh], search.jobs, finished))
+    return [next(made) if c is None else resume_refit(t, c, search.train, search.test)
+            for t, c in zip(trials, cached, strict=True)]  # fmt: skip
 
 
-def _key(trial: Trial) -> str:
+def _key(trial: Trial, stage: str) -> str:
     """Name of a refit in the cache."""
-    return trial.name + ", masses estimated" * trial.model.has_effect(InertialError)
+    return f"{trial.name}{', masses estimated' * trial.model.has_effect(InertialError)}, {stage}"
 
 
 def _shortlist(screened: Sequence[Screened]) -> list[Screened]:
