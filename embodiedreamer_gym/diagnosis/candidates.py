@@ -16,12 +16,12 @@ from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.least_squares import BEHIND, Fit, fit_at, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
-from embodiedreamer_gym.phys_aligner.starts import piecewise_start
+from embodiedreamer_gym.phys_aligner.starts import COARSE, piecewise_start
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
 ITERATIONS = 12
-EARLY = 4  # iterations after which the most promising refits go on
+EARLY = 3  # iterations after which the most promising refits go on
 TOLERANCE = 1e-3
 STUCK = 1.4  # chi2 of a joint above which a fit may have ended in a wrong valley
 FINAL_ITERATIONS, FINAL_TOLERANCE = 25, 1e-4
@@ -91,14 +91,16 @@ def single_trial(base: RobotModel, screened: Screened, hold: str | None, both_ru
 
 
 def begin_refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recording], iterations: int) -> Candidate:
-    """The first iterations of a refit, from the best of its starts."""
-    fits = []
+    """The first iterations of a refit, from the best of its starts, on a coarser plant."""
+    begun = []
     for hold in trial.holds:
-        problem = Problem(trial.model, train, hold=hold)
-        fits.append(
-            _candidate(trial, problem, minimise(problem, trial.starts.best(problem), iterations, TOLERANCE), test)
-        )
-    return _best(fits)
+        coarse = Problem(trial.model, train, hold=hold, dt=COARSE)
+        fit = minimise(coarse, trial.starts.best(coarse), iterations, TOLERANCE)
+        begun.append((fit, coarse))
+    fit, coarse = min(begun, key=lambda one: one[0].cost)
+    problem = Problem(trial.model, train, hold=coarse.hold)
+    problem.rollouts = sum(c.rollouts for _, c in begun)
+    return _candidate(trial, problem, replace(fit, residuals=problem.residuals(fit.x)[0]), test)
 
 
 def finish_refit(
@@ -138,11 +140,6 @@ def resume_refit(trial: Trial, cached: CachedFit, train: Sequence[Recording], te
 def _candidate(trial: Trial, problem: Problem, fit: Fit, test: Sequence[Recording]) -> Candidate:
     model = problem.model_at(fit.x)
     return Candidate(trial.kind, model, problem, fit, evaluate(model, test, problem.hold), problem.rollouts)
-
-
-def _best(fits: Sequence[Candidate]) -> Candidate:
-    """The candidate of least cost, with the rollouts of all."""
-    return replace(min(fits, key=lambda c: c.fit.cost), rollouts=sum(c.rollouts for c in fits))
 
 
 def polish(candidate: Candidate, test: Sequence[Recording]) -> Candidate:

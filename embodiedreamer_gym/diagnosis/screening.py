@@ -13,15 +13,15 @@ from embodiedreamer_gym.io.parallel import many
 from embodiedreamer_gym.io.progress import ProgressCallback, silent
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.starts import COARSE
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
-from embodiedreamer_gym.simulation import TIME_STEP, run_sets
+from embodiedreamer_gym.simulation import run_sets
 
 SIZES = (0.2, 0.8, 3.0)  # of a parameter that vanishes at zero, relative to its typical size
 LIMITS = (0.25, 0.45, 0.7, 0.95, 1.2, 1.6)  # of a limit, relative to the largest value seen
 SHAPES = (0.3, 1.0, 3.0)
 SECONDS = 40.0  # of motion to screen on
-COARSE = 2 * TIME_STEP  # s, of the plant that shows what an effect changes
 SLOPE = 0.1  # s, over which a slope is taken to find the largest acceleration
 START_FALL = 0.02  # fall of a joint's log mean square from which an effect is started there
 USEFUL_FALL = 0.005  # the like, below which a joint is left without the effect

@@ -38,7 +38,7 @@ from embodiedreamer_gym.robot import RobotModel
 REFITS = 5  # best of the screening that are refitted
 SURE = 0.95  # probability from which an effect is named
 FINALISTS = 4  # of them that are refitted to the end
-LEADERS = 2  # of these that are refitted first
+LEADERS = 1  # of these that are refitted first
 CLOSE_BEHIND = 0.1  # of the cost, within which more are
 
 

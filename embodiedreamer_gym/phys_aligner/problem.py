@@ -12,6 +12,7 @@ from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.signals import Signals
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import ParameterKey, ParameterRow, RobotModel
+from embodiedreamer_gym.simulation import TIME_STEP
 from embodiedreamer_gym.simulation.rollout import check_names
 
 CORRELATED = 0.05  # s over which residuals are about the same
@@ -42,6 +43,7 @@ class Problem:
 
     A parameter with a positive lower bound is scaled by its logarithm, any other by a typical size, so that a step
     of one is a large step in each. Residuals are (measured - simulated) / sigma over the usable samples, see `Signals`.
+    dt: time step of the plant, s, where positions are compared.
     rollouts counts parameter sets simulated over all recordings; independent is the share of the samples that counts as
     independent; prior (m,) is the precision to which parameters are known beforehand, in scaled units: 1 for those of effects that
     say so, else 0; centre (m,) is where; of_urdf (m,) says which are the URDF's errors; logarithmic (m,) which are scaled by
@@ -50,14 +52,14 @@ class Problem:
 
     def __init__(
         self, model: RobotModel, recordings: Sequence[Recording], groups: Sequence[str | ParameterKey] | None = None,
-        hold: str | None = None,
+        hold: str | None = None, dt: float = TIME_STEP,
     ) -> None:  # fmt: skip
         if not recordings:
             raise CalibrationError("no recording is left to fit; give at least one.")
         for recording in recordings:
             check_names(model, recording)
         self.signals = Signals(model, recordings)
-        self.model, self.recordings, self.hold = model, self.signals.recordings, hold
+        self.model, self.recordings, self.hold, self.dt = model, self.signals.recordings, hold, dt
         self.rows = free_rows(model, groups, self.signals.by_effort)
         if not self.rows and groups:
             raise CalibrationError(f"model {model.name} has no free parameter in {groups}.")
@@ -132,7 +134,7 @@ class Problem:
         """Residuals (P, N) of scaled parameters (P, m), in sensor noises."""
         x = np.clip(np.atleast_2d(x), self.lower, self.upper)
         self.rollouts += len(x)
-        return self.signals.residuals(self.model, self.sets(x), self.hold)
+        return self.signals.residuals(self.model, self.sets(x), self.hold, self.dt)
 
     def prior_cost(self, x: np.ndarray) -> float:
         """Cost of the distance of scaled parameters (m,) from what is known beforehand, on the scale of the fit's cost."""

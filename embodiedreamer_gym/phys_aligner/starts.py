@@ -10,9 +10,11 @@ from embodiedreamer_gym.phys_aligner.least_squares import minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import pieces
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
+from embodiedreamer_gym.simulation import TIME_STEP
 
 PIECE = 0.5  # s: too short for a model that is far off to run away from the motion
 ITERATIONS, TOLERANCE = 8, 1e-3
+COARSE = 2 * TIME_STEP  # s, of the plant of fits that only show where to begin
 
 
 def scan_starts(problem: Problem) -> np.ndarray:
@@ -53,7 +55,7 @@ def piecewise_start(problem: Problem, starts: Sequence[np.ndarray]) -> np.ndarra
     """
     if problem.signals.by_effort:  # no free run, no valleys
         return starts[0]
-    short = Problem(problem.model, pieces(problem.recordings, PIECE), hold=problem.hold)
+    short = Problem(problem.model, pieces(problem.recordings, PIECE), hold=problem.hold, dt=COARSE)
     ends, rival = [], np.inf
     for start in starts:
         fit = minimise(short, start, ITERATIONS, TOLERANCE, rival=rival)

@@ -161,13 +161,23 @@ def test_wrong_masses_are_no_alarm_but_are_expected(model) -> None:
     problem, fit = fit_least_squares(model, train)
     null = draw_null(problem.model_at(fit.x), fit, problem, test, np.random.default_rng(0))
     assert np.all(null.chi2 > 0.5) and 1.0 < np.median(null.chi2) < 2.0
-    ordinary = np.median(null.chi2, axis=0)
-    assert null.p_value(np.zeros_like(ordinary)) == 1.0
-    assert null.p_value(ordinary) > 0.2
-    assert null.p_value(np.full_like(ordinary, 1e9)) == pytest.approx(2 / (1 + len(null.chi2)))
+    assert np.all(null.trained_chi2 > 0.5) and null.moves.all()
+    ordinary, trained = np.median(null.chi2, axis=0), np.median(null.trained_chi2, axis=0)
+    zero = np.zeros_like(ordinary)
+    assert null.p_value(zero, zero) == 1.0
+    assert null.p_value(ordinary, trained) > 0.2
+    assert null.p_value(np.full_like(ordinary, 1e9), trained) == pytest.approx(3 / (1 + len(null.chi2)))
     one_bad = ordinary.copy()
     one_bad[0] = 10 * null.chi2[:, 0].max()
-    assert null.p_value(one_bad) < 0.01, "one joint far out of its range is as good a reason for an alarm as all"
+    assert null.p_value(one_bad, trained) < 0.01, (
+        "one joint far out of its range is as good a reason for an alarm as all"
+    )
+    fitted_badly = trained.copy()
+    fitted_badly[0] = 10 * null.trained_chi2[:, 0].max()
+    assert null.p_value(ordinary, fitted_badly) < 0.01, "so is one that the fit to the training motion leaves"
+    assert null.excess(ordinary, trained) < 1.0 < 5.0 < null.excess(ordinary, fitted_badly)
+    worst = np.array([null.excess(held, fitted) for held, fitted in zip(null.chi2, null.trained_chi2, strict=True)])
+    assert np.mean(worst > 1.0) == pytest.approx(0.05, abs=0.01), "one is the 95 % quantile of the worst"
 
 
 def held(chi2: np.ndarray, spread: float = 0.0, seed: int = 0) -> HeldOut:

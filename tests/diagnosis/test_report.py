@@ -100,6 +100,7 @@ def answer(arm, delayed, verdict: str = "missing", effects: tuple[str, ...] = ("
         unobservable=("torque_saturation",), unexplained={"elbow": 0.4},
         steps=(("nominal", 0.03), ("calibrated", 0.02), ("+ command_delay", 0.0007)), p_value=0.001,
         rollouts=100, seconds=5.0, unit="rad", chi2={}, closest=(), nominal=arm, calibrated=arm, model=delayed,
+        family=None, members={e: 1.0 for e in effects}, excess=0.9, explainable={},
     )  # fmt: skip
 
 
@@ -129,6 +130,21 @@ def test_a_page_of_a_calibration_alone(delayed, logs, tmp_path) -> None:
     page = opened(write_report(tmp_path, calibration=fit))
     assert "Calibrated by least-squares" in page.text and "stiffness[shoulder]" in page.text
     assert len(page.images) == 1  # intervals
+
+
+def test_a_family_is_named_where_no_effect_is(arm, delayed) -> None:
+    tie = replace(answer(arm, delayed, "ambiguous", ("command_delay", "command_lowpass")), family="late_command",
+                  members={"command_delay": 0.71, "command_lowpass": 0.26, "payload": 0.001})  # fmt: skip
+    sentence = verdict_sentence(tie.as_dict())
+    assert "late command" in sentence and "0.71" in sentence and "payload" not in sentence
+    inexact = verdict_sentence(replace(answer(arm, delayed), excess=1.6).as_dict())
+    assert "law is not exact" in inexact and "not exact" not in verdict_sentence(answer(arm, delayed).as_dict())
+
+
+def test_the_ceiling_stands_beside_the_rest(arm, delayed) -> None:
+    shares = {"command": 0.7, "motion": 0.75, "history": 0.9, "load": 0.9}
+    text = str(replace(answer(arm, delayed), explainable={"elbow": shares}))
+    assert "elbow: 90 % of the calibrated error is predictable, most of it from the command" in text
 
 
 def test_notes_stand_before_the_verdict(arm, delayed, logs, tmp_path) -> None:

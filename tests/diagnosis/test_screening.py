@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from embodiedreamer_gym.diagnosis.candidates import start_of
+from embodiedreamer_gym.diagnosis.effect_starts import start_of
 from embodiedreamer_gym.diagnosis.screening import linearise, screen_effect
 from embodiedreamer_gym.effects.torque_ripple import TorqueRipple
 from embodiedreamer_gym.phys_aligner.calibration import fit_least_squares

@@ -11,7 +11,8 @@ from scipy.special import betaincinv
 from embodiedreamer_gym.diagnosis.comparison import Comparison
 from embodiedreamer_gym.diagnosis.error_breakdown import ErrorBreakdown
 from embodiedreamer_gym.diagnosis.report.result_figures import SPREAD
-from embodiedreamer_gym.diagnosis.verdict import ALARM
+from embodiedreamer_gym.diagnosis.verdict import ALARM, EXACT, INEXACT
+from embodiedreamer_gym.diagnosis.wording import probabilities_text
 from embodiedreamer_gym.io.tables import milli, number
 from embodiedreamer_gym.phys_aligner import Calibration
 
@@ -56,12 +57,25 @@ def verdict_sentence(data: Mapping[str, Any]) -> str:
     calibrated = milli(error["calibrated"], unit)
     if data["verdict"] == "missing":
         fall = f"the held-out error falls from {calibrated} to {milli(error['with_effect'], unit)}"
-        return f"The model lacks {listed(effects)}; with {'it' if len(effects) == 1 else 'them'} {fall} ({floor})."
+        sentence = f"The model lacks {listed(effects)}; with {'it' if len(effects) == 1 else 'them'} {fall} ({floor})."
+        return (
+            f"{sentence} Its law is not exact: more is left than on faultless robots."
+            if _is_inexact(data)
+            else sentence
+        )
+    if data.get("family"):
+        members = probabilities_text({effect_name(name): data["members"].get(name, 0.0) for name in data["effects"]})
+        return f"The model lacks an effect of the family {effect_name(data['family'])} ({members}); these recordings do not tell which."
     if data["verdict"] == "ambiguous":
         return f"The model lacks {listed(effects, 'or')}; these recordings do not tell which."
     if data["verdict"] == "nothing_missing":
         return f"Nothing is missing that these recordings could show: {calibrated} off, {floor}."
     return f"Something is missing that no known effect explains: {calibrated} off, {floor}."
+
+
+def _is_inexact(data: Mapping[str, Any]) -> bool:
+    """Whether a single effect that is named leaves a little more than faultless robots have."""
+    return len(data["effects"]) == 1 and EXACT < data.get("excess", 0.0) <= INEXACT
 
 
 def next_step(data: Mapping[str, Any], sentence: str) -> str:
