@@ -14,7 +14,7 @@ from embodiedreamer_gym.diagnosis.refit_cache import CachedFit
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.errors import CalibrationError
-from embodiedreamer_gym.phys_aligner.least_squares import BEHIND, Fit, fit_at, minimise
+from embodiedreamer_gym.phys_aligner.least_squares import BEHIND, Fit, cost_of, fit_at, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.starts import COARSE, piecewise_start
 from embodiedreamer_gym.recordings import Recording
@@ -99,8 +99,9 @@ def begin_refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recordi
         begun.append((fit, coarse))
     fit, coarse = min(begun, key=lambda one: one[0].cost)
     problem = Problem(trial.model, train, hold=coarse.hold)
-    problem.rollouts = sum(c.rollouts for _, c in begun)
-    return _candidate(trial, problem, replace(fit, residuals=problem.residuals(fit.x)[0]), test)
+    residuals = problem.residuals(fit.x)[0]
+    problem.rollouts += sum(c.rollouts for _, c in begun)
+    return _candidate(trial, problem, replace(fit, residuals=residuals, cost=cost_of(problem, fit.x, residuals)), test)
 
 
 def finish_refit(
