@@ -16,6 +16,8 @@ import numpy as np
 
 from benchmarks.common import data_folder, folder, pin_threads, redrawn, save, times
 from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose
+from embodiedreamer_gym.diagnosis.probabilities import family_probabilities
+from embodiedreamer_gym.diagnosis.wording import probabilities_text
 from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight
 from embodiedreamer_gym.robot import RobotModel
 
@@ -41,10 +43,9 @@ def dealt(model: RobotModel, logs: Recordings, seed: int) -> dict:
     """The verdict on another half of the motions."""
     found = diagnose(model, *redrawn(logs, seed))
     error = {key: None if value is None else round(1e3 * value, 2) for key, value in found.error.items()}
-    print(
-        f"dealt anew, {seed}: {found.verdict} {', '.join(found.effects)}; mrad: {error}; {found.seconds:.0f} s",
-        flush=True,
-    )
+    families = family_probabilities(found.members, found.nominal.catalogue)
+    print(f"dealt anew, {seed}: {found.verdict} {', '.join(found.effects or found.closest)}; {probabilities_text(found.members)}; "
+          f"families {probabilities_text(families)}; mrad: {error}; {found.seconds:.0f} s", flush=True)  # fmt: skip
     return found.as_dict()
 
 
@@ -73,15 +74,9 @@ def main() -> None:
     if arguments.ladder:
         save(ladder(RobotModel.load(arguments.model), train, test), arguments.out)
         return
-    found = diagnose(RobotModel.load(arguments.model), train, test, progress=show)
+    found = diagnose(RobotModel.load(arguments.model), train, test)
     print(found)
     save({"raw": raw.tolist(), **found.as_dict()}, arguments.out)
-
-
-def show(stage: str, iteration: int, value: float) -> None:
-    """One line for each new stage."""
-    if stage != "least squares" or iteration % 5 == 0:
-        print(f"  {stage} {iteration}: {value:.4g}", flush=True)
 
 
 if __name__ == "__main__":

@@ -14,14 +14,23 @@ BEGIN, END = "<!-- effects: made by docs/make_effects.py -->", "<!-- end of effe
 def full_table() -> str:
     """Everything that the catalogue says of each effect."""
     rows = [
-        "| effect | kind, stage | parameters | symptom | what reveals it | confused with |",
-        "|---|---|---|---|---|---|",
+        "| effect | family | kind, stage | parameters | symptom | what reveals it | confused with |",
+        "|---|---|---|---|---|---|---|",
     ]
     for effect in CATALOGUE.values():
         stage = effect.kind if effect.stage == effect.kind else f"{effect.kind}, {effect.stage}"
         parameters = "<br>".join(parameter_text(p) for p in effect.parameters)
         others = ", ".join(f"`{name}`" for name in effect.confused_with)
-        rows.append(f"| `{effect.name}` | {stage} | {parameters} | {effect.symptom} | {effect.reveals} | {others} |")
+        cells = (
+            f"`{effect.name}`",
+            effect.family.replace("_", " "),
+            stage,
+            parameters,
+            effect.symptom,
+            effect.reveals,
+            others,
+        )
+        rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows)
 
 

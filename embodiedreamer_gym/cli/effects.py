@@ -12,6 +12,7 @@ def run(a, progress):
     for name, kind in (load_effects(a.effects) if a.effects else CATALOGUE).items():
         units = ", ".join(f"{one.name} ({one.unit})" for one in kind.parameters)
         rows.append({"name": name, "symptom": kind.symptom, "parameters": units, "revealed by": kind.reveals,
+                     "family": kind.family.replace("_", " ") or "-",
                      "confused with": ", ".join(kind.confused_with) or "-"})  # fmt: skip
     lines = ["\n  ".join([row["name"], *(f"{key + ':':<15}{row[key]}" for key in list(row)[1:])]) for row in rows]
     return o.Result("\n".join(lines), rows)

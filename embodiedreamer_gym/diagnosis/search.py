@@ -16,6 +16,7 @@ from embodiedreamer_gym.diagnosis.search_state import (
     likeliest,
     screen_all,
 )
+from embodiedreamer_gym.diagnosis.special_cases import prefer_special_cases
 from embodiedreamer_gym.diagnosis.verdict import contenders, explains_most, improves
 
 PARTNERED = 2  # best single effects to which a second one is sought
@@ -44,6 +45,7 @@ def search_effects(
         if len(state.steps) == 2 and not state.is_exact:
             add_effects(search, state, screened, max_effects)
     eliminate(search, state)
+    prefer_special_cases(search, state)
     return state
 
 

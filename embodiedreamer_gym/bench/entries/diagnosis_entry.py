@@ -14,5 +14,8 @@ def answer(task: Task) -> Finding:
     known = {name: kind for name, kind in CATALOGUE.items() if name in task.effects}
     found = diagnose(task.model, task.train, task.test, catalogue=known, jobs=1)
     own = {effect.name for effect in found.model.effects}  # of a tie only one
-    effects = tuple(named(found.model, name) if name in own else NamedEffect(name) for name in found.effects)
+    effects = tuple(
+        named(found.model, name, found.members.get(name)) if name in own else NamedEffect(name, found.members.get(name))
+        for name in found.effects
+    )
     return Finding(found.verdict, effects, task.predictions(found.model))

@@ -1,0 +1,43 @@
+"""Special cases: where a richer law was added, whether the simpler law that it contains does as well in its place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis.candidates import refit, single_trial
+from embodiedreamer_gym.diagnosis.screening import linearise, screen_effect
+from embodiedreamer_gym.diagnosis.search_state import Search, SearchState, current_null, likeliest
+from embodiedreamer_gym.phys_aligner.least_squares import fit_at
+from embodiedreamer_gym.phys_aligner.problem import Problem
+
+
+def prefer_special_cases(search: Search, state: SearchState) -> None:
+    """Replace an effect of the last step by its special case where that is not much less probable.
+
+    Of a single effect both are among the candidates; beside another effect the special case may not have been fitted, or
+    have ended in a wrong valley.
+    """
+    if len(state.steps) < 2:
+        return
+    for effect in state.steps[-1].model.effects:
+        for name in type(effect).generalises:
+            last = state.steps[-1]
+            known = state.start[0].has_effect(type(effect))
+            if known or name not in search.catalogue or last.model.has_effect(search.catalogue[name]):
+                continue
+            kind = search.catalogue[name]
+            without = last.model.with_(effects=tuple(e for e in last.model.effects if e.name != effect.name))
+            problem = Problem(without, search.train, hold=last.problem.hold)
+            short, points = linearise(problem, fit_at(problem, problem.start), None)
+            screened = screen_effect(kind, points, short, np.ones(without.n))
+            plain = refit(
+                single_trial(without, replace(screened, joints=None), problem.hold, False), search.train, search.test
+            )
+            search.rollouts += problem.rollouts + plain.rollouts
+            if likeliest(search, state, [last, plain]) is plain:
+                rename = {effect.name: kind}
+                steps = [replace(s, kind=rename.get(s.kind.name, s.kind)) for s in state.steps[:-1]]
+                state.steps = [*steps, replace(plain, kind=rename.get(last.kind.name, last.kind))]
+                state.null = current_null(search, state)
