@@ -24,7 +24,7 @@ from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution, dra
 from embodiedreamer_gym.diagnosis.probabilities import candidate_probabilities
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
 from embodiedreamer_gym.diagnosis.screening import VISIBLE_SHARE, LinearisationPoint, Screened, linearise, screen
-from embodiedreamer_gym.diagnosis.verdict import ALARM, EXACT
+from embodiedreamer_gym.diagnosis.verdict import ALARM, EXACT, leaves_excess
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.io.parallel import many
@@ -36,6 +36,7 @@ from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
 REFITS = 5  # best of the screening that are refitted
+STAGES = {"begun": "beginning refits", "refitted": "refitting effects"}
 SURE = 0.95  # probability from which an effect is named
 FINALISTS = 4  # of them that are refitted to the end
 LEADERS = 1  # of these that are refitted first
@@ -127,6 +128,8 @@ class SearchState:
     @property
     def is_exact(self) -> bool:
         """Whether no joint is worse than those of faultless robots usually are."""
+        if self.start[1].signals.by_effort:
+            return bool(self.steps) and not leaves_excess(self.held, self.null.chi2)
         return bool(self.steps) and self.excess <= EXACT
 
     @property
@@ -216,7 +219,7 @@ def _through_cache(
 
     def finished(done: int, c: Candidate) -> None:
         search.progress(
-            f"{stage} effects", done, len(fresh), effect=c.kind.name, held_out_error=search.milli(c.held_out.error)
+            STAGES[stage], done, len(fresh), effect=c.kind.name, held_out_error=search.milli(c.held_out.error)
         )
         search.cache.keep(_key(fresh[done - 1], stage), c.fit.x, c.problem.hold)
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from embodiedreamer_gym.phys_aligner.least_squares import minimise
+from embodiedreamer_gym.phys_aligner.least_squares import cost_of, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import pieces
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
@@ -62,8 +62,13 @@ def piecewise_start(problem: Problem, starts: Sequence[np.ndarray]) -> np.ndarra
         ends.append(fit.x)
         rival = min(rival, fit.cost)
     points = np.stack([*starts, *ends])
+    residuals = problem.residuals(points)
+    mixed = recombine(problem, points, problem.joint_rms(residuals) ** 2)
+    choices = np.stack([mixed, *points])
+    residuals = np.concatenate([problem.residuals(mixed), residuals])
+    costs = [cost_of(problem, x, r) for x, r in zip(choices, residuals, strict=True)]
     problem.rollouts += short.rollouts
-    return recombine(problem, points, problem.joint_rms(problem.residuals(points)) ** 2)
+    return choices[int(np.argmin(costs))]
 
 
 def recombine(problem: Problem, points: np.ndarray, chi2: np.ndarray) -> np.ndarray:

@@ -66,7 +66,7 @@ def test_an_interrupted_diagnosis_goes_on_where_it_was(question, answer, tmp_pat
     cache_file = tmp_path / "refits.jsonl"
 
     def interrupt(stage: str, done: int, total: int | None = None, **quantities: object) -> None:
-        if stage == "refitting effects" and done == 2:
+        if stage == "beginning refits" and done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
