@@ -35,16 +35,16 @@ class Logger:
     hold: bool
 
     def times(self) -> np.ndarray:
-        """Times of the samples, (T,), s."""
-        return np.arange(round(self.seconds * self.hz) + 1) / self.hz
+        """Times of the samples, (T,), s, each that of a tick: stamps say when a sample was taken."""
+        return np.round(np.arange(round(self.seconds * self.hz) + 1) / self.hz / TICK) * TICK
 
     def commands(self, path: Path) -> np.ndarray:
         """The commands at every tick of the log, (ticks, n): between samples held, or linear."""
-        samples = path(self.times())
-        place = np.arange(round(self.seconds / TICK) + 1) * TICK * self.hz + 1e-9
+        times = self.times()
+        samples, ticks = path(times), np.arange(round(self.seconds / TICK) + 1) * TICK
         if self.hold:
-            return samples[np.minimum(place.astype(int), len(samples) - 1)]
-        return np.stack([np.interp(place, np.arange(len(samples)), column) for column in samples.T], axis=1)
+            return samples[np.searchsorted(times, ticks + 1e-9, side="right") - 1]
+        return np.stack([np.interp(ticks, times, column) for column in samples.T], axis=1)
 
 
 def simulate(

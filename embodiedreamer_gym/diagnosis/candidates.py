@@ -14,6 +14,7 @@ from embodiedreamer_gym.diagnosis.refit_cache import CachedFit
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.errors import CalibrationError
+from embodiedreamer_gym.phys_aligner.calibration import STUCK
 from embodiedreamer_gym.phys_aligner.least_squares import BEHIND, Fit, cost_of, fit_at, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.starts import COARSE, piecewise_start
@@ -23,7 +24,6 @@ from embodiedreamer_gym.robot import RobotModel
 ITERATIONS = 12
 EARLY = 3  # iterations after which the most promising refits go on
 TOLERANCE = 1e-3
-STUCK = 1.4  # chi2 of a joint above which a fit may have ended in a wrong valley
 FINAL_ITERATIONS, FINAL_TOLERANCE = 25, 1e-4
 RULES = ("linear", "hold")
 

@@ -18,7 +18,7 @@ from embodiedreamer_gym.phys_aligner.intervals import spread
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.signals import with_effort_sensor, with_effort_unit
-from embodiedreamer_gym.phys_aligner.starts import scan_starts
+from embodiedreamer_gym.phys_aligner.starts import recombine, scan_starts
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import ParameterTable, RobotModel
 
@@ -89,6 +89,8 @@ class Calibration:
                 "rollouts": self.rollouts, "seconds": self.seconds, "converged": bool(self.converged)}  # fmt: skip
 
 
+STUCK = 1.4  # chi2 of a joint above which a fit may have ended in a wrong valley
+DIFFERENT = 0.05  # scaled units between two fits that ended in different valleys
 ROLLOUTS = 13  # per parameter; a fit that takes more is creeping along a bend of the cost
 
 
@@ -105,14 +107,35 @@ def fit_least_squares(
     start = scan_starts(problem) if scan else problem.start
     budget = ROLLOUTS * (len(problem.rows) + 1) if budget is None else budget
     fit = minimise(problem, start, iterations, tolerance, progress, budget)
+    fit = from_nominal(problem, fit, iterations, tolerance, progress)
     if unknown:
         held = Problem(model, recordings, groups, hold="hold")
         held.rollouts = problem.rollouts
         other = minimise(held, fit.x, iterations, tolerance, progress, problem.rollouts + budget)
+        other = from_nominal(held, other, iterations, tolerance, progress)
         problem.rollouts = held.rollouts
         if other.cost < fit.cost:
             problem, fit = held, other
     return problem, fit
+
+
+def from_nominal(
+    problem: Problem, fit: Fit, iterations: int, tolerance: float, progress: ProgressCallback = silent
+) -> Fit:  # fmt: skip
+    """Fit from the model's own values too, where they are given and a joint stays above its noise; the better, joint by joint.
+
+    A gain that is several times too large can follow a gentle motion nearly as well.
+    """
+    chi2 = problem.joint_rms(fit.residuals)[0] ** 2
+    if problem.signals.by_effort or "stiffness" not in problem.model.given or chi2.max() <= STUCK:
+        return fit
+    other = minimise(problem, problem.start, iterations, tolerance, progress)
+    both = np.stack([chi2, problem.joint_rms(other.residuals)[0] ** 2])
+    fits = [fit, other]
+    if np.abs(fit.x - other.x).max() > DIFFERENT and len(np.unique(both.argmin(axis=0))) > 1:
+        mixed = recombine(problem, np.stack([fit.x, other.x]), both)
+        fits.append(minimise(problem, mixed, iterations, tolerance, progress))
+    return min(fits, key=lambda f: f.cost)
 
 
 def calibrate(
