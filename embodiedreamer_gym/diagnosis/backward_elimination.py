@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate, polish
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
 from embodiedreamer_gym.diagnosis.joint_selection import select_joints
@@ -30,11 +32,13 @@ def drop_redundant(
 
 
 def drop_last(
-    before: HeldOut, steps: Sequence[Candidate], train: Sequence[Recording], test: Sequence[Recording]
+    before: HeldOut, steps: Sequence[Candidate], train: Sequence[Recording], test: Sequence[Recording],
+    most: np.ndarray | None = None,
 ) -> list[Candidate]:  # fmt: skip
     """Remove the last step while the others, refitted, do no worse, or not significantly.
 
     before: error without any effect, of the motion that the steps are judged by.
+    most: see `improves`.
     """
     steps = list(steps)
     while steps:
@@ -45,7 +49,7 @@ def drop_last(
             if _names(others[-1]) == _names(options[0]):
                 options.append(others[-1])  # the fit from which the last step began
         without = [option.judged for option in options] or [before]
-        if all(improves(held, last.judged) and last.judged.error < held.error for held in without):
+        if all(improves(held, last.judged, most) and last.judged.error < held.error for held in without):
             break
         spent = last.rollouts + sum(option.rollouts for option in options[:1])
         if options:

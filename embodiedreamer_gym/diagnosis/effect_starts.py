@@ -86,7 +86,7 @@ def _is_limit(kind: type[Effect]) -> bool:
 def _sizes(
     kind: type[Effect], model: RobotModel, start: Values, factors: Sequence[float], both_signs: bool
 ) -> list[dict[ParameterKey, np.ndarray]]:
-    """An effect's parameters at several sizes, of a limit relative to `start`; shapes, and one sign alone, as in `start`."""
+    """An effect's parameters at several sizes and off; a limit relative to `start`; shapes, and one sign alone, as in `start`."""
     two = both_signs and any(p.low < 0 and not p.shape for p in kind.parameters)
     choices = []
     for factor in factors:
@@ -104,4 +104,5 @@ def _sizes(
                     own = 1.0 if p.low >= 0 else sign if both_signs else np.where(start[key] < 0, -1.0, 1.0)
                     values[key] = np.clip(own * factor * typical, low, high)
             choices.append(values)
-    return choices
+    off = {ParameterKey(p.name, kind.name): model.parameter_off(p) for p in kind.parameters if not p.shape}
+    return [*choices, {**choices[0], **off}]  # a limit that a joint does not reach is off there

@@ -17,6 +17,7 @@ from embodiedreamer_gym.diagnosis.search_state import (
     SearchState,
     added_effects,
     current_null,
+    fit_together,
     likeliest,
     refit_all,
     screen_all,
@@ -41,19 +42,20 @@ def add_pair(
         frozenset(added_effects(base, t.model)): t for t in [*_linear_pairs(search, state, screened, nominal), *around]
     }
     pairs = refit_all(search, list(trials.values()), np.inf, FINALISTS)
-    pairs = [pair for pair in pairs if improves(state.judged, pair.judged)]
+    pairs = [pair for pair in pairs if improves(state.judged, pair.judged, state.most)]
     if not pairs:
         return
     tie, probabilities = state.tie, state.probabilities
     best = likeliest(search, state, pairs)
     chosen = polish(best, search.test)
     search.rollouts += chosen.rollouts - best.rollouts
-    before = (state.steps, state.null, state.judged)
+    before = (state.steps, state.null, state.judged, state.together)
     state.steps = _as_steps(search, state, chosen, [*state.steps, *singles])
     state.null = current_null(search, state)
+    fit_together(search, state)
     if state.is_exact or explains_most(before[2], chosen.judged, before[1].chi2):
         return
-    state.steps, state.null = before[:2]
+    state.steps, state.null, _, state.together = before
     state.tie, state.probabilities = tie, probabilities
 
 

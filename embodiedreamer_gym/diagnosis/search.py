@@ -13,6 +13,7 @@ from embodiedreamer_gym.diagnosis.search_state import (
     SearchState,
     current_null,
     fit_candidates,
+    fit_together,
     likeliest,
     screen_all,
 )
@@ -34,12 +35,13 @@ def search_effects(
     if not singles:
         return state
     state.closest = min(singles, key=lambda c: c.held_out.score)
-    improving = [c for c in singles if improves(state.judged, c.judged)]
+    improving = [c for c in singles if improves(state.judged, c.judged, state.most)]
     if improving:
         best = likeliest(search, state, improving)
         state.steps = [polish(best, search.test)]
         search.rollouts += state.steps[0].rollouts - best.rollouts
         state.null = current_null(search, state)
+        fit_together(search, state)
     if max_effects > 1 and not state.is_exact:
         add_pair(search, state, screened, sorted(singles, key=lambda c: c.fit.cost)[:PARTNERED])
         if len(state.steps) == 2 and not state.is_exact:
@@ -103,10 +105,13 @@ def eliminate(search: Search, state: SearchState) -> None:
     exact, everywhere = state.is_exact, list(state.steps)
     state.steps = prune_all(state.steps, search.train, search.test)
     state.steps[-1] = polish(state.steps[-1], search.test)
+    fit_together(search, state)
     if exact and not state.is_exact:  # a joint is missed
         state.steps = everywhere
-    state.steps = drop_last(state.judged_start, state.steps, search.train, search.test)
+        fit_together(search, state)
+    state.steps = drop_last(state.judged_start, state.steps, search.train, search.test, state.most)
     if not state.steps:
         state.tie = ()
     search.rollouts += sum(s.rollouts for s in state.steps) - spent
     state.null = current_null(search, state)
+    fit_together(search, state)

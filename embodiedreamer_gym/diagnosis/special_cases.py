@@ -8,7 +8,7 @@ import numpy as np
 
 from embodiedreamer_gym.diagnosis.candidates import refit, single_trial
 from embodiedreamer_gym.diagnosis.screening import linearise, screen_effect
-from embodiedreamer_gym.diagnosis.search_state import Search, SearchState, current_null, likeliest
+from embodiedreamer_gym.diagnosis.search_state import Search, SearchState, current_null, fit_together, likeliest
 from embodiedreamer_gym.phys_aligner.least_squares import fit_at
 from embodiedreamer_gym.phys_aligner.problem import Problem
 
@@ -41,3 +41,4 @@ def prefer_special_cases(search: Search, state: SearchState) -> None:
                 steps = [replace(s, kind=rename.get(s.kind.name, s.kind)) for s in state.steps[:-1]]
                 state.steps = [*steps, replace(plain, kind=rename.get(last.kind.name, last.kind))]
                 state.null = current_null(search, state)
+                fit_together(search, state)
