@@ -113,13 +113,23 @@ def finish_refit(
     """
     problem, spent = begun.problem, begun.problem.rollouts
     fit = minimise(problem, begun.fit.x, iterations, TOLERANCE, rival=rival)
-    stuck = (problem.joint_rms(fit.residuals)[0] ** 2).max() > STUCK and fit.cost <= rival + BEHIND
-    if stuck and not problem.signals.by_effort:  # of efforts nothing is integrated: no valleys
-        start = piecewise_start(problem, [fit.x, *([start_of(problem, trial.again)] if trial.again else [])])
-        other = minimise(problem, start, ITERATIONS, TOLERANCE, rival=min(fit.cost, rival))
-        fit = min(fit, other, key=lambda f: f.cost)
+    if fit.cost <= rival + BEHIND:
+        further = [start_of(problem, trial.again)] if trial.again else []
+        fit = leave_valley(problem, fit, further, rival)
     done = _candidate(trial, problem, fit, test)
     return replace(done, rollouts=begun.rollouts + problem.rollouts - spent)
+
+
+def leave_valley(problem: Problem, fit: Fit, further: Sequence[np.ndarray] = (), rival: float = np.inf) -> Fit:
+    """A fit once more from fits to pieces of the motion, where a joint stays above its noise; the better of both.
+
+    further: starts (m,) that are tried on pieces of the motion too; rival: see `finish_refit`.
+    """
+    if problem.signals.by_effort or (problem.joint_rms(fit.residuals)[0] ** 2).max() <= STUCK:
+        return fit  # of efforts nothing is integrated: no valleys
+    start = piecewise_start(problem, [fit.x, *further])
+    other = minimise(problem, start, ITERATIONS, TOLERANCE, rival=min(fit.cost, rival))
+    return min(fit, other, key=lambda f: f.cost)
 
 
 def refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recording]) -> Candidate:

@@ -36,6 +36,8 @@ def search_effects(
         return state
     state.closest = min(singles, key=lambda c: c.held_out.score)
     improving = [c for c in singles if improves(state.judged, c.judged, state.most)]
+    if not improving:  # what the training motion does not determine may be wrong on held-out motion
+        improving = [c for c in singles if improves(state.trained, c.trained, state.most)]
     if improving:
         best = likeliest(search, state, improving)
         state.steps = [polish(best, search.test)]
@@ -109,7 +111,8 @@ def eliminate(search: Search, state: SearchState) -> None:
     if exact and not state.is_exact:  # a joint is missed
         state.steps = everywhere
         fit_together(search, state)
-    state.steps = drop_last(state.judged_start, state.steps, search.train, search.test, state.most)
+    if len(state.steps) > 1 or not state.is_exact:
+        state.steps = drop_last(state.judged_start, state.steps, search.train, search.test, state.most)
     if not state.steps:
         state.tie = ()
     search.rollouts += sum(s.rollouts for s in state.steps) - spent
