@@ -148,10 +148,8 @@ def test_shares_of_hand_made_rows():
         assert (found[key].hits, found[key].of) == (hits, of), key
         assert (found[key].low, found[key].high) == clopper_pearson(hits, of)
     assert found["joints"].met and not found["name"].met
-    assert (by_key(rows, "teleoperation")["right_or_silent"].hits, by_key(rows, "teleoperation")["name"].met) == (
-        4,
-        None,
-    )
+    assert by_key(rows, "teleoperation")["right_or_silent"].hits == 4
+    assert (by_key(rows, "teleoperation")["name"].met, by_key(rows, "other_arm")["name"].met) == (False, None)
     text = report(rows, "main", brute=[row(named="payload"), row("null", (), named="payload")])
     assert "failed: case 0, ValueError: no" in text
     assert "always naming Coulomb friction: right in 0 of 7 singles, accuses 3 of 3" in text
@@ -166,7 +164,7 @@ def test_errors_falls_and_costs_of_hand_made_rows():
     assert found["fall_above_noise"].value == pytest.approx(np.mean(above))
     assert found["gap"].value == pytest.approx(0.9) and found["gap"].of == 3
     assert (found["fall"].low, found["fall"].high) == pytest.approx((0.0, 0.9))
-    rows = [row(seconds=s) for s in (10.0, 12.0, 70.0)]
+    rows = [row(seconds=s) for s in (10.0, 12.0, 100.0)]
     assert by_key(rows)["median_seconds"].met and not by_key(rows)["worst_seconds"].met
 
 
@@ -272,3 +270,25 @@ def test_a_tie_is_asked_again_with_the_proposed_motion_recorded_twice(tmp_path, 
 
 def short(design):
     return diagnosis_cases.Design(design.number, design.counts, recording={**design.recording, "seconds": 0.5})
+
+
+def test_an_effect_outside_the_catalogue_is_unknown_or_of_its_family():
+    family = row("outside", ("command_delay",), "ambiguous", ("command_lowpass", "lookahead"))
+    family["found"]["family"] = "late_command"
+    member = row("outside", ("command_delay",), "missing", ("lookahead",))
+    other = row("outside", ("command_delay",), "missing", ("payload",))
+    silent = row("outside", ("command_delay",), "unknown")
+    contained = row("outside", ("coulomb_friction",), "missing", ("stribeck_friction",))
+    shown = by_key([family, member, other, silent, contained])
+    assert (shown["unknown"].hits, shown["unknown"].of) == (2, 4)
+    assert (shown["relative"].hits, shown["relative"].of) == (3, 4)
+
+
+def test_probabilities_that_are_claimed_are_counted():
+    right, wrong = row(), row(said=("torque_bias",))
+    right["found"]["members"], wrong["found"]["members"] = {"payload": 0.99}, {"torque_bias": 0.97}
+    unsure = row(said=("torque_bias",))
+    unsure["found"]["members"] = {"torque_bias": 0.6}
+    shown = by_key([right, wrong, unsure])
+    assert (shown["sure"].hits, shown["sure"].of) == (1, 2)
+    assert (shown["family"].hits, shown["family"].of) == (3, 3)  # a bias is of the payload's family

@@ -44,6 +44,7 @@ from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
 ODDS = 10.0  # to one, at which an effect is named rather than errors of the URDF
+WORSE = 1.25  # times the error of plain least squares, beyond which the effects found are not what is missing
 MAX_SECONDS = 80.0  # of motion to learn from, and as much to judge by
 
 
@@ -136,7 +137,8 @@ def _stands(search: Search, result: Attempt) -> bool:
 def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:
     """Calibrate a model, test whether it is wrong, and search for the effects that it lacks.
 
-    Where efforts are compared, an effect is named on the URDF's own masses (2 % off) only if it leaves nothing to explain.
+    Where efforts are compared, an effect is named on the URDF's own masses (2 % off) only if it leaves nothing to explain, and
+    nowhere if plain least squares does much better without it.
     """
     search.ranking = []
     problem, fit = fit_least_squares(model, search.train, progress=search.progress)
@@ -162,6 +164,9 @@ def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:
         else:
             explainable = explainable_chi2(calibrated.model, search.train, search.test)
             convincing = is_convincing(base, state.held, state.null.chi2, explainable)
+        if convincing and problem.signals.by_effort:
+            plain = float(np.nanmean(least_squares_rms(model, search.train, search.test)))
+            convincing = state.held.error <= WORSE * plain
         verdict = "unknown" if not state.steps or not convincing else "ambiguous" if state.tie else "missing"
     _, problem, fit = state.current
     wider = fit_with_robot_errors(problem, fit.x, [*search.train, *search.test])

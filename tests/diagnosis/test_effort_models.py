@@ -108,16 +108,19 @@ def test_a_diagnosis_shows_the_baseline_and_offsets(rubbing) -> None:
     assert found.as_dict()["error"]["with_effect"] <= 1.02 * found.error["least_squares"]
 
 
-def test_unknown_keeps_the_closest_effect(rubbing) -> None:
-    """With friction out of the catalogue something close is found: kept with its values, and not named."""
-    model, train, test = rubbing
+def test_unknown_keeps_the_closest_effect(tmp_path) -> None:
+    """With friction out of the catalogue something close is found: kept with its values, and not named.
+
+    Plain least squares, which has Coulomb friction, is far better than what it explains.
+    """
+    model, train, test = case("coulomb_friction", tmp_path, seed=3)
     found = diagnose(model, train, test, catalogue={"load_friction": LoadFriction}, jobs=1)
     assert (found.verdict, found.effects, found.closest) == ("unknown", (), ("load_friction",))
     assert found.parameters["load_friction"]
     assert found.error["with_effect"] < found.error["calibrated"]
     assert "load_friction" in [e.name for e in found.model.effects]
     assert "load_friction, explains" in found.sentence
-    assert min(found.unexplained.values(), default=0.0) < 0.5
+    assert found.error["with_effect"] > 1.25 * found.error["least_squares"]
 
 
 def test_a_regression_tells_how_much_is_explainable(rubbing, plain) -> None:

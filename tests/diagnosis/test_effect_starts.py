@@ -1,0 +1,60 @@
+"""Where the refit of an effect begins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from embodiedreamer_gym.diagnosis.effect_starts import pair_starts, single_starts
+from embodiedreamer_gym.effects import CATALOGUE
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.robot import ParameterKey
+from tests.two_joint_arm import load_arm, record
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return load_arm(tmp_path_factory.mktemp("arm"))
+
+
+def start(kind, value):
+    return {ParameterKey(p.name, kind.name): np.full(2, value) for p in kind.parameters}
+
+
+def test_a_limit_is_tried_off_where_a_joint_may_not_reach_it(arm) -> None:
+    kind = CATALOGUE["torque_saturation"]
+    key = ParameterKey("limit", kind.name)
+    model = arm.with_effect(kind)
+    starts = single_starts(kind, model, start(kind, 2.0), {})
+    tried = np.array([values[key][0] for values in starts.first])
+    assert model.parameter_off(kind.parameters[0])[0] in tried
+    assert tried.min() < 2.0 < np.sort(tried)[-2]
+
+
+def test_an_effect_with_two_directions_is_tried_in_both(arm) -> None:
+    kind = CATALOGUE["torque_bias"]
+    key = ParameterKey(kind.parameters[0].name, kind.name)
+    tried = [v[key][0] for v in single_starts(kind, arm.with_effect(kind), start(kind, 0.0), {}).first]
+    assert min(tried) < 0 < max(tried)
+
+
+def test_each_joint_begins_at_its_own_best_size(arm) -> None:
+    """One joint lags by 10 ms and the other by 60 ms."""
+    kind = CATALOGUE["command_delay"]
+    delays = {"shoulder": 0.01, "elbow": 0.06}
+    log = record(arm.with_effect(kind).with_values({"command_delay.seconds": delays}))
+    model = arm.with_effect(kind)
+    problem = Problem(model, [log])
+    x = single_starts(kind, model, start(kind, 0.0), {}).best(problem)
+    found = problem.model_at(x).effects[0].values["seconds"]
+    assert found["shoulder"] < 0.03 < found["elbow"]
+
+
+def test_a_pair_begins_on_a_grid_of_both(arm) -> None:
+    kinds = (CATALOGUE["command_delay"], CATALOGUE["coulomb_friction"])
+    model = arm.with_effect(kinds[0]).with_effect(kinds[1])
+    nominal = {ParameterKey("stiffness"): arm.stiffness}
+    starts = pair_starts(kinds, model, {**start(kinds[0], 0.0), **start(kinds[1], 0.0)}, nominal)
+    assert len(starts.first) == len(starts.second) == 7  # six sizes, and off
+    assert all(ParameterKey("stiffness") in values for values in starts.first)
+    assert not any(ParameterKey("stiffness") in values for values in starts.second)
