@@ -23,7 +23,7 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
-CHANCE = float(chi2.sf(3.0**2, 1))  # of a joint without the effect to be kept: that of three standard deviations
+CHANCE = 0.0027  # of a joint without the effect to be kept: that of three standard deviations
 
 
 def select_joints(candidate: Candidate, train: Sequence[Recording], test: Sequence[Recording]) -> Candidate:

@@ -11,6 +11,7 @@ from embodiedreamer_gym.diagnosis.backward_elimination import exchanged
 from embodiedreamer_gym.diagnosis.candidates import Candidate, Trial, polish
 from embodiedreamer_gym.diagnosis.effect_starts import Values, pair_starts
 from embodiedreamer_gym.diagnosis.pair_screening import screen_pairs
+from embodiedreamer_gym.diagnosis.refits import refit_all
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.diagnosis.search_state import (
     Search,
@@ -19,7 +20,6 @@ from embodiedreamer_gym.diagnosis.search_state import (
     current_null,
     fit_together,
     likeliest,
-    refit_all,
     screen_all,
 )
 from embodiedreamer_gym.diagnosis.verdict import explains_most, improves
@@ -80,7 +80,8 @@ def _linear_pairs(
     search: Search, state: SearchState, screened: Sequence[Screened], nominal: Values
 ) -> list[Trial]:  # fmt: skip
     """The best pairs of the linearised model."""
-    assert search.linearised is not None  # the first screening comes before any pair
+    if search.linearised is None:
+        return []
     problem, point = search.linearised
     floor = np.sqrt(np.median(state.null.chi2, axis=0))
     return [_trial(state, p.kinds, p.start, nominal) for p in screen_pairs(screened, point, problem, floor, PARTNERS)]

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from embodiedreamer_gym.diagnosis.backward_elimination import drop_last, drop_redundant, prune_all, resolve_tie
 from embodiedreamer_gym.diagnosis.candidates import polish
 from embodiedreamer_gym.diagnosis.pair_search import add_pair
+from embodiedreamer_gym.diagnosis.refits import fit_candidates
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.diagnosis.search_state import (
     Search,
     SearchState,
     current_null,
-    fit_candidates,
     fit_together,
     likeliest,
     screen_all,

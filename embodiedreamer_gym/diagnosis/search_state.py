@@ -1,34 +1,25 @@
-"""State of a running diagnosis, and the steps that every search takes: screen, refit, draw faultless robots."""
+"""State of a running diagnosis, and the steps that every search takes: screen, draw faultless robots, name the likeliest."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.candidates import (
-    EARLY,
     ITERATIONS,
     TOLERANCE,
     Candidate,
-    Trial,
-    begin_refit,
-    finish_refit,
     judged,
-    resume_refit,
-    single_trial,
 )
-from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution, draw_null
 from embodiedreamer_gym.diagnosis.probabilities import candidate_probabilities
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
 from embodiedreamer_gym.diagnosis.screening import VISIBLE_SHARE, LinearisationPoint, Screened, linearise, screen
 from embodiedreamer_gym.diagnosis.verdict import ALARM, EXACT, leaves_excess
 from embodiedreamer_gym.effects import Effect
-from embodiedreamer_gym.effects.inertial_error import InertialError
-from embodiedreamer_gym.io.parallel import many
 from embodiedreamer_gym.io.progress import ProgressCallback
 from embodiedreamer_gym.io.tables import milli
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
@@ -36,12 +27,7 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
-REFITS = 5  # best of the screening that are refitted
-STAGES = {"begun": "beginning refits", "refitted": "refitting effects"}
 SURE = 0.95  # probability from which an effect is named
-FINALISTS = 4  # of them that are refitted to the end
-LEADERS = 1  # of these that are refitted first
-CLOSE_BEHIND = 0.1  # of the cost, within which more are
 
 
 @dataclass(frozen=True)
@@ -96,8 +82,9 @@ class SearchState:
 
     base, trained: errors of the start on held-out motion and on the fitted one; null: of faultless robots like the model so
     far; steps: one candidate per added effect; closest: best single effect; probabilities: of each effect, given that one of
-    the candidates is right; tie: the effects of which one is missing, where no single one is probable enough; rivals: candidates for the first step that
-    held-out motion does not distinguish, where efforts are compared; together: errors on the fitted and on the held-out motion of a fit to both, see `fit_together`.
+    the candidates is right; tie: the effects of which one is missing, where no single one is probable enough; rivals:
+    candidates for the first step that held-out motion does not distinguish, where efforts are compared; together: errors on
+    the fitted and on the held-out motion of a fit to both, see `fit_together`.
     """
 
     start: tuple[RobotModel, Problem, Fit]
@@ -182,76 +169,6 @@ def screen_all(search: Search, problem: Problem, fit: Fit, null: NullDistributio
     if first:
         search.unobservable = tuple(s.kind.name for s in screened if s.visible < VISIBLE_SHARE)
     return screened
-
-
-def fit_candidates(
-    search: Search, screened: Sequence[Screened], model: RobotModel, problem: Problem, fit: Fit, held: HeldOut
-) -> list[Candidate]:  # fmt: skip
-    """Refit the best of the screening and the effects that they may be confused with."""
-    trials = [single_trial(model, item, problem.hold, search.both_rules) for item in _shortlist(screened)]
-    candidates = refit_all(search, trials, fit.cost, FINALISTS)
-    if not search.ranking:
-        linear = {s.kind.name: s.score for s in screened}
-        search.ranking = [
-            Ranked(c.kind.name, float(np.mean(c.held_out.chi2)), *gain(held, c.held_out), linear[c.kind.name])
-            for c in sorted(candidates, key=lambda c: c.held_out.score)
-        ]
-    return candidates
-
-
-def refit_all(search: Search, trials: Sequence[Trial], rival: float, finalists: int) -> list[Candidate]:
-    """Make refits; after a few iterations only the best of them go on to the end, and those close behind.
-
-    rival: cost of another fit, far above which a refit is given up.
-    """
-    begun = _through_cache(search, trials, "begun", begin_refit, lambda t: (t, search.train, search.test, EARLY))
-    ranked = sorted(range(len(trials)), key=lambda k: begun[k].fit.cost)
-    near = min((c.fit.cost for c in begun), default=np.inf) + CLOSE_BEHIND
-    final = [k for place, k in enumerate(ranked) if place < finalists or begun[k].fit.cost < near]
-    done = dict(enumerate(begun))
-    for part in (final[:LEADERS], final[LEADERS:]):  # refits of the second part stop when far behind the first
-        index = {id(trials[k]): k for k in part}
-        finished = _through_cache(
-            search, [trials[k] for k in part], "refitted", finish_refit,
-            lambda t, index=index, rival=rival: (t, begun[index[id(t)]], search.test, ITERATIONS - EARLY, rival),
-        )  # fmt: skip
-        done.update(zip(part, finished, strict=True))
-        rival = min([rival, *(c.fit.cost for c in finished)])
-    search.rollouts += sum(c.rollouts for c in done.values())
-    return [done[k] for k in range(len(trials))]
-
-
-def _through_cache(
-    search: Search, trials: Sequence[Trial], stage: str, refit: Callable[..., Candidate],
-    arguments: Callable[[Trial], tuple[Any, ...]],
-) -> list[Candidate]:  # fmt: skip
-    """One stage of refits; those that the cache holds are not made again."""
-    cached = [search.cache.get(_key(t, stage)) for t in trials]
-    fresh = [t for t, c in zip(trials, cached, strict=True) if c is None]
-
-    def finished(done: int, c: Candidate) -> None:
-        search.progress(
-            STAGES[stage], done, len(fresh), effect=c.kind.name, held_out_error=search.milli(c.held_out.error)
-        )
-        search.cache.keep(_key(fresh[done - 1], stage), c.fit.x, c.problem.hold)
-
-    made = iter(many(refit, [arguments(t) for t in fresh], search.jobs, finished))
-    return [next(made) if c is None else resume_refit(t, c, search.train, search.test)
-            for t, c in zip(trials, cached, strict=True)]  # fmt: skip
-
-
-def _key(trial: Trial, stage: str) -> str:
-    """Name of a refit in the cache."""
-    return f"{trial.name}{', masses estimated' * trial.model.has_effect(InertialError)}, {stage}"
-
-
-def _shortlist(screened: Sequence[Screened]) -> list[Screened]:
-    """The best of the screening, and what the first two may be confused with."""
-    promising = [s for s in screened if s.score > 0.01]
-    names = {s.kind.name for s in promising[:REFITS]}
-    for s in promising[:2]:
-        names |= set(s.kind.confused_with)
-    return [s for s in promising if s.kind.name in names]
 
 
 def current_null(search: Search, state: SearchState) -> NullDistribution:
