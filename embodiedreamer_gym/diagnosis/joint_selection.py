@@ -113,7 +113,7 @@ def _on_all_joints(model: RobotModel, effect: Effect, problem: Problem) -> Effec
     for p in effect.parameters:
         own, start = effect.values[p.name], model.parameter_off(p)
         if p.shape and own:
-            start = np.full(len(start), np.median(list(own.values())))
+            start = np.clip(np.full(len(start), np.median(list(own.values()))), *model.parameter_bounds(p))
         elif p.off == p.high:
             start = np.clip(largest_seen(p.unit, model, problem), *model.parameter_bounds(p))
         values[p.name] = {place: own.get(place, float(v)) for place, v in zip(model.places(p), start, strict=True)}

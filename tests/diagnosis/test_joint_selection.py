@@ -12,7 +12,7 @@ pytest.importorskip("mujoco")
 
 from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.held_out import evaluate
-from embodiedreamer_gym.diagnosis.joint_selection import select_joints
+from embodiedreamer_gym.diagnosis.joint_selection import _on_all_joints, select_joints
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.effects.payload import Payload
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
@@ -65,3 +65,16 @@ def test_a_limit_is_found_on_its_joint_by_what_is_left_without_it() -> None:
 def test_an_effect_of_arms_stays_as_it_is() -> None:
     fitted: Any = SimpleNamespace(kind=Payload)
     assert select_joints(fitted, [], []) is fitted
+
+
+def test_a_shape_of_a_strong_joint_is_within_the_bounds_of_a_weak_one() -> None:
+    case = drawn("command_delay", [0], 3)
+    model = load(case.model_json, case.urdf, "arm6")
+    kind = CATALOGUE["voltage_limit"]
+    stall = next(p for p in kind.parameters if p.name == "stall_torque")
+    strongest = int(np.argmax(model.parameter_bounds(stall)[1]))
+    place, high = model.joints[strongest], float(model.parameter_bounds(stall)[1][strongest])
+    values = {"forward": {place: 2.0}, "backward": {place: 2.0}, "stall_torque": {place: high}}
+    everywhere = _on_all_joints(model, kind(**values), Problem(model, case.train))
+    model.with_(effects=(everywhere,))  # raises for a value out of bounds
+    assert set(everywhere.values["stall_torque"]) == set(model.joints)
