@@ -16,11 +16,12 @@ from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.recordings.noise import SMALLEST_SIGMA
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
 MASS = 0.02  # relative standard deviation of a link's mass
 CENTRE = 0.0025  # m, of each coordinate of its centre of mass
-SENSOR = 0.15  # relative sd of the sensor's variance as it is estimated from a log
+SENSOR = 0.15  # least relative sd of the sensor's variance as it is estimated from logs
 COMMON = 0.15  # the like, shared by all joints: of efforts, whose noise is that of a smoothed motion's acceleration
 FIRST_STATE = 0.02  # of a sensor's variance: the first state of a run is measured, not known
 DRAWS = 2000
@@ -135,7 +136,7 @@ def _null(
     parts: draws (draws, k), their effect (N, k) on the residuals, and the problem that these are of.
     """
     shape = (DRAWS, parts[0][2].model.n)
-    sensor = SENSOR * rng.standard_normal(shape)  # how wrong a sensor's noise was estimated, the same on both motions
+    sensor = sensor_scatter([r for _, _, p in parts for r in p.recordings]) * rng.standard_normal(shape)
     if parts[0][2].signals.by_effort:
         sensor += COMMON * rng.standard_normal((DRAWS, 1))
     chi2 = []
@@ -143,6 +144,19 @@ def _null(
         few = np.sqrt(2.0 / np.maximum(problem.joint_counts, 1)) * rng.standard_normal(shape)
         chi2.append(FIRST_STATE + np.exp(sensor + few) + _left(draws, response, problem))
     return NullDistribution(chi2[0], chi2[1], moving_joints(parts[1][2]), rollouts)
+
+
+def sensor_scatter(recordings: Sequence[Recording]) -> np.ndarray:
+    """Relative sd (n,) of a sensor's variance as it is estimated, the same on all motion: that of its mean over recordings.
+
+    Where a coarse encoder rests most of the time, some recordings show its noise and others do not.
+    """
+    squares = np.array([r.sigma**2 for r in recordings])
+    shown = squares > SMALLEST_SIGMA**2
+    count = np.maximum(shown.sum(axis=0), 1)
+    mean = np.sum(squares * shown, axis=0) / count
+    spread = np.sqrt(np.sum((squares - mean) ** 2 * shown, axis=0) / np.maximum(count - 1, 1) / count)
+    return np.maximum(SENSOR, spread / np.maximum(mean, 1e-300))
 
 
 def moving_joints(problem: Problem) -> np.ndarray:

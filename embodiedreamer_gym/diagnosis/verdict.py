@@ -30,10 +30,10 @@ def improves(before: HeldOut, after: HeldOut, most: np.ndarray | None = None) ->
     """Whether an effect lowers the score by enough to name it, beyond the scatter of these recordings.
 
     An error that is in one piece of time, as where a limit is reached once, scatters as much as it is large. There an effect
-    improves if it leaves little more than faultless robots have; most (n,): the chi2 of all but 5 % of them.
+    improves if it leaves little more than faultless robots have of clearly more; most (n,): the chi2 of all but 5 % of them.
     """
     fall, error = gain(before, after)
-    leaves_little = most is not None and bool((after.chi2 / most).max() <= INEXACT)
+    leaves_little = most is not None and bool((after.chi2 / most).max() <= INEXACT < (before.chi2 / most).max())
     return fall > SMALLEST_GAIN and (fall > SURE * error or leaves_little)
 
 
