@@ -127,7 +127,8 @@ def from_nominal(
     A gain that is several times too large can follow a gentle motion nearly as well.
     """
     chi2 = problem.joint_rms(fit.residuals)[0] ** 2
-    if problem.signals.by_effort or "stiffness" not in problem.model.given or chi2.max() <= STUCK:
+    given = "stiffness" in problem.model.given and len(fit.x) > 0
+    if problem.signals.by_effort or not given or chi2.max() <= STUCK:
         return fit
     other = minimise(problem, problem.start, iterations, tolerance, progress)
     both = np.stack([chi2, problem.joint_rms(other.residuals)[0] ** 2])

@@ -165,7 +165,7 @@ def test_a_folder_with_other_things(quick: list[int], tmp_path: Path) -> None:
         record_demonstrations(QUICK, 1, tmp_path)
     h5py.File(tmp_path / "episode_0.hdf5", "w").close()
     (tmp_path / "episode_3.hdf5").unlink()
-    with pytest.raises(RecordingError, match="it is no demonstration"):
+    with pytest.raises(RecordingError, match="and is no demonstration"):
         record_demonstrations(QUICK, 1, tmp_path)
     with pytest.raises(RecordingError, match="cannot be made a folder"):
         record_demonstrations(QUICK, 1, tmp_path / "episode_0.hdf5")
@@ -209,5 +209,5 @@ def test_a_lerobot_set(quick: list[int], tmp_path: Path, monkeypatch: pytest.Mon
     with pytest.raises(RecordingError, match="width and height must be even"):
         record_lerobot(Demonstrations("PutCupOnMat", size=(33, 24)), 1, tmp_path / "odd")
     (tmp_path / "full").mkdir()
-    with pytest.raises(RecordingError, match="it is no set of demonstrations"):
+    with pytest.raises(RecordingError, match="and is no set of demonstrations"):
         record_lerobot(QUICK, 1, tmp_path / "full")
