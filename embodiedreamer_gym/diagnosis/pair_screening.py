@@ -61,7 +61,7 @@ def screen_pairs(
     pairs = []
     for e, f in itertools.combinations(range(len(screened)), 2):
         kinds = (screened[e].kind, screened[f].kind)
-        if kinds[0].name in kinds[1].generalises or kinds[1].name in kinds[0].generalises:
+        if is_contained(*kinds):
             continue
         used = left[:, e, f] > 0
         score = float(np.sum(np.log(before[used] / left[used, e, f])))
@@ -72,6 +72,11 @@ def screen_pairs(
         start = _start(screened, (e, f), where[:, e, f], first, shares, problem.model)
         result.append(ScreenedPair((screened[e].kind, screened[f].kind), score, start))
     return result
+
+
+def is_contained(one: type[Effect], other: type[Effect]) -> bool:
+    """Whether one of two laws is a special case of the other."""
+    return one.name in other.generalises or other.name in one.generalises
 
 
 def _two_shares(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

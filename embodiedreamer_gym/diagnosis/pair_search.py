@@ -10,7 +10,7 @@ import numpy as np
 from embodiedreamer_gym.diagnosis.backward_elimination import exchanged
 from embodiedreamer_gym.diagnosis.candidates import Candidate, Trial, polish
 from embodiedreamer_gym.diagnosis.effect_starts import Values, pair_starts
-from embodiedreamer_gym.diagnosis.pair_screening import screen_pairs
+from embodiedreamer_gym.diagnosis.pair_screening import is_contained, screen_pairs
 from embodiedreamer_gym.diagnosis.refits import refit_all
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.diagnosis.search_state import (
@@ -62,11 +62,7 @@ def add_pair(
 def _partners(search: Search, state: SearchState, single: Candidate, nominal: Values) -> list[Trial]:
     """A second effect beside a single one, the best of a screening around it."""
     screened = screen_all(search, single.problem, single.fit, state.null, first=False)
-    contained = {
-        *single.kind.generalises,
-        *(n for n, k in search.catalogue.items() if single.kind.name in k.generalises),
-    }
-    chosen = [s for s in screened if s.score > 0.01 and s.kind.name not in contained][:PARTNERS]
+    chosen = [s for s in screened if s.score > 0.01 and not is_contained(s.kind, single.kind)][:PARTNERS]
     groups = {row.key.group for row in single.problem.rows}
     fitted = {group: single.model.group_values(group) for group in groups}
     trials = []

@@ -28,7 +28,7 @@ def prefer_special_cases(search: Search, state: SearchState) -> None:
             if known or name not in search.catalogue or last.model.has_effect(search.catalogue[name]):
                 continue
             kind = search.catalogue[name]
-            without = last.model.with_(effects=tuple(e for e in last.model.effects if e.name != effect.name))
+            without = last.model.without_effect(effect.name)
             problem = Problem(without, search.train, hold=last.problem.hold)
             short, points = linearise(problem, fit_at(problem, problem.start), None)
             screened = screen_effect(kind, points, short, np.ones(without.n))

@@ -105,14 +105,14 @@ def is_convincing(before: HeldOut, after: HeldOut, null: np.ndarray, explainable
     beyond = after.chi2 / most
     if beyond.max() <= USUAL:
         return True
-    far = np.maximum(after.chi2, FAR * most)
-    was, rest, rest_if_far = (np.maximum(chi2 - usual, 0.0).sum() for chi2 in (before.chi2, after.chi2, far))
+    far = is_far_from_noise(before, after, null)
     if beyond.min() > FAR:
-        return bool(rest <= (1 - EXPLAINED) * was)
-    if explainable is None and beyond.min() > USUAL and rest_if_far <= (1 - EXPLAINED) * was:
-        return True  # what convinces at a larger error does at a smaller one
+        return far
+    if explainable is None and far:
+        return True
     if explainable is not None and np.median(explainable / most) > BEYOND_NOISE:
         return share_of_explainable(before, after, null, explainable) >= MOSTLY
+    was, rest = (np.maximum(h.chi2 - usual, 0.0).sum() for h in (before, after))
     was_log, rest_log = (np.log(np.maximum(h.chi2 / usual, 1.0)).sum() for h in (before, after))
     return bool(beyond.max() <= FAR and rest <= (1 - NEARLY) * was and rest_log <= (1 - MOSTLY) * was_log)
 
