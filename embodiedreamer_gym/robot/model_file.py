@@ -125,13 +125,13 @@ def _read_effect(entry: Any, model: RobotData, path: Path) -> Effect:
         raise ModelError(f"model {path}: each effect must be an object with a name.")
     try:
         kind = find_effect(entry["name"], {**model.catalogue, **NUISANCES})
+        places = {p.name: model.places(p) for p in kind.parameters}
+        return kind(**{
+            key: files.by_joint(value, places.get(key, ()), f"effect {kind.name}, {key}", path)
+            for key, value in entry.items() if key != "name"
+        })  # fmt: skip
     except EffectError as error:
         raise EffectError(f"model {path}: {error}") from error
-    places = {p.name: model.places(p) for p in kind.parameters}
-    return kind(**{
-        key: files.by_joint(value, places.get(key, ()), f"effect {kind.name}, {key}", path)
-        for key, value in entry.items() if key != "name"
-    })  # fmt: skip
 
 
 def write_model(model: RobotData, path: Path) -> None:

@@ -161,6 +161,7 @@ def test_a_bad_effect(arm: Path, effect, words: str) -> None:
     data = json.loads((arm / "bad.json").read_text())
     (arm / "bad.json").write_text(json.dumps({**data, "effects": [effect]}))
     refused(arm, words, EffectError)
+    refused(arm, "bad.json", EffectError)  # the file is named
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", "3", "null", "\x00", "[" * 100_000, '{"robot":' * 100_000])
