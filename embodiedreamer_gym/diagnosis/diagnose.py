@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, summarise
-from embodiedreamer_gym.diagnosis.error_ceiling import SIGNALS, explainable_shares
+from embodiedreamer_gym.diagnosis.error_ceiling import explainable_shares
 from embodiedreamer_gym.diagnosis.explainable import explainable_chi2
 from embodiedreamer_gym.diagnosis.held_out import evaluate, summarise_errors
 from embodiedreamer_gym.diagnosis.notes import notes_on
@@ -23,8 +23,10 @@ from embodiedreamer_gym.diagnosis.verdict import (
     EXPLAINED,
     FAR,
     INEXACT,
+    MOSTLY,
     is_convincing,
     is_far_from_noise,
+    total_explainable,
     total_explained,
 )
 from embodiedreamer_gym.diagnosis.wording import Attempt
@@ -85,7 +87,8 @@ def diagnose(
     both = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in train)
     catalogue = catalogue or model.catalogue
     search = Search(model, train, test, catalogue, jobs, progress_or_silence(progress), both,
-                    np.random.default_rng(0 if seed is None else seed), RefitCache(refit_cache, model, [*train, *test], catalogue))  # fmt: skip
+                    np.random.default_rng(0 if seed is None else seed), RefitCache(refit_cache, model, [*train, *test], catalogue),
+                    whole_test=all_test)  # fmt: skip
     with ended_workers():
         result = _attempt(search, model, max_effects)
         looser = with_nuisances(model, train)
@@ -100,19 +103,16 @@ def diagnose(
     return summarise(
         result, model=model, ranking=search.ranking, unobservable=search.unobservable, catalogue=catalogue, test=all_test,
         rollouts=search.rollouts, seconds=time.perf_counter() - begun, baseline=baseline,
-        notes=notes_on(model, logs), explainable=_explainable(result, all_test),
+        notes=notes_on(model, logs),
     )  # fmt: skip
 
 
-def _explainable(result: Attempt, test: Sequence[Recording]) -> dict[str, dict[str, float]]:
+def _explainable(search: Search, state: SearchState) -> np.ndarray | None:
     """What a general regression predicts of the calibrated error, where the effects leave most joints far above their noise."""
-    state, model = result.state, result.calibrated.model
-    if state.start[1].signals.by_effort or np.median(state.held.chi2) <= FAR:
-        return {}
-    shares = explainable_shares(model, test, state.start[1].hold)
-    return {
-        joint: dict(zip(SIGNALS, row.tolist(), strict=True)) for joint, row in zip(model.joints, shares, strict=True)
-    }
+    model, problem, _ = state.start
+    if problem.signals.by_effort or np.median(state.held.chi2) <= FAR:
+        return None
+    return explainable_shares(model, search.whole_test, problem.hold)
 
 
 def _stands(search: Search, result: Attempt) -> bool:
@@ -153,12 +153,13 @@ def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:
     p_value = null.p_value(base.chi2, trained.chi2)
     screened = screen_all(search, problem, fit, null, first=True)
     state = SearchState((calibrated.model, problem, fit), base, trained, null)
-    verdict = "nothing_missing"
+    verdict, shares = "nothing_missing", None
     if p_value < ALARM:
         state = search_effects(search, state, screened, max_effects)
+        shares = _explainable(search, state)
         estimated = model.has_effect(InertialError)
         if not problem.signals.by_effort:
-            convincing = _fits_all_motion(state)
+            convincing = _fits_all_motion(state, shares)
         elif not estimated:
             convincing = state.is_exact
         else:
@@ -172,16 +173,21 @@ def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:
     wider = fit_with_robot_errors(problem, fit.x, [*search.train, *search.test])
     search.rollouts += wider[0].rollouts
     final = finish(problem, fit, 0.0, wider)
-    return Attempt(verdict, calibrated, final, state, p_value)
+    return Attempt(verdict, calibrated, final, state, p_value, shares)
 
 
-def _fits_all_motion(state: SearchState) -> bool:
+def _fits_all_motion(state: SearchState, shares: np.ndarray | None) -> bool:
     """Whether the effects leave what faultless robots have on all motion; a single one may leave a little more.
 
-    Logs far from any noise are judged by the share that is explained.
+    Logs far from any noise are judged by the share that is explained, beside what a general regression predicts (shares).
     """
     if not state.steps:
         return False
     explained = total_explained(state.judged_start, state.judged, state.null.chi2) >= EXPLAINED
     inexact = len(state.steps) == 1 and state.excess <= INEXACT and explained
-    return state.is_exact or inexact or is_far_from_noise(state.base, state.held, state.null.chi2)
+    if state.is_exact or inexact:
+        return True
+    errors = (state.base, state.held, state.null.chi2)
+    if not is_far_from_noise(*errors):
+        return False
+    return shares is None or total_explained(*errors) >= MOSTLY * total_explainable(*errors, shares[:, -1])

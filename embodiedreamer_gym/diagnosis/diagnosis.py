@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.compare import compare
 from embodiedreamer_gym.diagnosis.comparison import GUESSED, gains_are_guessed
+from embodiedreamer_gym.diagnosis.error_ceiling import SIGNALS
 from embodiedreamer_gym.diagnosis.held_out import HeldOut
 from embodiedreamer_gym.diagnosis.next_question import next_question
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution
@@ -182,7 +182,7 @@ class Diagnosis:
 def summarise(
     attempt: Attempt, *, model: RobotModel, ranking: Sequence[Ranked], unobservable: tuple[str, ...],
     catalogue: Mapping[str, type[Effect]], test: Sequence[Recording], rollouts: int, seconds: float, baseline: float | None,
-    notes: tuple[str, ...] = (), explainable: Mapping[str, dict[str, float]] = MappingProxyType({}),
+    notes: tuple[str, ...] = (),
 ) -> Diagnosis:  # fmt: skip
     """Put a search's results into a Diagnosis."""
     verdict, calibrated, final, p_value = attempt.verdict, attempt.calibrated, attempt.final, attempt.p_value
@@ -215,6 +215,10 @@ def summarise(
         stages += [(f"+ {c.kind.name}", e) for c, e in zip(steps, [*between, errors["with_effect"]], strict=True)]
     parameters = {c.kind.name: _parameters(better, c.kind.name) for c in steps}
     family = _family(verdict, state, catalogue)
+    ceiling = np.zeros((0, len(SIGNALS))) if attempt.explainable is None else attempt.explainable
+    explainable: dict[str, dict[str, float]] = {
+        joint: dict(zip(SIGNALS, row.tolist(), strict=True)) for joint, row in zip(model.joints, ceiling, strict=False)
+    }
     remarks = rank_notes([r.effect for r in ranking], [r.gain for r in ranking], effects, catalogue)
     return Diagnosis(
         verdict=verdict, sentence=verdict_text(attempt, effects, {e: _places(rows) for e, rows in parameters.items()}, family),
@@ -224,7 +228,7 @@ def summarise(
         unexplained=unexplained, steps=tuple(stages), p_value=p_value, rollouts=rollouts, seconds=seconds,
         unit=comparison.unit, chi2=_chi2(base, held, null, kept),
         closest=() if named else tuple(c.kind.name for c in steps), nominal=model, calibrated=calibrated.model, model=better,
-        family=family, members=state.probabilities, excess=state.excess, explainable=dict(explainable), notes=notes,
+        family=family, members=state.probabilities, excess=state.excess, explainable=explainable, notes=notes,
     )  # fmt: skip
 
 

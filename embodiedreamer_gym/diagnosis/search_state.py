@@ -53,7 +53,7 @@ class Search:
     """Settings and counters of a running diagnosis.
 
     both_rules: whether refits try both rules between two commands; linearised: the first screening's problem and the point
-    around which pairs are screened.
+    around which pairs are screened; whole_test: the held-out recordings at their full length.
     """
 
     nominal: RobotModel
@@ -65,6 +65,7 @@ class Search:
     both_rules: bool
     rng: np.random.Generator
     cache: RefitCache
+    whole_test: Sequence[Recording] = ()
     unit: str = "rad"
     linearised: tuple[Problem, LinearisationPoint] | None = None
     rollouts: int = 0

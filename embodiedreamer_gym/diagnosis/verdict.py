@@ -156,9 +156,21 @@ def explained(before: HeldOut, after: HeldOut, null: np.ndarray) -> np.ndarray:
 
 def total_explained(before: HeldOut, after: HeldOut, null: np.ndarray) -> float:
     """Share of the excess error that is explained, over the joints that had any, weighted by their log chi2."""
+    share, weight = _weighted(before, after, null)
+    return float(weight @ share / weight.sum()) if weight.any() else 0.0
+
+
+def total_explainable(before: HeldOut, after: HeldOut, null: np.ndarray, ceiling: np.ndarray) -> float:
+    """Share of the excess error, weighted alike, that the effects explain or a general regression predicts, whichever is more.
+
+    ceiling (n,): share of each joint's mean square error that is predictable, see `explainable_shares`.
+    """
+    share, weight = _weighted(before, after, null)
+    return float(weight @ np.maximum(share, ceiling) / weight.sum()) if weight.any() else 0.0
+
+
+def _weighted(before: HeldOut, after: HeldOut, null: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Share (n,) of each joint's excess that is explained, and the joints' weights; both zero where there was none."""
     share = explained(before, after, null)
-    bad = np.isfinite(share)
-    if not bad.any():
-        return 0.0
-    weight = np.log(np.maximum(before.chi2 / np.median(null, axis=0), 1.0 + 1e-9))[bad]
-    return float(np.sum(weight * share[bad]) / np.sum(weight))
+    weight = np.log(np.maximum(before.chi2 / np.median(null, axis=0), 1.0 + 1e-9))
+    return np.nan_to_num(share), np.where(np.isfinite(share), weight, 0.0)

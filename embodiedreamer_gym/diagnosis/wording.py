@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from embodiedreamer_gym.diagnosis.search_state import SearchState
-from embodiedreamer_gym.diagnosis.verdict import EXACT, is_far_from_noise, total_explained
+from embodiedreamer_gym.diagnosis.verdict import EXACT, is_far_from_noise, total_explainable, total_explained
 from embodiedreamer_gym.phys_aligner import Calibration
 
 NEGLIGIBLE = 0.005  # probability that is not printed
@@ -20,6 +22,7 @@ class Attempt:
     calibrated, final: the model's calibration without and with the effects found.
     state: the effects found, and errors on held-out recordings.
     p_value: share of faultless robots that do as badly as the calibrated model.
+    explainable: (n, 4), see `explainable_shares`; None near the sensors' noise.
     """
 
     verdict: str
@@ -27,6 +30,7 @@ class Attempt:
     final: Calibration
     state: SearchState
     p_value: float
+    explainable: np.ndarray | None = None
 
 
 def verdict_text(
@@ -55,6 +59,9 @@ def verdict_text(
     share = total_explained(state.base, state.held if places else state.closest.held_out, state.null.chi2)
     verb = "explain" if len(places) > 1 else "explains"
     closest = f"the closest, {names}, {verb} {100 * max(share, 0.0):.0f} %"
+    if attempt.explainable is not None and places:
+        most = total_explainable(state.base, state.held, state.null.chi2, attempt.explainable[:, -1])
+        closest += f" of the excess error, of which {100 * most:.0f} % is predictable from the signals"
     return f"Unknown: the model is wrong ({usual}); {closest}{_what_is_left(state) if places else ''}."
 
 

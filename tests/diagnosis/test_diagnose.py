@@ -16,6 +16,7 @@ from embodiedreamer_gym.diagnosis.verdict import (
     improves,
     is_convincing,
     leaves_excess,
+    total_explainable,
     total_explained,
 )
 from embodiedreamer_gym.effects import CATALOGUE, Parameter, SignalLaw
@@ -208,7 +209,13 @@ def test_explained_is_a_share_of_the_excess() -> None:
     before, after = held(np.array([11.0, 5.0, 1.0])), held(np.array([1.0, 5.0, 1.0]))
     share = explained(before, after, null)
     assert share[0] == pytest.approx(1.0, abs=0.02) and share[1] == 0.0 and np.isnan(share[2])
-    assert 0.5 < total_explained(before, after, null) < 0.7
+    share = total_explained(before, after, null)
+    assert 0.5 < share < 0.7
+    assert total_explainable(before, after, null, np.zeros(3)) == share, "what effects explain is explainable"
+    assert total_explainable(before, after, null, np.array([0.0, 1.0, 0.0])) == pytest.approx(1.0, abs=0.01)
+    assert total_explainable(before, after, null, np.array([0.0, 0.0, 1.0])) == share, (
+        "a joint without excess is no matter"
+    )
 
 
 def test_the_special_case_goes_before_the_richer_law() -> None:
