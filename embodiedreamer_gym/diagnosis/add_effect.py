@@ -7,20 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from embodiedreamer_gym.diagnosis.candidates import ITERATIONS
 from embodiedreamer_gym.diagnosis.compare import compare
 from embodiedreamer_gym.diagnosis.comparison import Comparison
-from embodiedreamer_gym.diagnosis.effect_starts import start_of
-from embodiedreamer_gym.diagnosis.screening import linearise, screen_effect
+from embodiedreamer_gym.diagnosis.one_effect import calibrated
 from embodiedreamer_gym.effects import find_effect
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.io.tables import milli
 from embodiedreamer_gym.phys_aligner import Calibration
-from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares, with_nuisances
-from embodiedreamer_gym.phys_aligner.least_squares import minimise
-from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.calibration import finish, with_nuisances
 from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
@@ -70,18 +64,10 @@ def add_effect(
     model.with_effect(kind)  # raises for an effect that the model has, before any fit
     logs = with_effort_unit(model, [*train, *test])
     train, test = thin(logs[: len(train)], MAX_SECONDS), logs[len(train) :]
-    model = with_nuisances(model, train)
+    base = calibrated(with_nuisances(model, train), train, test, progress)
+    progress("refitting effects", 0, 1, effect=name)
     begun = time.perf_counter()
-    problem, fit = fit_least_squares(model, train, progress=progress)
-    before = finish(problem, fit, time.perf_counter() - begun)
-    begun = time.perf_counter()
-    short, points = linearise(problem, fit, model)
-    screened = screen_effect(kind, points, short, np.ones(model.n))
-    richer = before.model.with_effect(kind)
-    new = Problem(richer, train, hold=problem.hold)
-    after = finish(
-        new,
-        minimise(new, start_of(new, screened.start), ITERATIONS, progress=progress),
-        time.perf_counter() - begun,
-    )
+    richer = base.with_effect(kind, all_joints=True)
+    progress("refitting effects", 1, 1, effect=name)
+    before, after = base.calibration, finish(richer.problem, richer.fit, time.perf_counter() - begun)
     return Addition(name, before, after, compare([before.model, after.model], test))

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.candidates import Candidate, refit, single_trial
+from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
-from embodiedreamer_gym.diagnosis.screening import linearise, screen_effect
+from embodiedreamer_gym.diagnosis.one_effect import calibrated
 from embodiedreamer_gym.effects import find_effect
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
-from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
 from embodiedreamer_gym.phys_aligner.problem import CORRELATED
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
@@ -82,19 +81,15 @@ def decide(
     progress = progress_or_silence(progress)
     kinds = [find_effect(name, model.catalogue) for name in effects]
     train, test = thin(train, MAX_SECONDS), thin(test, MAX_SECONDS)
-    both_rules = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in train)
-    problem, fit = fit_least_squares(model, train, progress=progress)
-    calibrated = finish(problem, fit, 0.0).model
-    short, points = linearise(problem, fit, model)
+    base = calibrated(model, train, test, progress)
     candidates = []
     for done, kind in enumerate(kinds, 1):
-        screened = screen_effect(kind, points, short, np.ones(model.n))
-        candidates.append(refit(single_trial(calibrated, screened, problem.hold, both_rules), train, test))
+        candidates.append(base.with_effect(kind))
         progress("refitting effects", done, len(kinds), effect=kind.name)
     share = independent_share(test)
     one, other = sorted(candidates, key=lambda c: -likelihood_ratio(c.held_out, candidates[0].held_out, share).value)
     ratio = likelihood_ratio(one.held_out, other.held_out, share)
-    over_none = likelihood_ratio(one.held_out, evaluate(calibrated, test), share)
+    over_none = likelihood_ratio(one.held_out, evaluate(base.calibration.model, test), share)
     best = one.kind.name if ratio.decides else None
     if not ratio.decides and other.kind.name in one.kind.generalises:
         best = other.kind.name

@@ -6,12 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from embodiedreamer_gym.recordings.rounded_noise import WINDOW, rounded_noise
+
 SMALLEST_SIGMA = 1e-5  # rad; a sensor better than that is not believed
 
 _ROUNDING = 4 * float(np.finfo(np.float32).eps)  # logs are often stored as float32
 _ORDERS = (2, 3, 4, 5)  # differences of these orders remove smooth motion more and more
 _GAIN = {2: 6.0, 3: 20.0, 4: 70.0, 5: 252.0}  # variance of the k-th difference of white noise, C(2k, k)
 _WINDOW = 16  # samples over which a signal counts as quiet or moving
+_COARSE = 0.45  # noise, in steps, below which the rounding errors of a resting signal are not independent
 
 
 def estimate_quantum(x: np.ndarray) -> float:
@@ -59,14 +62,20 @@ def estimate_noise(time: np.ndarray, x: np.ndarray, quantum: float = 0.0) -> flo
 
     High differences of the quieter half of the signal, outliers clipped, so that motion does not count;
     the step's own variance quantum^2 / 12 is taken off, and what is within 30 % of it counts as no noise.
+    Where the step is coarse and the signal rests at times, `rounded_noise` takes their place.
     """
     x = np.asarray(x, dtype=float)
     if x.size < 10 or np.ptp(x) == 0:
         return 0.0
-    quiet = _quiet(np.asarray(time, dtype=float), x)
+    time = np.asarray(time, dtype=float)
+    quiet = _quiet(time, x)
     variance = min(_clipped_variance(_differences(x, quiet, order)) / _GAIN[order] for order in _ORDERS)
     floor = quantum**2 / 12
-    return 0.0 if variance <= 1.3 * floor else float(np.sqrt(variance - floor))
+    noise = 0.0 if variance <= 1.3 * floor else float(np.sqrt(variance - floor))
+    if noise >= _COARSE * quantum:
+        return noise
+    at_rest = rounded_noise(x, quantum, ~_gaps(time, WINDOW))
+    return noise if at_rest is None else at_rest
 
 
 def _quiet(time: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -79,8 +88,7 @@ def _quiet(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     count = x.size // _WINDOW
     halves = x[: count * _WINDOW].reshape(count, 2, _WINDOW // 2).mean(axis=2)
     drift = np.abs(halves[:, 1] - halves[:, 0])
-    step = np.diff(time)
-    gap = np.append(step > 1.5 * np.median(step), False)[: count * _WINDOW].reshape(count, _WINDOW).any(axis=1)
+    gap = _gaps(time, _WINDOW)
     if not gap.all():
         drift[gap] = np.inf
     keep = np.argsort(drift, kind="stable")[: max(4, count // 2)]
@@ -89,6 +97,13 @@ def _quiet(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     quiet = np.zeros(x.size, dtype=bool)
     quiet[: count * _WINDOW] = np.repeat(chosen, _WINDOW)
     return quiet
+
+
+def _gaps(time: np.ndarray, window: int) -> np.ndarray:
+    """Windows (T // window,) bool that hold a gap in time (T,)."""
+    count, step = time.size // window, np.diff(time)
+    late = np.append(step > 1.5 * np.median(step), False)[: count * window]
+    return np.any(late.reshape(count, window), axis=1)
 
 
 def _differences(x: np.ndarray, quiet: np.ndarray, order: int) -> np.ndarray:

@@ -55,6 +55,35 @@ def test_a_static_rounded_signal_has_no_noise():
     assert estimate_noise(time, dithering, STEP) == 0
 
 
+def rests(rng, rate, seconds=20.0):
+    """Moves of one second between rests of two, at random positions."""
+    time = np.arange(0, seconds, 1 / rate)
+    at = np.cumsum(rng.uniform(-0.5, 0.5, 20))
+    number, share = np.divmod(time / 3, 1)
+    return time, at[number.astype(int)] + np.interp(share, [2 / 3, 1], [0, 1]) * np.diff(at)[number.astype(int)]
+
+
+@pytest.mark.parametrize("rate", [30, 100, 500])
+@pytest.mark.parametrize("share", [0.0, 0.15, 0.25, 0.35])
+def test_the_noise_of_a_coarse_encoder_is_found_at_its_rests(rate, share):
+    ratio = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        time, x = rests(rng, rate)
+        x = rounded(x + share * STEP * rng.standard_normal(x.size), STEP)
+        x[rng.integers(x.size, size=3)] += 20 * STEP  # outliers
+        ratio.append(np.sqrt((estimate_noise(time, x, STEP) / STEP) ** 2 + 1 / 12) / np.sqrt(share**2 + 1 / 12))
+    assert np.median(ratio) == pytest.approx(1, abs=0.06)
+    assert ratio == pytest.approx([1] * 8, abs=0.25)
+
+
+def test_one_rest_within_a_code_shows_no_noise_and_one_between_two_codes_no_more_than_their_flips():
+    rng = np.random.default_rng(5)
+    time, noise = np.arange(600) / 100, 0.1 * STEP * rng.standard_normal(600)
+    assert estimate_noise(time, rounded(noise, STEP), STEP) == 0
+    assert 0 < estimate_noise(time, rounded(noise + 0.5 * STEP, STEP), STEP) < 0.4 * STEP
+
+
 @pytest.mark.parametrize("rate", [50, 200])
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 @pytest.mark.parametrize("noise", [0.0, 5e-4])
