@@ -3,7 +3,7 @@
 The equations of github.com/Rhoban/bam (arXiv 2410.08650, models M1 to M5): the servo's torque is gain * stiffness * error, at
 most a limit, less damping * speed; friction is a stopping torque of at most
 base + |motor * torque - external * weight| + exp(-|speed / stribeck_speed|) * |the same with static shares|.
-sag: the torque falls to torque / (1 + sag * |gain * stiffness * error|), as the voltage of a supply does under load.
+sag: the torque falls to torque / (1 + sag * |gain * stiffness * error|), as where a resistance before the PWM drops voltage.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from benchmarks.diagnosis_figures import beside, clopper_pearson, confusion, fig
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.standin.effect_sizes import FIRMWARE, SIZES
+from embodiedreamer_gym.standin.effect_sizes import FIRMWARE, SIZES, SUPPLY
 from embodiedreamer_gym.standin.labels import FAMILIES
 
 STAMP = {"set": "main", "seeds": "test", "labels_sha256": "0"}
@@ -56,7 +56,7 @@ def test_no_case_shares_its_generator_with_another():
 
 
 def test_main_asks_for_every_effect_and_for_pairs_of_two_families():
-    assert set(SIZES) == {*SINGLES, *FIRMWARE, "torque_constant"} <= set(CATALOGUE)
+    assert set(SIZES) == {*SINGLES, *FIRMWARE, *SUPPLY, "torque_constant"} <= set(CATALOGUE)
     asked = labels("main", "test")
     assert {e for label in asked if label.kind == "single" for e in label.effects} == set(SINGLES)
     assert {e for label in asked if label.kind == "outside" for e in label.effects} == set(OUTSIDE)

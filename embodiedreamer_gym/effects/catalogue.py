@@ -35,6 +35,7 @@ from embodiedreamer_gym.effects.quadratic_drag import QuadraticDrag
 from embodiedreamer_gym.effects.rotor_inertia import RotorInertia
 from embodiedreamer_gym.effects.servo_deadzone import ServoDeadzone
 from embodiedreamer_gym.effects.stribeck_friction import StribeckFriction
+from embodiedreamer_gym.effects.supply_sag import SupplySag
 from embodiedreamer_gym.effects.timestamp_jitter import TimestampJitter
 from embodiedreamer_gym.effects.torque_bias import TorqueBias
 from embodiedreamer_gym.effects.torque_constant import TorqueConstant
@@ -63,6 +64,7 @@ CATALOGUE: Catalogue = {
         IntegralAction,
         VelocityCascade,
         PwmDeadband,
+        SupplySag,
         TorqueSaturation,
         VoltageLimit,
         TorqueConstant,

@@ -66,8 +66,10 @@ SIZES: dict[str, dict[str, tuple[float, float, str]]] = {
     "integral_action": {"rate": (0.5, 4.0, "")},
     "velocity_cascade": {"rate": (1.0, 8.0, ""), "speed": (0.4, 1.2, "top shape")},
     "pwm_deadband": {"level": (0.05, 0.2, "load"), "start": (0.02, 0.1, "load")},
+    "supply_sag": {"sag": (0.1, 0.4, "soft")},
 }
-FIRMWARE = tuple(PARAMETERS)
+SUPPLY = ("supply_sag",)
+FIRMWARE = tuple(name for name in PARAMETERS if name not in SUPPLY)
 FACTORS = ("command_rate_limit", "torque_saturation", "voltage_limit", "torque_constant", "profile")  # grow by powers
 MOST = {
     "torque_fade": {"loss": 0.9},

@@ -1,4 +1,4 @@
-"""What the stand-in's servos do in firmware, written on its own: profiles, filters and torques beside stiffness and damping.
+"""What the stand-in's servos do beside stiffness and damping, written on its own: firmware, and the supply of its output.
 
 A torque is handed to MuJoCo's actuator as a shift of its set point by torque / stiffness, so that the actuator's range cuts
 it as a drive's limit cuts all that a servo asks for.
@@ -22,6 +22,7 @@ PARAMETERS: dict[str, dict[str, tuple[str, int]]] = {
     "integral_action": {"rate": ("joint", 0), "limit": ("joint", -1)},
     "velocity_cascade": {"rate": ("joint", 0), "speed": ("joint", 1)},
     "pwm_deadband": {"level": ("joint", -1), "start": ("joint", -1)},
+    "supply_sag": {"sag": ("joint", 1)},
 }
 
 
@@ -79,10 +80,13 @@ class ServoFirmware:
         self._loop, top = get("velocity_cascade", "rate"), get("velocity_cascade", "speed")
         self._top = np.where(top > 0, top, np.inf)
         self._level, self._jump = get("pwm_deadband", "level"), get("pwm_deadband", "start")
+        self._sag = get("supply_sag", "sag")
         self._speeding = bool(self._ahead.any() or self._dry.any())
         self._winding = bool(self._rate.any() or self._loop.any() or top.any())
         self._banded = bool(self._level.any() or self._jump.any())
-        self.counts = self._speeding or self._winding or self._banded or bool(self._gravity.any())
+        self._sagging = bool(self._sag.any())
+        beside = self._speeding or self._winding or self._banded or self._sagging
+        self.counts = beside or bool(self._gravity.any())
         self.integral = np.zeros(len(kp))
         self._last: Array | None = None
 
@@ -120,4 +124,7 @@ class ServoFirmware:
             size = np.abs(asked)
             left = np.where(size > self._level, size - self._level + self._jump, 0.0)
             torque += np.where(asked < 0, -1.0, 1.0) * left - asked
+        if self._sagging:
+            resisted = self._sag * np.abs(pull + torque)  # by the supply, as a share of the winding's resistance
+            torque -= (pull + torque - self._kd * v) * resisted / (1 + resisted)
         return torque / self._kp

@@ -19,7 +19,7 @@ springs, bias and ripple act beside it.
 | voltage_limit | torque-speed line from `stall_torque` at rest; without one, 100 times the servo's damping |
 | servo_deadzone, encoder_offset | the set point the actuator sees |
 | command_delay, command_lowpass, command_rate_limit, profile, lookahead | the command at every step, in this order |
-| gravity_compensation, integral_action and other torques of firmware | a shift of the set point, see `firmware` |
+| gravity_compensation, integral_action and other torques of firmware, supply_sag | a shift of the set point, see `firmware` |
 | payload, base_tilt | a ball welded to the end effector; the arm turned at its root |
 | timestamp_jitter | not at all: the log's one clock, as bad as that of its worst arm |
 """

@@ -11,24 +11,25 @@ import numpy as np
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.standin.cases import Case, draw_case
-from embodiedreamer_gym.standin.effect_sizes import FIRMWARE, SIZES
+from embodiedreamer_gym.standin.effect_sizes import FIRMWARE, SIZES, SUPPLY
 
 BARELY, PLAIN, STRONG = 0.15, 1.0, 2.5  # strengths; 1.0 is a plain effect
 ATTEMPTS = 5  # robots drawn until one rests at its first command
 
 # With a logged command the fitted gains take up a torque constant whole: only effort without a command shows it.
-# What servos do in firmware has a benchmark of its own.
-SINGLES = tuple(name for name in SIZES if name != "torque_constant" and name not in FIRMWARE)
+# What servos do in firmware has a benchmark of its own; a supply's sag is in no set of cases.
+APART = (*FIRMWARE, *SUPPLY)
+SINGLES = tuple(name for name in SIZES if name != "torque_constant" and name not in APART)
 # Laws that others of the catalogue contain: left out of it, they are not outside it. Direction-dependent friction is
 # Coulomb friction and a bias.
 CONTAINED = ("direction_dependent_friction", "coulomb_friction", "torque_saturation", "torque_bias", "torque_constant")
-OUTSIDE = tuple(name for name in SIZES if name not in (*CONTAINED, *FIRMWARE))
+OUTSIDE = tuple(name for name in SIZES if name not in (*CONTAINED, *APART))
 IN_EFFORT = ("payload", "coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
              "torque_constant", "torque_bias", "rotor_inertia")  # fmt: skip
 PERIODIC = {("torque_ripple", "phase")}  # parameters that an interval on the real line does not describe
 FAMILIES = {
     "command": ("command_delay", "command_lowpass", "command_rate_limit"),
-    "drive": ("servo_deadzone", "torque_saturation", "voltage_limit", "torque_constant", "torque_fade"),
+    "drive": ("servo_deadzone", "torque_saturation", "voltage_limit", "torque_constant", "torque_fade", *SUPPLY),
     "friction": ("coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
                  "hysteresis", "quadratic_drag"),
     "load": ("torque_bias", "joint_spring", "payload", "base_tilt", "encoder_offset", "torque_ripple"),

@@ -18,6 +18,7 @@ from embodiedreamer_gym.effects.lookahead import Lookahead
 from embodiedreamer_gym.effects.payload import Payload
 from embodiedreamer_gym.effects.profile import Profile
 from embodiedreamer_gym.effects.pwm_deadband import PwmDeadband
+from embodiedreamer_gym.effects.supply_sag import SupplySag
 from embodiedreamer_gym.effects.velocity_cascade import VelocityCascade
 from embodiedreamer_gym.effects.voltage_limit import VoltageLimit
 from embodiedreamer_gym.robot import RobotModel
@@ -106,6 +107,27 @@ def test_a_dead_band_takes_its_level_off_and_starts_with_a_jump() -> None:
     asked = np.array([[-2.0, -0.7, 0.0, 0.7, 2.0]])
     out, _ = PwmDeadband.law(asked + 1.0, joint, None, p)
     np.testing.assert_allclose(out - 1.0, [[-1.5, 0.0, 0.0, 0.0, 1.5]], atol=1e-12)
+
+
+@pytest.mark.parametrize("duty", [-0.9, -0.2, 0.4, 1.0])
+@pytest.mark.parametrize("speed", [-3.0, 0.0, 5.0])
+def test_a_sagging_supply_gives_the_current_of_its_circuit(duty: float, speed: float) -> None:
+    """A motor on PWM: its current passes the supply only while the PWM is on."""
+    volts, winding, constant, supply = 7.4, 4.0, 0.9, 0.8
+    a = np.array([[winding, abs(duty)], [-supply, 1.0]])  # R I + |d| U = d V - k v and U = r I, the voltage lost
+    current = np.linalg.solve(a, [duty * volts - constant * speed, 0.0])[0]
+    joint = SimpleNamespace(damping=np.full((1, 1), constant**2 / winding), velocity=np.full((1, 1), speed))
+    stall = constant * volts / winding
+    p = SimpleNamespace(sag=np.full((1, 1), supply / winding / stall))
+    asked, _ = SupplySag.law(np.full((1, 1), duty * stall), joint, None, p)
+    assert (asked - joint.damping * joint.velocity)[0, 0] == pytest.approx(constant * current, abs=1e-12)
+
+
+def test_a_joint_yields_more_than_in_proportion_where_the_supply_sags() -> None:
+    position, torque = held(SupplySag(sag={"joint1": 0.3}), command=1.4)
+    asked = robot("pendulum1").stiffness[0] * (1.4 - position)
+    assert torque == pytest.approx(WEIGHT * np.sin(position), abs=1e-4)
+    assert torque == pytest.approx(asked / (1 + 0.3 * asked), abs=1e-4)
 
 
 def test_feed_forward_follows_a_ramp_without_lag() -> None:

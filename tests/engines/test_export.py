@@ -26,7 +26,7 @@ from tests.two_joint_arm import load_arm, record, wave
 FRICTION = ("coulomb_friction", "stribeck_friction", "direction_dependent_friction")
 LIMITS = ("torque_saturation", "voltage_limit")
 FIRMWARE = ("profile", "lookahead", "derivative_on_error", "friction_compensation", "gravity_compensation", "integral_action",
-            "velocity_cascade", "pwm_deadband")  # fmt: skip
+            "velocity_cascade", "pwm_deadband", "supply_sag")  # fmt: skip
 LOST = ("servo_deadzone", "torque_fade", "load_friction", "joint_elasticity", "backlash", *FIRMWARE)
 EXPORTED = sorted({*CATALOGUE, "inertial_error"} - {*LOST, "timestamp_jitter"})
 

@@ -86,3 +86,12 @@ def test_a_dead_band_gives_nothing_then_jumps(build, moves):
     position, effort = log.position[-1, 0], log.effort[-1, 0]
     assert effort == pytest.approx(WEIGHT * np.sin(position), abs=1e-2)
     assert STIFFNESS * (1.2 - position) - 0.8 + 0.2 == pytest.approx(effort, abs=1e-2)
+
+
+def test_a_sagging_supply_takes_more_of_a_heavy_torque(build, moves):
+    for angle in (0.3, 1.2):
+        log = build(effects={"supply_sag": {"sag": 0.4}}).record(moves.hold(angle))
+        position, effort = log.position[-1, 0], log.effort[-1, 0]
+        assert effort == pytest.approx(WEIGHT * np.sin(position), abs=1e-2)
+        asked = STIFFNESS * (angle - position)
+        assert asked / (1 + 0.4 * asked) == pytest.approx(effort, abs=1e-2)
