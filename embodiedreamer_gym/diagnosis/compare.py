@@ -12,6 +12,7 @@ import numpy as np
 
 from embodiedreamer_gym.diagnosis.comparison import Comparison, Row, measured_less_simulated
 from embodiedreamer_gym.diagnosis.regimes import REGIMES, regimes
+from embodiedreamer_gym.diagnosis.servo_fit import fit_servo
 from embodiedreamer_gym.diagnosis.trajectory_error import trajectory_losses
 from embodiedreamer_gym.effects import NUISANCES
 from embodiedreamer_gym.errors import RecordingError
@@ -109,6 +110,9 @@ def _signals(model: RobotModel, signals: Signals, rollouts: Sequence[Rollout]) -
         scale = effort_scale(recordings, rollouts)
         errors = [None if r.effort is None else r.effort - scale * run.torque for r, run in pairs]
         yield _Signal("effort", ("effort",) * model.n, errors, _sensor_sds(recordings, "effort"), usable)
+    servo = fit_servo(model, recordings, rollouts)
+    if servo is not None:
+        yield _Signal("servo", ("effort",) * model.n, servo.residuals, np.sqrt(servo.variance), servo.usable)
 
 
 def _sensor_sds(recordings: Sequence[Recording], signal: str) -> np.ndarray:

@@ -16,6 +16,10 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Rollout
 
 GUESSED = "gains guessed, not yours"
+NOTES = {
+    "effort": ", the model's torque times a fitted scale",
+    "servo": ", the effort less what its servo asks for along the measured motion",
+}
 
 
 def gains_are_guessed(model: RobotModel) -> bool:
@@ -164,7 +168,7 @@ class Comparison:
 
     def __str__(self) -> str:
         parts = [self._summary(), *([self._joints()] if len(self.labels) > 1 else []), self._regimes()]
-        others = [s for s in ("velocity", "effort") if s != self.signal and self.rows(signal=s)]
+        others = [s for s in ("velocity", "effort", "servo") if s != self.signal and self.rows(signal=s)]
         return "\n\n".join([*parts, *map(self._other_signal, others)])
 
     def _summary(self) -> str:
@@ -203,6 +207,5 @@ class Comparison:
     def _other_signal(self, signal: str) -> str:
         rows = self.rows(signal=signal, regime="all")
         cells = [[r.joint, number(r.rms), number(r.noise), number(r.chi2), r.unit] for r in rows]
-        note = ", the model's torque times a fitted scale" if signal == "effort" else ""
-        title = f"{signal} error (rms) of {self.labels[-1]}{note}"
+        title = f"{signal} error (rms) of {self.labels[-1]}{NOTES.get(signal, '')}"
         return title + "\n" + layout(["joint", "rms", "noise", "chi2/n", "unit"], cells)

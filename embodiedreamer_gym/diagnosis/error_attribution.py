@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from embodiedreamer_gym.diagnosis.servo_fit import fit_servo
 from embodiedreamer_gym.recordings import Recording, sensor_sd, smooth_motion, smoothing_gain
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Drive, Rollout
@@ -13,66 +14,62 @@ from embodiedreamer_gym.simulation import Drive, Rollout
 EXPLAINED = 0.5  # share of the effort's variance that one side must explain at least, or effort is something else
 SIGNIFICANT = 0.003  # share of the effort's variance that one side must leave open, else nothing is attributed
 LONGEST_LAG, LAG_STEP = 0.25, 0.01  # s
-NOISES = ("effort_noise", "position_noise", "speed_noise", "acceleration_noise")
+NOISES = ("effort_noise", "speed_noise", "acceleration_noise")
 SIMILAR = 0.5  # correlation below which a lag between two motions means nothing
 
 
-def controller_share(model: RobotModel, recordings: Sequence[Recording]) -> np.ndarray:
+def controller_share(model: RobotModel, recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> np.ndarray:
     """Share (n,) of the unexplained effort that lies between command and effort, not effort and motion.
 
-    The controller explains effort by a (command - position) + b velocity + c, the plant by
-    gain inverse dynamics + m acceleration + b velocity + c, both on signals smoothed alike; what each leaves
-    beyond the effort's own noise is its part. nan where there is no effort, where neither of them explains
-    half of it, or where both explain all of it.
+    The controller explains effort by the torque that the model's servo asks for along the measured motion (see `fit_servo`),
+    the plant by gain inverse dynamics + m acceleration + b velocity + c on smoothed signals; what each leaves
+    beyond the noise is its part. nan where there is no effort, where neither of them explains half of it, or
+    where both explain all of it.
+
+    rollouts: the model's runs of the recordings, arrays (T, n).
     """
     share = np.full(model.n, np.nan)
-    logs = [r for r in recordings if r.effort is not None and r.command is not None]
-    if not logs:
+    servo = fit_servo(model, recordings, rollouts)
+    if servo is None:
         return share
+    logs = [r for r in recordings if r.effort is not None and r.command is not None]
     terms = [_terms(model, r) for r in logs]
     for j in range(model.n):
-        effort, controller, plant = (
+        effort, plant = (
             np.concatenate([t[name][r.usable[:, j]][..., j] for t, r in zip(terms, logs, strict=True)])
-            for name in ("effort", "controller", "plant")
+            for name in ("effort", "plant")
         )
-        noises = {name: np.mean([t[name][:, j] for t in terms], axis=0) for name in NOISES}
+        noises = {name: float(np.mean([t[name][:, j] for t in terms])) for name in NOISES}
         if len(effort) > 50 and np.var(effort) > 0:
-            share[j] = _share(effort, controller, plant, noises, float(model.inertia_scale[j]))
+            controller = float(servo.mean_square[j]), float(servo.variance[j])
+            share[j] = _share(effort, plant, noises, controller, float(model.inertia_scale[j]))
     return share
 
 
 def _terms(model: RobotModel, recording: Recording) -> dict[str, np.ndarray]:
-    """Effort (T, n), regressors (T, k, n) of both sides, and the variances (1, n) of what noise adds."""
-    effort, command = recording.effort, recording.command
-    if effort is None or command is None:
-        return {}
-    motion = smooth_motion(recording)
+    """Smoothed effort (T, n), regressors (T, k, n) of the plant, and the variances (1, n) of what noise adds."""
+    motion, effort = smooth_motion(recording), np.asarray(recording.effort)
     q, v, a = motion.position, motion.velocity, motion.acceleration
     torque = model.bodies.inverse_dynamics(q, v, a, Drive(model).mechanics)[0]
-    heard = smooth_motion(recording, command).position
-    ones, gain = np.ones_like(q), smoothing_gain(recording)
-    sds = (sensor_sd(recording.time, effort) * gain, recording.sigma * gain, motion.speed_noise)
+    sds = (sensor_sd(recording.time, effort) * smoothing_gain(recording), motion.speed_noise, motion.acceleration_noise)
     return {
         "effort": smooth_motion(recording, effort).position,
-        "controller": np.stack([heard - q, v, ones], axis=1),
-        "plant": np.stack([torque, a, v, ones], axis=1),
-        **{name: sd[None] ** 2 for name, sd in zip(NOISES, (*sds, motion.acceleration_noise), strict=True)},
+        "plant": np.stack([torque, a, v, np.ones_like(q)], axis=1),
+        **{name: sd[None] ** 2 for name, sd in zip(NOISES, sds, strict=True)},
     }
 
 
 def _share(
-    effort: np.ndarray,
-    controller: np.ndarray,
-    plant: np.ndarray,
-    noises: dict[str, np.ndarray],
-    inertia: float,
+    effort: np.ndarray, plant: np.ndarray, noises: dict[str, float], controller: tuple[float, float], inertia: float
 ) -> float:
-    """The controller's part of what both leave beyond the noise of the effort and of their own regressors."""
+    """The controller's part of what both leave beyond the noise of the effort and of their own regressors.
+
+    controller: mean square that it leaves, and that of its noise.
+    """
     total = float(np.var(effort))
-    left_c, (p, d, _) = _least_squares(effort, controller)
+    left_c, floor_c = controller
     left_p, (gain, m, b, _) = _least_squares(effort, plant)
-    of_effort, of_position, of_speed, of_bend = (float(noises[name][0]) for name in NOISES)
-    floor_c = of_effort + p**2 * of_position + d**2 * of_speed
+    of_effort, of_speed, of_bend = (noises[name] for name in NOISES)
     floor_p = of_effort + (gain * inertia + m) ** 2 * of_bend + b**2 * of_speed
     excess = [left - floor if left > 2 * floor else 0.0 for left, floor in ((left_c, floor_c), (left_p, floor_p))]
     if min(left_c, left_p) > (1 - EXPLAINED) * total or max(excess) < SIGNIFICANT * total:

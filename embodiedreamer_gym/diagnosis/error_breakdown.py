@@ -127,7 +127,7 @@ def error_breakdown(model: RobotModel, recordings: Sequence[Recording]) -> Error
     Raises: SimulationError when a recording is not of this robot, RecordingError when there is none.
     """
     comparison = compare(model, recordings)
-    share = controller_share(model, comparison.recordings)
+    share = controller_share(model, comparison.recordings, comparison.rollouts[0])
     profiles = tuple(_profiles(comparison))
     lag = lags(comparison.recordings, comparison.rollouts[0])
     weight = np.where(np.isfinite(share), np.maximum(comparison.joint_chi2[0] - 1.0, 0.0), 0.0)

@@ -100,7 +100,7 @@ def test_json_and_table(arm) -> None:
     found = compare(arm, [record(arm, noise=1e-3)])
     data = json.loads(json.dumps(found.as_dict(), allow_nan=False))
     assert data["error"]["unit"] == "rad" and data["error"]["of"]["two"] == pytest.approx(found.error[0])
-    assert {row["signal"] for row in data["table"]} == {"position", "effort"}
+    assert {row["signal"] for row in data["table"]} == {"position", "effort", "servo"}
     text = str(found)
     assert "shoulder" in text and "reversal" in text and max(map(len, text.splitlines())) <= 110
     assert repr(found) == "Comparison(1 models, 1 recordings, n=2)"

@@ -52,6 +52,12 @@ def test_friction_is_on_the_plant_side(arm) -> None:
     assert found.side < 0.1 and said(found, "plant side")
 
 
+def test_a_delay_that_the_model_has_is_no_fault_of_the_controller(arm) -> None:
+    late = hidden(arm, "command_delay", seconds=[0.03, 0.03])
+    found = found_in(late, hidden(late, "coulomb_friction", torque=[1.0, 0.3]))
+    assert found.side < 0.1 and said(found, "plant side")
+
+
 def test_without_effort_no_side_is_named(arm) -> None:
     found = found_in(arm, hidden(arm, "command_delay", seconds=[0.03, 0.03]), effort=False)
     assert found.side is None and not said(found, "side,")
