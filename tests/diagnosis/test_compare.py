@@ -83,6 +83,8 @@ def test_two_models_before_and_after(arm) -> None:
     assert found.error[0] > 5 * found.error[1]
     assert found.joint_rms[0, 0] > 0.01 and found.joint_rms[1, 0] == pytest.approx(5e-4, rel=0.1)
     assert found.end_effector_mm[0] > 1 > found.end_effector_mm[1]
+    before, after = (found.rows(model, signal="servo", regime="all")[0].chi2 for model in range(2))
+    assert before > 10 > 2 > after
     assert found.trajectory[0, 0] == pytest.approx(found.end_effector_mm[0] / 1e3)
 
 
