@@ -67,7 +67,8 @@ def judged(problem: Problem, trained: HeldOut, held_out: HeldOut) -> HeldOut:
 class Trial:
     """A refit that is to be made: the model with one effect more, or two, where to begin, and under which rules between commands.
 
-    kind: the effect added last; again: a further start, tried where a joint stays above its noise.
+    kind: the effect added last; again: a further start, tried where a joint stays above its noise; turn: tells trials of the
+    same effects apart.
     """
 
     kind: type[Effect]
@@ -75,6 +76,7 @@ class Trial:
     starts: Starts
     holds: tuple[str | None, ...]
     again: Values | None = None
+    turn: int = 0
 
     @property
     def name(self) -> str:

@@ -1,8 +1,9 @@
 """Null distribution: held-out errors of faultless robots, whose masses and centres of mass differ a little from the URDF.
 
-No fitted parameter absorbs that, so a chi-square table would reject almost every faultless robot. The residuals of such
-a robot are drawn from the linearised model: r = J_m m + J_p p, with p the change of a calibration in response to m,
-beside the sensor's noise, whose size is only estimated.
+No fitted parameter absorbs that, so a chi-square table would reject almost every faultless robot. Viscous friction is wrong too: a
+servo's damping makes up for it, but not where a drive is at its limit. The residuals of such a robot are drawn from the
+linearised model: r = J_m m + J_p p, with p the change of a calibration in response to m, beside the sensor's noise, whose
+size is only estimated.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ COMMON = 0.15  # the like, shared by all joints: of efforts, whose noise is that
 FIRST_STATE = 0.02  # of a sensor's variance: the first state of a run is measured, not known
 DRAWS = 2000
 GROUPS = tuple(ParameterKey(name, InertialError.name) for name in ("mass", "x", "y", "z"))
+VISCOUS_FRICTION = ParameterKey("viscous_friction")
+VISCOUS = 0.5  # standard deviation of a joint's viscous friction, relative to it or to what is slight
 TRAVEL = 20.0  # sensor noises, from which a joint counts as moving
 LEAST_SPREAD = 0.3  # of a joint's log chi2: the accuracy to which a sensor's noise is known
 
@@ -85,14 +88,15 @@ def draw_null(
     if model.has_effect(InertialError):
         return _estimated_masses(model, fit, problem, test, rng)
     perturbed = model.with_effect(InertialError)
-    hold = problem.hold
-    train_problem = Problem(perturbed, problem.recordings, GROUPS, hold)
+    hold, fitted = problem.hold, tuple(dict.fromkeys(row.key.group for row in problem.rows))
+    groups = GROUPS if VISCOUS_FRICTION in fitted else (*GROUPS, VISCOUS_FRICTION)
+    train_problem = Problem(perturbed, problem.recordings, groups, hold)
     mass_train = train_problem.jacobian(train_problem.start)[1]
-    test_problem = Problem(perturbed, test, GROUPS, hold)
+    test_problem = Problem(perturbed, test, groups, hold)
     mass_test = test_problem.jacobian(test_problem.start)[1]
-    calibrated = Problem(model, test, tuple({row.key.group for row in problem.rows}), hold)
+    calibrated = Problem(model, test, fitted, hold)
     response_test = calibrated.jacobian(np.clip(fit.x, calibrated.lower, calibrated.upper))[1]
-    sd = {"mass": MASS / model.urdf_error.mass}  # in scaled units
+    sd = {"mass": MASS / model.urdf_error.mass, VISCOUS_FRICTION.parameter: VISCOUS}  # in scaled units
     size = np.array([sd.get(row.key.parameter, CENTRE / model.urdf_error.centre) for row in train_problem.rows])
     weight = fit.weight[:, None]
     response = np.linalg.lstsq(fit.jacobian * weight, -mass_train * weight, rcond=1e-6)[0]

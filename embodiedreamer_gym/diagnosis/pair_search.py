@@ -11,7 +11,7 @@ from embodiedreamer_gym.diagnosis.backward_elimination import exchanged
 from embodiedreamer_gym.diagnosis.candidates import Candidate, Trial, polish
 from embodiedreamer_gym.diagnosis.effect_starts import Values, pair_starts
 from embodiedreamer_gym.diagnosis.pair_screening import is_contained, screen_pairs
-from embodiedreamer_gym.diagnosis.refits import refit_all
+from embodiedreamer_gym.diagnosis.refits import beside_robot_errors, refit_all
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.diagnosis.search_state import (
     Search,
@@ -24,9 +24,17 @@ from embodiedreamer_gym.diagnosis.search_state import (
 )
 from embodiedreamer_gym.diagnosis.verdict import explains_most, improves
 from embodiedreamer_gym.effects import Effect
+from embodiedreamer_gym.phys_aligner.calibration import STUCK
+from embodiedreamer_gym.phys_aligner.least_squares import fit_at
+from embodiedreamer_gym.phys_aligner.problem import Problem, free_rows
+from embodiedreamer_gym.robot import RobotModel
 
 FINALISTS = 3  # pairs that are refitted to the end
-PARTNERS = 3  # of a single effect, and pairs of the linearised model, that are refitted
+LINEAR = 3  # pairs of the linearised model that are refitted
+PARTNERS = 7  # of an effect that are refitted
+RIVALS = 3  # pairs with the least cost that are compared with the robot's errors beside
+WORTH = 0.01  # fall of the cost from which another round is made
+EXCHANGES = 3  # rounds in which each effect of the best pair is exchanged
 
 
 def add_pair(
@@ -37,16 +45,21 @@ def add_pair(
     screened: effects around the start; singles: the best single effects, by their training cost.
     """
     base, nominal = state.start[0], next((s.nominal for s in screened), {})
-    around = [trial for single in singles for trial in _partners(search, state, single, nominal)]
+    around: list[Trial] = []
+    for c in singles:
+        near = screen_all(search, c.problem, c.fit, state.null, first=False)
+        around += _partners(state, c.kind, c.model, near, nominal)
     trials = {
         frozenset(added_effects(base, t.model)): t for t in [*_linear_pairs(search, state, screened, nominal), *around]
     }
-    pairs = refit_all(search, list(trials.values()), np.inf, FINALISTS)
+    pairs = _exchange(search, state, refit_all(search, list(trials.values()), np.inf, FINALISTS), nominal)
     pairs = [pair for pair in pairs if improves(state.judged, pair.judged, state.most)]
     if not pairs:
         return
     tie, probabilities = state.tie, state.probabilities
-    best = likeliest(search, state, pairs)
+    rivals = sorted(pairs, key=lambda c: c.fit.cost)[:RIVALS]
+    judged = [beside_robot_errors(search, c) for c in rivals]
+    best = rivals[judged.index(likeliest(search, state, judged))]
     chosen = polish(best, search.test)
     search.rollouts += chosen.rollouts - best.rollouts
     before = (state.steps, state.null, state.judged, state.together)
@@ -59,16 +72,50 @@ def add_pair(
     state.tie, state.probabilities = tie, probabilities
 
 
-def _partners(search: Search, state: SearchState, single: Candidate, nominal: Values) -> list[Trial]:
-    """A second effect beside a single one, the best of a screening around it."""
-    screened = screen_all(search, single.problem, single.fit, state.null, first=False)
-    chosen = [s for s in screened if s.score > 0.01 and not is_contained(s.kind, single.kind)][:PARTNERS]
-    groups = {row.key.group for row in single.problem.rows}
-    fitted = {group: single.model.group_values(group) for group in groups}
+def _exchange(search: Search, state: SearchState, pairs: list[Candidate], nominal: Values) -> list[Candidate]:
+    """The pairs, and those in which one effect of the best is taken out and sought anew, until that brings nothing.
+
+    The gains and an effect that were fitted beside another, though a wrong one, are nearer the truth than those of a fit
+    without any; around them the screening finds what is missing, and a size that a fit from afar did not reach. An effect
+    of a pair that leaves no joint above its noise is exchanged for similar ones only.
+    """
+    best = min(pairs, key=lambda c: c.fit.cost, default=None)
+    for turn in range(1, EXCHANGES + 1):
+        if best is None:
+            break
+        trials: list[Trial] = []
+        for name in added_effects(state.start[0], best.model):
+            rest = best.model.without_effect(name)
+            kept = next(search.catalogue[n] for n in added_effects(state.start[0], rest))
+            problem = Problem(rest, search.train, hold=best.problem.hold)
+            fit = fit_at(problem, problem.start)
+            others = search.catalogue if best.trained.chi2.max() > STUCK else _similar(search, name)
+            screened = screen_all(search, problem, fit, state.null, False, others, at_nominal=False)
+            trials += [replace(t, turn=turn) for t in _partners(state, kept, problem.model, screened, nominal)]
+        last, pairs = best, [*pairs, *refit_all(search, trials, best.fit.cost, FINALISTS)]
+        best = min(pairs, key=lambda c: c.fit.cost)
+        if best.fit.cost > last.fit.cost - WORTH:
+            break
+    ranked = sorted(pairs, key=lambda c: -c.fit.cost)
+    return list({frozenset(added_effects(state.start[0], c.model)): c for c in ranked}.values())
+
+
+def _similar(search: Search, name: str) -> dict[str, type[Effect]]:
+    """Effects that one may be confused with, those that it contains and those that contain it."""
+    kind = search.catalogue[name]
+    return {n: k for n, k in search.catalogue.items() if n in kind.confused_with or is_contained(kind, k)}
+
+
+def _partners(
+    state: SearchState, kind: type[Effect], model: RobotModel, screened: Sequence[Screened], nominal: Values
+) -> list[Trial]:  # fmt: skip
+    """A second effect beside one that a model has already, the best of a screening around it."""
+    chosen = [s for s in screened if s.score > 0.01 and not is_contained(s.kind, kind)][:PARTNERS]
+    fitted = {k: model.group_values(k) for k in dict.fromkeys(row.key.group for row in free_rows(model))}
     trials = []
     for item in chosen:
-        kinds, start = (single.kind, item.kind), {**fitted, **{k: v for k, v in item.start.items() if k.effect}}
-        trials.append(_trial(state, kinds, start, nominal, fitted))
+        start = {**fitted, **{k: v for k, v in item.start.items() if k.effect}}
+        trials.append(_trial(state, (kind, item.kind), start, nominal, fitted))
     return trials
 
 
@@ -80,7 +127,7 @@ def _linear_pairs(
         return []
     problem, point = search.linearised
     floor = np.sqrt(np.median(state.null.chi2, axis=0))
-    return [_trial(state, p.kinds, p.start, nominal) for p in screen_pairs(screened, point, problem, floor, PARTNERS)]
+    return [_trial(state, p.kinds, p.start, nominal) for p in screen_pairs(screened, point, problem, floor, LINEAR)]
 
 
 def _trial(

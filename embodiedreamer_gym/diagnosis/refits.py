@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,8 @@ from embodiedreamer_gym.diagnosis.candidates import (
     resume_refit,
     single_trial,
 )
-from embodiedreamer_gym.diagnosis.held_out import HeldOut, gain
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, gain
+from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.diagnosis.search_state import Ranked, Search
 from embodiedreamer_gym.effects.inertial_error import InertialError
@@ -28,17 +30,18 @@ from embodiedreamer_gym.robot import RobotModel
 
 REFITS = 5  # best of the screening that are refitted
 FINALISTS = 4  # of them that are refitted to the end
+FURTHER = 2  # of these, where effects that were found already leave little to explain
 LEADERS = 1  # of these that are refitted first
 CLOSE_BEHIND = 0.1  # of the cost, within which more are
 STAGES = {"begun": "beginning refits", "refitted": "refitting effects"}
 
 
 def fit_candidates(
-    search: Search, screened: Sequence[Screened], model: RobotModel, problem: Problem, fit: Fit, held: HeldOut
+    search: Search, screened: Sequence[Screened], model: RobotModel, problem: Problem, fit: Fit, held: HeldOut, few: bool = False
 ) -> list[Candidate]:  # fmt: skip
-    """Refit the best of the screening and the effects that they may be confused with."""
+    """Refit the best of the screening and the effects that they may be confused with; to the end only the best two if few."""
     trials = [single_trial(model, item, problem.hold, search.both_rules) for item in _shortlist(screened)]
-    candidates = refit_all(search, trials, fit.cost, FINALISTS)
+    candidates = refit_all(search, trials, fit.cost, *((FURTHER, 0.0) if few else (FINALISTS,)))
     if not search.ranking:
         linear = {s.kind.name: s.score for s in screened}
         search.ranking = [
@@ -48,14 +51,16 @@ def fit_candidates(
     return candidates
 
 
-def refit_all(search: Search, trials: Sequence[Trial], rival: float, finalists: int) -> list[Candidate]:
+def refit_all(
+    search: Search, trials: Sequence[Trial], rival: float, finalists: int, close: float = CLOSE_BEHIND
+) -> list[Candidate]:  # fmt: skip
     """Make refits; after a few iterations only the best of them go on to the end, and those close behind.
 
-    rival: cost of another fit, far above which a refit is given up.
+    rival: cost of another fit, far above which a refit is given up; close: of the cost, within which more go on.
     """
     begun = _through_cache(search, trials, "begun", begin_refit, lambda t: (t, search.train, search.test, EARLY))
     ranked = sorted(range(len(trials)), key=lambda k: begun[k].fit.cost)
-    near = min((c.fit.cost for c in begun), default=np.inf) + CLOSE_BEHIND
+    near = min((c.fit.cost for c in begun), default=np.inf) + close
     final = [k for place, k in enumerate(ranked) if place < finalists or begun[k].fit.cost < near]
     done = dict(enumerate(begun))
     for part in (final[:LEADERS], final[LEADERS:]):  # refits of the second part stop when far behind the first
@@ -68,6 +73,17 @@ def refit_all(search: Search, trials: Sequence[Trial], rival: float, finalists: 
         rival = min([rival, *(c.fit.cost for c in finished)])
     search.rollouts += sum(c.rollouts for c in done.values())
     return [done[k] for k in range(len(trials))]
+
+
+def beside_robot_errors(search: Search, candidate: Candidate) -> Candidate:
+    """A candidate with the errors that it has where the robot's own are estimated beside, to compare it with others by.
+
+    What a wrong mass or friction leaves of the right effects, a wrong effect with more parameters may take up.
+    """
+    problem, fit = fit_with_robot_errors(candidate.problem, candidate.fit.x, search.train)
+    held_out = evaluate(problem.model_at(fit.x), search.test, problem.hold)
+    search.rollouts += problem.rollouts
+    return replace(candidate, fit=replace(candidate.fit, residuals=fit.residuals), held_out=held_out)
 
 
 def _through_cache(
@@ -91,7 +107,8 @@ def _through_cache(
 
 def _key(trial: Trial, stage: str) -> str:
     """Name of a refit in the cache."""
-    return f"{trial.name}{', masses estimated' * trial.model.has_effect(InertialError)}, {stage}"
+    turn = f", turn {trial.turn}" if trial.turn else ""
+    return f"{trial.name}{', masses estimated' * trial.model.has_effect(InertialError)}{turn}, {stage}"
 
 
 def _shortlist(screened: Sequence[Screened]) -> list[Screened]:

@@ -10,16 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.null_distribution import CENTRE, GROUPS, MASS
+from embodiedreamer_gym.diagnosis.null_distribution import CENTRE, GROUPS, MASS, VISCOUS, VISCOUS_FRICTION
 from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
-from embodiedreamer_gym.robot import ParameterKey, RobotModel
+from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.data import UrdfError
 
-VISCOUS = 0.5  # standard deviation of a joint's viscous friction, relative to it or to what is slight
-VISCOUS_FRICTION = ParameterKey("viscous_friction")
 ITERATIONS, TOLERANCE = 6, 1e-4
 FINE, COARSE, SECANT = 1e-5, 1e-4, 1e-2  # steps of the last derivatives, scaled units
 JUMPS = 0.2  # relative change of a derivative from a coarse step to a fine one, beyond which a law jumps

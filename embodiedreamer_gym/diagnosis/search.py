@@ -20,7 +20,7 @@ from embodiedreamer_gym.diagnosis.search_state import (
 from embodiedreamer_gym.diagnosis.special_cases import prefer_special_cases
 from embodiedreamer_gym.diagnosis.verdict import contenders, explains_most, improves
 
-PARTNERED = 2  # best single effects to which a second one is sought
+PARTNERED = 1  # best single effects to which a second one is sought
 
 
 def search_effects(
@@ -61,7 +61,8 @@ def add_effects(
         held, null, further = state.held, state.null, bool(state.steps)
         if further:
             screened = screen_all(search, *state.current[1:], null, first=False)
-        candidates = fit_candidates(search, screened, *state.current, held)
+        few = further and not state.start[1].signals.by_effort
+        candidates = fit_candidates(search, screened, *state.current, held, few)
         improving = [
             c
             for c in candidates

@@ -158,14 +158,22 @@ class SearchState:
         return self.steps[-1].trained if self.steps else self.trained
 
 
-def screen_all(search: Search, problem: Problem, fit: Fit, null: NullDistribution, first: bool) -> list[Screened]:
-    """Screen the catalogue; the first time also note what these sensors and this motion cannot show."""
+def screen_all(
+    search: Search, problem: Problem, fit: Fit, null: NullDistribution, first: bool,
+    catalogue: Mapping[str, type[Effect]] | None = None, at_nominal: bool = True,
+) -> list[Screened]:  # fmt: skip
+    """Screen the catalogue; the first time also note what these sensors and this motion cannot show.
+
+    catalogue: effects to screen, if not all; at_nominal: whether they are tried with the nominal gains too.
+    """
     floor = np.sqrt(np.median(null.chi2, axis=0))
     before = problem.rollouts
-    short, points = linearise(problem, fit, search.nominal)
+    short, points = linearise(problem, fit, search.nominal if at_nominal else None)
     if first:
         search.linearised = (short, points[-1])
-    screened = screen(search.catalogue, points, short, floor, search.jobs, search.progress)
+    screened = screen(
+        search.catalogue if catalogue is None else catalogue, points, short, floor, search.jobs, search.progress
+    )
     search.rollouts += short.rollouts - before + sum(s.rollouts for s in screened)
     if first:
         search.unobservable = tuple(s.kind.name for s in screened if s.visible < VISIBLE_SHARE)

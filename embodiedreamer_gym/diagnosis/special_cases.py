@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.candidates import refit, single_trial
+from embodiedreamer_gym.diagnosis.refits import beside_robot_errors
 from embodiedreamer_gym.diagnosis.screening import linearise, screen_effect
 from embodiedreamer_gym.diagnosis.search_state import Search, SearchState, current_null, fit_together, likeliest
 from embodiedreamer_gym.phys_aligner.least_squares import fit_at
@@ -36,7 +37,8 @@ def prefer_special_cases(search: Search, state: SearchState) -> None:
                 single_trial(without, replace(screened, joints=None), problem.hold, False), search.train, search.test
             )
             search.rollouts += problem.rollouts + plain.rollouts
-            if likeliest(search, state, [last, plain]) is plain:
+            judged = [beside_robot_errors(search, c) for c in (last, plain)]
+            if likeliest(search, state, judged) is judged[1]:
                 rename = {effect.name: kind}
                 steps = [replace(s, kind=rename.get(s.kind.name, s.kind)) for s in state.steps[:-1]]
                 state.steps = [*steps, replace(plain, kind=rename.get(last.kind.name, last.kind))]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from embodiedreamer_gym.diagnosis import pair_search
 from embodiedreamer_gym.diagnosis.pair_screening import screen_pairs
 from embodiedreamer_gym.diagnosis.screening import LinearisationPoint, Screened
 from embodiedreamer_gym.effects import CATALOGUE
@@ -57,3 +60,65 @@ def test_an_arms_effect_has_one_size_on_all_its_joints(problem) -> None:
     assert one.tolist() == [0, 1] and other.tolist() == [1, 0]
     one, other = best_choices(cost, (True, False), problem.model)
     assert one.tolist() == [1, 1] and other.tolist() == [1, 0]
+
+
+@pytest.fixture
+def exchange(monkeypatch):
+    """A function: cost of each pair of effects, worst chi2 -> pairs found from velocity_cascade with torque_ripple, and catalogues screened."""
+
+    def model(names: frozenset[str]) -> Any:
+        return SimpleNamespace(names=names, without_effect=lambda name: model(names - {name}))
+
+    def candidate(names: frozenset[str], cost: float, chi2: float) -> Any:
+        fit, trained = SimpleNamespace(cost=cost), SimpleNamespace(chi2=np.array([chi2]))
+        return SimpleNamespace(model=model(names), fit=fit, trained=trained, problem=SimpleNamespace(hold=None))
+
+    def run(costs: dict[frozenset[str], float], chi2: float) -> tuple[list[Any], list[set[str]]]:
+        seen: list[set[str]] = []
+
+        def screened(_search, problem, *rest, **_) -> list[Any]:
+            seen.append(set(rest[3]))
+            return [(problem.model.names, name) for name in rest[3]]
+
+        def partners(_state, kept, _model, found, _nominal) -> list[Any]:
+            pairs = [frozenset({kept.name, name}) for _, name in found]
+            return [Turn(pair) for pair in pairs if pair in costs]
+
+        def refit(_search, trials, *_) -> list[Any]:
+            return [candidate(t.pair, costs[t.pair], chi2) for t in trials]
+
+        monkeypatch.setattr(pair_search, "added_effects", lambda _, m: sorted(m.names))
+        monkeypatch.setattr(pair_search, "Problem", lambda m, *_, **__: SimpleNamespace(model=m, start=None))
+        monkeypatch.setattr(pair_search, "fit_at", lambda *_: None)
+        for name, replacement in (("screen_all", screened), ("_partners", partners), ("refit_all", refit)):
+            monkeypatch.setattr(pair_search, name, replacement)
+        search = SimpleNamespace(catalogue=CATALOGUE, train=())
+        state = SimpleNamespace(start=(None, None, None), null=None)
+        first = candidate(frozenset({"velocity_cascade", "torque_ripple"}), 1.1, chi2)
+        return pair_search._exchange(search, state, [first], {}), seen  # type: ignore[arg-type]
+
+    return run
+
+
+@dataclass
+class Turn:
+    """A trial of two effects."""
+
+    pair: frozenset[str]
+    turn: int = 0
+
+
+def test_both_effects_of_a_pair_are_exchanged_one_after_the_other(exchange) -> None:
+    wanted = frozenset({"voltage_limit", "joint_spring"})
+    costs = {frozenset({"voltage_limit", "torque_ripple"}): 0.95, wanted: 0.8}
+    pairs, seen = exchange(costs, chi2=10.0)
+    assert min(pairs, key=lambda c: c.fit.cost).model.names == wanted
+    assert len(seen) == 6 and set(seen[0]) == set(
+        CATALOGUE
+    )  # two effects in each of three rounds, the last without success
+
+
+def test_a_pair_that_leaves_nothing_is_compared_with_similar_ones_alone(exchange) -> None:
+    pairs, seen = exchange({frozenset({"velocity_cascade", "joint_spring"}): 1.1}, chi2=1.0)
+    assert len(seen) == 2 and "joint_spring" in seen[0] and "payload" not in seen[0]
+    assert len({c.model.names for c in pairs}) == len(pairs) == 2
