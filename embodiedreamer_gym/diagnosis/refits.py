@@ -41,7 +41,8 @@ def fit_candidates(
 ) -> list[Candidate]:  # fmt: skip
     """Refit the best of the screening and the effects that they may be confused with; to the end only the best two if few."""
     trials = [single_trial(model, item, problem.hold, search.both_rules) for item in _shortlist(screened)]
-    candidates = refit_all(search, trials, fit.cost, *((FURTHER, 0.0) if few else (FINALISTS,)))
+    finalists, close = (FURTHER, 0.0) if few else (FINALISTS, CLOSE_BEHIND)
+    candidates = refit_all(search, trials, fit.cost, finalists, close)
     if not search.ranking:
         linear = {s.kind.name: s.score for s in screened}
         search.ranking = [
