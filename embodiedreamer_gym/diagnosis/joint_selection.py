@@ -59,7 +59,8 @@ def significance(kind: type[Effect], problem: Problem, fit: Fit) -> dict[str, fl
 
     By the squared distance from off in units of the estimate's covariance (Wald's test), and by what a fit without the effect
     there leaves; the larger chance counts, because covariances are those of a law that is linear up to off. Where a parameter
-    has no covariance, as on a bound, or is a limit, whose off is infinitely far, by the latter alone.
+    has no covariance, as on a bound, or is a limit, whose off is infinitely far, by the latter alone. Of what is left shapes
+    count as degrees of freedom too: they were fitted, and mean nothing where the effect is off (Davies, Biometrika 64, 1977).
     """
     uncertainty = spread(problem, fit.x, fit.residuals * fit.weight, fit.jacobian * fit.weight[:, None])
     off = _off(problem)
@@ -74,7 +75,7 @@ def significance(kind: type[Effect], problem: Problem, fit: Fit) -> dict[str, fl
             distance = fit.x[sized] - off[sized]
             chance[place] = float(chi2.sf(distance @ np.linalg.pinv(covariance, hermitian=True) @ distance, len(sized)))
         if chance[place] < CHANCE:
-            chance[place] = max(chance[place], float(chi2.sf(_evidence(problem, fit, own, off), len(sized))))
+            chance[place] = max(chance[place], float(chi2.sf(_evidence(problem, fit, own, off), len(own))))
     return chance
 
 
