@@ -24,7 +24,7 @@ from benchmarks.common import pin_threads
 from benchmarks.diagnosis import Case, read_rows, run_missing
 from benchmarks.diagnosis_cases import SEEDS, Label, draw, labels, sealed
 from benchmarks.diagnosis_figures import held, right_joints, share
-from embodiedreamer_gym.diagnosis.candidates import polish, refit
+from embodiedreamer_gym.diagnosis.candidates import polish, refit, single_trial
 from embodiedreamer_gym.diagnosis.joint_selection import select_joints
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
 from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
@@ -54,7 +54,7 @@ def known_effect(name: str, seeds: str, label: Label) -> dict[str, Any]:
         short, points = linearise(problem, fit, model)
         screened = screen_effect(kind, points, short, np.sqrt(np.median(null.chi2, axis=0)))
         begun = time.process_time()
-        first = polish(refit(calibrated, screened, problem, train, test, False), test)
+        first = polish(refit(single_trial(calibrated, screened, problem.hold, False), train, test), test)
         seconds = [time.process_time() - begun]
         chosen = select_joints(first, train, test)
         seconds.append(time.process_time() - begun - sum(seconds))

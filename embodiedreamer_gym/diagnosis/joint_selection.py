@@ -27,7 +27,10 @@ CHANCE = 0.0027  # of a joint without the effect to be kept: that of three stand
 
 
 def select_joints(candidate: Candidate, train: Sequence[Recording], test: Sequence[Recording]) -> Candidate:
-    """Keep an effect only on the joints that show it, and fit all parameters again; one of arms stays as it is."""
+    """Keep an effect only on the joints that show it, and fit all parameters again; one of arms stays as it is.
+
+    A joint where that fit ends with the effect off is left out too.
+    """
     kind = candidate.kind
     if all(p.per == "arm" for p in kind.parameters):
         return candidate
@@ -38,39 +41,54 @@ def select_joints(candidate: Candidate, train: Sequence[Recording], test: Sequen
     keep = {place for place, chance in significance(kind, problem, fit).items() if chance < CHANCE}
     spent = candidate.rollouts + full.rollouts + problem.rollouts
     places = {place for values in present.values.values() for place in values}
-    if not keep or keep == places:
+    if not keep or (keep == places and all(_differing(kind, candidate.problem, candidate.fit.x, j) for j in keep)):
         return replace(candidate, rollouts=spent)
-    fitted = _effect(problem.model_at(fit.x), kind)
-    chosen = kind(**{name: {j: v for j, v in values.items() if j in keep} for name, values in fitted.values.items()})
-    new = Problem(_with(before, chosen), train, hold=hold)
-    refitted = minimise(new, new.start, ITERATIONS, TOLERANCE)
-    model = new.model_at(refitted.x)
-    return Candidate(kind, model, new, refitted, evaluate(model, test, hold), spent + new.rollouts)
+    model = problem.model_at(fit.x)
+    while True:
+        new = Problem(_with(before, _only(_effect(model, kind), keep)), train, hold=hold)
+        refitted = minimise(new, new.start, ITERATIONS, TOLERANCE)
+        model, spent = new.model_at(refitted.x), spent + new.rollouts
+        acting = {place for place in keep if _differing(kind, new, refitted.x, place)}
+        if not acting or acting == keep:
+            return Candidate(kind, model, new, refitted, evaluate(model, test, hold), spent)
+        keep = acting
 
 
 def significance(kind: type[Effect], problem: Problem, fit: Fit) -> dict[str, float]:
     """Joint (or arm) -> the chance that an effect of a fit that is off there comes out as far from off as it does.
 
-    By the squared distance from off in units of the estimate's covariance (Wald's test). Where a parameter has no
-    covariance, as on a bound, or is a limit, whose off is infinitely far, by what a fit without the effect there leaves.
+    By the squared distance from off in units of the estimate's covariance (Wald's test), and by what a fit without the effect
+    there leaves; the larger chance counts, because covariances are those of a law that is linear up to off. Where a parameter
+    has no covariance, as on a bound, or is a limit, whose off is infinitely far, by the latter alone. Of what is left shapes
+    count as degrees of freedom too: they were fitted, and mean nothing where the effect is off (Davies, Biometrika 64, 1977).
     """
     uncertainty = spread(problem, fit.x, fit.residuals * fit.weight, fit.jacobian * fit.weight[:, None])
-    off = problem.scale(np.array([row.value if row.off is None else row.off for row in problem.rows]))
-    parameters = {p.name: p for p in kind.parameters}
+    off = _off(problem)
+    limit = any(p.off == p.high for p in kind.parameters)
     chance: dict[str, float] = {}
     for place in dict.fromkeys(row.key.place for row in problem.rows if row.key.effect == kind.name):
         own = [i for i, row in enumerate(problem.rows) if (row.key.effect, row.key.place) == (kind.name, place)]
-        named = [parameters[problem.rows[i].key.parameter] for i in own]
-        sized = [i for i, p in zip(own, named, strict=True) if not p.shape and abs(fit.x[i] - off[i]) > 1e-9]
+        sized = _differing(kind, problem, fit.x, place)
         covariance = uncertainty.covariance[np.ix_(sized, sized)]
-        if not sized:
-            chance[place] = 1.0
-        elif np.isnan(covariance).any() or any(p.off == p.high for p in named):
-            chance[place] = float(chi2.sf(_evidence(problem, fit, own, off), len(sized)))
-        else:
+        chance[place] = 0.0 if sized else 1.0
+        if sized and not limit and not np.isnan(covariance).any():
             distance = fit.x[sized] - off[sized]
             chance[place] = float(chi2.sf(distance @ np.linalg.pinv(covariance, hermitian=True) @ distance, len(sized)))
+        if chance[place] < CHANCE:
+            chance[place] = max(chance[place], float(chi2.sf(_evidence(problem, fit, own, off), len(own))))
     return chance
+
+
+def _off(problem: Problem) -> np.ndarray:
+    """Scaled parameters (m,) where every effect is off."""
+    return problem.scale(np.array([row.value if row.off is None else row.off for row in problem.rows]))
+
+
+def _differing(kind: type[Effect], problem: Problem, x: np.ndarray, place: str) -> list[int]:
+    """Rows of an effect's parameters at a joint, but shapes, that differ from off at scaled parameters (m,)."""
+    sizes, off = {p.name for p in kind.parameters if not p.shape}, _off(problem)
+    return [i for i, row in enumerate(problem.rows) if (row.key.effect, row.key.place) == (kind.name, place)
+            and row.key.parameter in sizes and abs(x[i] - off[i]) > 1e-9]  # fmt: skip
 
 
 def _evidence(problem: Problem, fit: Fit, own: list[int], off: np.ndarray) -> float:
@@ -97,6 +115,12 @@ def _evidence(problem: Problem, fit: Fit, own: list[int], off: np.ndarray) -> fl
 def _effect(model: RobotModel, kind: type[Effect]) -> Effect:
     """The effect of this kind that a model has."""
     return next(effect for effect in model.effects if effect.name == kind.name)
+
+
+def _only(effect: Effect, joints: set[str]) -> Effect:
+    """The effect on some of its joints."""
+    values = {name: {j: v for j, v in own.items() if j in joints} for name, own in effect.values.items()}
+    return type(effect)(**values)
 
 
 def _with(model: RobotModel, effect: Effect) -> RobotModel:

@@ -1,4 +1,4 @@
-"""A fit beside which the robot's own errors are estimated: masses, centres of mass, viscous friction.
+"""A fit beside which the robot's own errors are estimated: masses, centres of mass, viscous friction, a servo's ticks.
 
 A calibration takes them as the model has them, so its residuals do not show what they do to its parameters.
 """
@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.null_distribution import CENTRE, GROUPS, MASS, VISCOUS, VISCOUS_FRICTION
+from embodiedreamer_gym.effects.command_timing import CommandTiming
 from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
@@ -27,7 +28,8 @@ def fit_with_robot_errors(problem: Problem, x: np.ndarray, recordings: Sequence[
     """Continue a fit from scaled parameters (m,) on other recordings, with the robot's errors estimated beside.
 
     They are held near none by their priors. Viscous friction is among them although a servo's damping does the same: where a drive is at its limit damping is cut
-    off and friction is not, and a fit with the wrong friction errs in everything in units of torque. Masses and friction
+    off and friction is not, and a fit with the wrong friction errs in everything in units of torque. So it does where commands
+    act by half a tick earlier than positions: what damping cannot make up for is then taken for inertia. Masses and friction
     that the problem fits already stay as they are.
     """
     wider = _problem(problem, problem.model_at(x), recordings)
@@ -56,6 +58,9 @@ def _problem(problem: Problem, model: RobotModel, recordings: Sequence[Recording
     if not model.has_effect(InertialError):
         model = model.with_(urdf_error=UrdfError(mass=MASS, centre=CENTRE)).with_effect(InertialError)
         groups += GROUPS
+    if all(recording.command is not None for recording in recordings):
+        model = model.with_effect(CommandTiming)
+        groups.append(ParameterKey("seconds", CommandTiming.name))
     friction = VISCOUS_FRICTION not in groups
     wider = Problem(model, recordings, [*groups, VISCOUS_FRICTION] if friction else groups, problem.hold)
     if friction:

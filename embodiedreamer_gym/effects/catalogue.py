@@ -12,6 +12,7 @@ from embodiedreamer_gym.effects.base_tilt import BaseTilt
 from embodiedreamer_gym.effects.command_delay import CommandDelay
 from embodiedreamer_gym.effects.command_lowpass import CommandLowpass
 from embodiedreamer_gym.effects.command_rate_limit import CommandRateLimit
+from embodiedreamer_gym.effects.command_timing import CommandTiming
 from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
 from embodiedreamer_gym.effects.derivative_on_error import DerivativeOnError
 from embodiedreamer_gym.effects.direction_dependent_friction import DirectionDependentFriction
@@ -90,7 +91,7 @@ CATALOGUE: Catalogue = {
 
 RENAMED = {"velocity_limit": "voltage_limit"}
 
-NUISANCES: Catalogue = {kind.name: kind for kind in (EffortSensor, InertialError)}
+NUISANCES: Catalogue = {kind.name: kind for kind in (CommandTiming, EffortSensor, InertialError)}
 """What fits estimate beside the effects, and no diagnosis names."""
 
 

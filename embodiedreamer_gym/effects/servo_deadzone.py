@@ -6,17 +6,25 @@ from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class ServoDeadzone(SignalLaw):
-    """A dead zone of half-width `width` on the position error."""
+    """A dead zone of half-width `width` on the position error, from whose edge or from zero the error counts beyond it.
+
+    jump: share of the width by which the error jumps at the edge. 0: the width is subtracted from every error, as with the
+    compliance margin of Dynamixel AX servos; 1: an error beyond it counts in full.
+    """
 
     name = "servo_deadzone"
     family = "dead_zone"
     stage = "servo"
-    parameters = (Parameter("width", "rad", off=0.0, low=0.0, high=0.1, typical=0.01),)
+    parameters = (
+        Parameter("width", "rad", off=0.0, low=0.0, high=0.1, typical=0.01),
+        Parameter("jump", "1", off=0.0, low=0.0, high=1.0, typical=1.0, shape=True),
+    )
     symptom = "near the target the servo gives no torque: a flat error of either sign at holds"
     reveals = "slow ramps and holds in poses without gravity torque"
     confused_with = ("coulomb_friction", "encoder_offset", "backlash")
 
     @staticmethod
     def law(signal, joint, memory, p):
-        """Shrink the error (B, n) towards zero by the width."""
-        return signal - np.clip(signal, -p.width, p.width), memory
+        """Shrink the error (B, n) towards zero by the width, or by less beyond it."""
+        within = np.clip(signal, -p.width, p.width)
+        return signal - np.where(np.abs(signal) > p.width, 1.0 - p.jump, 1.0) * within, memory

@@ -5,9 +5,10 @@ at the mean of the old and the new velocity, (M + R + (d + b) dt/2) a = p e - (d
 which at 240 Hz agrees with an engine at 10 kHz. Friction is a stopping impulse, solved over the coupled joints by
 projected Gauss-Seidel (Moreau's time stepping), since a joint-by-joint stop flips signs through the coupling.
 
-Where a gear gives way, its motor is a mass of its own, R (w' - w) / dt = drive - gear, which knows of the joint only
+Where a gear gives way, its motor is a mass of its own, R (w' - w) / dt = drive - b w - gear, which knows of the joint only
 its new velocity: it is eliminated joint by joint, and what is left of gear and motor is a push and a damping of the
-joint. The gear's spring is taken at its present wind-up, like the servo's, as far as the step resolves its mode, and
+joint. Viscous friction is the motor's there: seen behind a gear of ratio N, a motor's bearings count N^2 times (De Luca
+and Book, Robots with flexible elements, in Springer Handbook of Robotics, 2016). The gear's spring is taken at its present wind-up, like the servo's, as far as the step resolves its mode, and
 beyond that at its new one; in a gap there is none.
 """
 
@@ -80,8 +81,8 @@ def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound
         velocity: joint velocities of half a step ago (B, n), rad/s.
         wound: the motor's angle less the joint's (B, n), rad.
         spin: the motor's velocity of half a step ago (B, n), rad/s.
-        servo: stiffness, N m/rad, damping, N m s/rad, rotor inertia, kg m^2, and viscous friction of the joint,
-            N m s/rad (4, B, n).
+        servo: stiffness, N m/rad, damping, N m s/rad, rotor inertia, kg m^2, and viscous friction, N m s/rad
+            (4, B, n).
         limits: the drive's highest torque forward and backward, N m, the speeds at which it fades to nothing, rad/s,
             and its torque at rest on that line, N m (5, B, n).
         stops: lower and upper end stops (2, n), rad.
@@ -115,10 +116,11 @@ def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound
             for _ in range(GEAR_PASSES if gives else PASSES):
                 for i in range(first, end):
                     _drive(state[i], i, b, pull, damping, limits, parts)
-                    own, viscosity = mass[b, i, i] + 0.5 * dt * viscous[b, i], viscous[b, i]
                     loose = gives and gear[0, b, i] + gear[2, b, i] > 0.0
+                    viscosity, rubbing = (0.0, viscous[b, i]) if loose else (viscous[b, i], 0.0)  # of joint and motor
+                    own = mass[b, i, i] + 0.5 * dt * viscosity
                     base = max(rotor[b, i], LEAST_ROTOR * mass[b, i, i]) if loose else own + rotor[b, i]
-                    heavy = _motor(state[i], i, base, gain[b, i], stiffness[b, i], dt, parts)
+                    heavy = _motor(state[i], i, base, gain[b, i], stiffness[b, i], rubbing, dt, parts)
                     given = gain[b, i] * parts[GIVE, i] + shift[b, i]
                     if loose:
                         slip = spin[b, i] - velocity[b, i]
@@ -153,7 +155,9 @@ def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound
                     mean = 0.5 * (old + work[i])
                     torque[b, i] = parts[GIVE, i] - parts[SLOPE, i] * mean
                     if parts[SOFT, i] + parts[LATE, i] > 0.0:
-                        late = parts[SOFT, i] * work[i] + parts[LATE, i] * (work[i] - old)
+                        late = parts[SOFT, i] * work[i]
+                        if parts[LATE, i] > 0.0:
+                            late += parts[LATE, i] * gain[b, i] * parts[SLOPE, i] / parts[DRAG, i] * (work[i] - old)
                         torque[b, i] -= late / (dt * gain[b, i])
                     wanted = pull[b, i] - damping[b, i] * mean if state[i] != FREE else torque[b, i]
                     now = _limit_state(wanted, mean, i, b, limits)
@@ -184,9 +188,12 @@ def _drive(state, i, b, pull, damping, limits, parts):
 
 
 @inner
-def _motor(state, i, base, gain, stiffness, dt, parts):
-    """What a drive makes of the inertia that it moves; its share beyond what the step resolves as SOFT and LATE."""
-    parts[DRAG, i] = drag = gain * parts[SLOPE, i]
+def _motor(state, i, base, gain, stiffness, rubbing, dt, parts):
+    """What a drive makes of the inertia that it moves; its share beyond what the step resolves as SOFT and LATE.
+
+    rubbing: the motor's own viscous friction.
+    """
+    parts[DRAG, i] = drag = gain * parts[SLOPE, i] + rubbing
     parts[LATE, i] = late = max(0.0, 0.5 * dt * drag - RINGING * base)  # beyond it: a later speed
     heavy = base + 0.5 * dt * drag + late
     stiff = gain * stiffness * dt * dt if state == FREE else 0.0

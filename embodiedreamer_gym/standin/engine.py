@@ -53,7 +53,7 @@ class Engine:
         self._strength, self._fading = drive_strength(hidden)
         self._rotor = servo["rotor_inertia"] / stroke**2 + hidden.get("rotor_inertia", "inertia")
         self._viscous = servo["viscous_friction"] / stroke**2
-        self._model.dof_damping[plant.dof] = self._viscous
+        self._model.dof_damping[plant.motor_dof] = self._viscous
         self._set_servo(self._strength)
         self._bristle, self._bend = bristle_law(hidden), np.zeros(len(stroke))
         self._set_effects()
@@ -68,8 +68,7 @@ class Engine:
         # Takes back the half step of damping that the implicit integrator adds: a six-joint arm at 0.1 ms is
         # then within 0.001 mrad of a step of 0.02 ms.
         model.dof_armature[self._plant.dof] = 0.0
-        model.dof_armature[self._plant.motor_dof] = self._rotor - kd * self.timestep / 2
-        model.dof_armature[self._plant.dof] -= self._viscous * self.timestep / 2
+        model.dof_armature[self._plant.motor_dof] = self._rotor - (kd + self._viscous) * self.timestep / 2
         model.actuator_gainprm[:, 0] = kp
         model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -kp, -kd
         limited, most = np.isfinite(self._limit), strength * self._limit

@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
+from embodiedreamer_gym.diagnosis import joint_selection
 from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.joint_selection import _on_all_joints, select_joints
@@ -48,6 +49,17 @@ def test_friction_is_found_on_its_joints_also_where_the_screening_left_one_out(l
     assert set(found.model.effects[0].values["torque"]) == {"joint2", "joint3"}
     assert found.rollouts > fitted.rollouts + len(found.problem.rows)
     assert found.held_out.score < fitted.held_out.score + 0.1
+
+
+def test_a_joint_where_the_refit_ends_with_the_effect_off_is_left_out(monkeypatch) -> None:
+    case = drawn("coulomb_friction", [1], 0)
+    fitted = candidate(case, "coulomb_friction", None, torque=0.1)
+    monkeypatch.setattr(
+        joint_selection, "significance", lambda kind, problem, fit: dict.fromkeys(problem.model.joints, 0.0)
+    )
+    found = select_joints(fitted, case.train, case.test).model.effects[0].values["torque"]
+    assert "joint2" in found and len(found) < 6
+    assert min(found.values()) > 0
 
 
 def test_a_limit_is_found_on_its_joint_by_what_is_left_without_it() -> None:

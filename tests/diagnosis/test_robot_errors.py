@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
+from embodiedreamer_gym.effects.command_timing import CommandTiming
 from embodiedreamer_gym.phys_aligner.calibration import Calibration, finish
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
@@ -53,6 +54,18 @@ def test_masses_and_torques_in_the_same_proportion_are_not_told_apart(model) -> 
     assert 0.005 < (high - low) / 2 / LIMIT < 0.05  # masses: 2 %
     low, high = wide.intervals["stiffness[joint1]"]
     assert 0.005 < (high - low) / 2 / 40 < 0.05
+
+
+@pytest.mark.parametrize("seconds", [-0.001, 0.001])
+def test_intervals_hold_gains_although_commands_act_late_or_early(seconds: float) -> None:
+    model = robot("pendulum1").with_fixed("viscous_friction")
+    truth = model.with_effect(CommandTiming(seconds={"joint1": seconds}))
+    problem = Problem(model, [play(truth, seed) for seed in (1, 2)])
+    fit = minimise(problem, problem.start)
+    wider = fit_with_robot_errors(problem, fit.x, [*problem.recordings, play(truth, 3)])
+    plain, wide = (finish(problem, fit, 0.0, w).model.intervals["damping[joint1]"] for w in (None, wider))
+    assert not plain[0] <= model.damping[0] <= plain[1]
+    assert wide[0] <= model.damping[0] <= wide[1]
 
 
 def test_only_the_parameters_of_the_fit_have_intervals_and_they_hold_their_values(model) -> None:

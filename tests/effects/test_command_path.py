@@ -10,7 +10,9 @@ import pytest
 from embodiedreamer_gym.effects.command_delay import CommandDelay
 from embodiedreamer_gym.effects.command_lowpass import CommandLowpass
 from embodiedreamer_gym.effects.command_rate_limit import CommandRateLimit
+from embodiedreamer_gym.effects.command_timing import CommandTiming
 from embodiedreamer_gym.effects.encoder_offset import EncoderOffset
+from embodiedreamer_gym.effects.laws import check_laws
 from embodiedreamer_gym.effects.servo_deadzone import ServoDeadzone
 from tests.bank import play
 
@@ -64,10 +66,24 @@ def test_a_rate_limit_leaves_slow_motion_alone() -> None:
     np.testing.assert_allclose(play(CommandRateLimit, slow, rate=0.41), slow, rtol=0, atol=1e-12)
 
 
-def test_a_dead_zone_shrinks_the_error_by_its_width() -> None:
+@pytest.mark.parametrize("jump", [0.0, 0.4, 1.0])
+def test_a_dead_zone_shrinks_the_error_by_its_width_less_its_jump(jump: float) -> None:
     error = np.array([-0.05, -0.01, -0.004, 0.0, 0.009, 0.01, 0.03])
-    expected = [-0.04, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02]
-    np.testing.assert_allclose(play(ServoDeadzone, error, width=0.01), expected, rtol=0, atol=1e-15)
+    expected = [-0.04 - 0.01 * jump, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02 + 0.01 * jump]
+    np.testing.assert_allclose(play(ServoDeadzone, error, width=0.01, jump=jump), expected, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("seconds", [-0.002, 0.0, 0.001])
+def test_commands_act_late_or_early_by_their_timing(seconds: float) -> None:
+    out = play(CommandTiming, 0.7 * TIME, seconds=seconds)
+    np.testing.assert_allclose(out[1:], 0.7 * (TIME[1:] - seconds), rtol=0, atol=1e-12)
+    step = play(CommandTiming, (TIME > 1.0).astype(float), seconds=seconds)
+    assert step[-1] == 1.0
+    assert np.sum(1.0 - step) * DT - np.sum(TIME <= 1.0) * DT == pytest.approx(seconds), "the area that is missing"
+
+
+def test_the_timing_of_commands_keeps_the_laws_of_effects() -> None:
+    check_laws(CommandTiming)
 
 
 def test_an_encoder_offset_is_added_to_what_is_measured() -> None:

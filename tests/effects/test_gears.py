@@ -74,12 +74,29 @@ def test_in_the_gap_a_motor_is_alone() -> None:
     rest = np.zeros((1, 1))
     drive.start(rest, rest, rest)
     for k in range(240):
+        before = drive.spin[0, 0]
         drive.advance(drive.accelerate(np.full((1, 1), 0.05 * np.sin(0.1 * k))))
         assert abs(drive.position[0, 0]) < 1e-12
         if k > 2:
-            motors = model.rotor_inertia[0] * drive.measured_acceleration[0, 0]
+            rubs = model.viscous_friction[0] * (before + drive.spin[0, 0]) / 2
+            motors = model.rotor_inertia[0] * drive.measured_acceleration[0, 0] + rubs
             assert drive.torque[0, 0] == pytest.approx(motors, abs=1e-9)
         assert drive.read()[0, 0] == pytest.approx(drive.motor[0, 0])
+
+
+def test_a_motor_rubs_and_its_swinging_joint_does_not() -> None:
+    model = robot("pendulum1").with_(stiffness=np.zeros(1), damping=np.zeros(1), viscous_friction=np.full(1, 50.0))
+    drive = Drive(model.with_effect(JointElasticity(compliance={"joint1": 0.1}, settling={"joint1": 0.0})))
+    start = np.full((1, 1), 0.2)
+    drive.start(start, 0 * start, start)
+    drive.velocity = np.full((1, 1), 2.0)
+    path, seen = [], []
+    for _ in range(240):
+        drive.advance(drive.accelerate(start))
+        path.append(drive.position[0, 0])
+        seen.append(drive.motor[0, 0])
+    assert np.ptp(path[-60:]) > 0.5 * np.ptp(path[:60]), "the joint swings on its spring"
+    assert np.ptp(seen) < 0.2 * np.ptp(path)
 
 
 def test_teeth_meet_without_rebound_and_keep_the_momentum() -> None:
