@@ -22,7 +22,7 @@ from embodiedreamer_gym.diagnosis.search_state import (
     likeliest,
     screen_all,
 )
-from embodiedreamer_gym.diagnosis.verdict import explains_most, improves
+from embodiedreamer_gym.diagnosis.verdict import explains_most
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.calibration import STUCK
 from embodiedreamer_gym.phys_aligner.least_squares import fit_at
@@ -53,7 +53,7 @@ def add_pair(
         frozenset(added_effects(base, t.model)): t for t in [*_linear_pairs(search, state, screened, nominal), *around]
     }
     pairs = _exchange(search, state, refit_all(search, list(trials.values()), np.inf, FINALISTS), nominal)
-    pairs = [pair for pair in pairs if improves(state.judged, pair.judged, state.most)]
+    pairs = state.improving(pairs)
     if not pairs:
         return
     tie, probabilities = state.tie, state.probabilities

@@ -16,7 +16,7 @@ from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
-from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.robot.data import UrdfError
 
 ITERATIONS, TOLERANCE = 6, 1e-4
@@ -27,10 +27,10 @@ JUMPS = 0.2  # relative change of a derivative from a coarse step to a fine one,
 def fit_with_robot_errors(problem: Problem, x: np.ndarray, recordings: Sequence[Recording]) -> tuple[Problem, Fit]:
     """Continue a fit from scaled parameters (m,) on other recordings, with the robot's errors estimated beside.
 
-    They are held near none by their priors. Viscous friction is among them although a servo's damping does the same: where a drive is at its limit damping is cut
-    off and friction is not, and a fit with the wrong friction errs in everything in units of torque. So it does where commands
-    act by half a tick earlier than positions: what damping cannot make up for is then taken for inertia. Masses and friction
-    that the problem fits already stay as they are.
+    They are held near none by their priors. Viscous friction is among them although a servo's damping does the same: where a
+    drive is at its limit damping is cut off and friction is not, and a fit with the wrong friction errs in everything in units
+    of torque. So it does where commands act half a tick earlier than positions: what damping cannot make up for is then taken
+    for inertia. Masses and friction that the problem fits already stay as they are.
     """
     wider = _problem(problem, problem.model_at(x), recordings)
     fit = minimise(wider, wider.start, ITERATIONS, TOLERANCE)

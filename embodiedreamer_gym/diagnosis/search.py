@@ -35,9 +35,7 @@ def search_effects(
     if not singles:
         return state
     state.closest = min(singles, key=lambda c: c.held_out.score)
-    improving = [c for c in singles if improves(state.judged, c.judged, state.most)]
-    if not improving:  # what the training motion does not determine may be wrong on held-out motion
-        improving = [c for c in singles if improves(state.trained, c.trained, state.most)]
+    improving = state.improving(singles)
     if improving:
         best = likeliest(search, state, improving)
         state.steps = [polish(best, search.test)]

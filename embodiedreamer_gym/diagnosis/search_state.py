@@ -18,7 +18,7 @@ from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution, dra
 from embodiedreamer_gym.diagnosis.probabilities import candidate_probabilities
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
 from embodiedreamer_gym.diagnosis.screening import VISIBLE_SHARE, LinearisationPoint, Screened, linearise, screen
-from embodiedreamer_gym.diagnosis.verdict import ALARM, EXACT, leaves_excess
+from embodiedreamer_gym.diagnosis.verdict import ALARM, EXACT, improves, leaves_excess
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.io.progress import ProgressCallback
 from embodiedreamer_gym.io.tables import milli
@@ -141,6 +141,14 @@ class SearchState:
     def judged_start(self) -> HeldOut:
         """The like, of the start."""
         return judged(self.start[1], self.trained, self.base)
+
+    def improving(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Candidates that improve on the model so far, on all motion; where none does, on the motion that was fitted.
+
+        What the fitted motion does not determine may be wrong on held-out motion.
+        """
+        chosen = [c for c in candidates if improves(self.judged, c.judged, self.most)]
+        return chosen or [c for c in candidates if improves(self.fitted, c.trained, self.most)]
 
     def set_rivals(self, close: Sequence[Candidate]) -> None:
         """Note candidates for the first step that tie; one alone is no tie."""
