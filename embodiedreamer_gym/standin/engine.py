@@ -101,12 +101,13 @@ class Engine:
         laws += self._torque_laws()
         if self._varying is not None:
             laws.append(self._friction_law(self._varying))
-        width, motor_at = get("servo_deadzone", "width"), self._plant.motor_position
+        width, jump, motor_at = *(get("servo_deadzone", p) for p in ("width", "jump")), self._plant.motor_position
         if width.any():
 
             def shrink_error() -> None:
                 error = ctrl - q[motor_at]
-                ctrl[:] -= np.minimum(np.maximum(error, -width), width)
+                ignored = np.minimum(np.maximum(error, -width), width)
+                ctrl[:] -= np.where(np.abs(error) > width, 1.0 - jump, 1.0) * ignored
 
             laws.append(shrink_error)
         if self._firmware.counts:

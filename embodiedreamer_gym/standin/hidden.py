@@ -44,7 +44,7 @@ EFFECTS: dict[str, dict[str, tuple[str, int]]] = {
     "command_delay": {"seconds": ("joint", 0)},
     "command_lowpass": {"time_constant": ("joint", 0)},
     "command_rate_limit": {"rate": ("joint", 1), "tick": ("joint", 0), "step": ("joint", 1)},
-    "servo_deadzone": {"width": ("joint", 1)},
+    "servo_deadzone": {"width": ("joint", 1), "jump": ("joint", 0)},
     "torque_saturation": {"limit": ("joint", -1)},
     "voltage_limit": {"forward": ("joint", 1), "backward": ("joint", 1), "stall_torque": ("joint", -1)},
     "torque_constant": {"gain": ("joint", 0)},

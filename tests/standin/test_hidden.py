@@ -119,6 +119,14 @@ def test_servo_deadzone_ignores_small_errors(build, moves):
     assert effort == pytest.approx(WEIGHT * np.sin(position), abs=1e-3)
 
 
+def test_a_servo_deadzone_that_jumps_takes_the_whole_error_beyond(build, moves):
+    robot = build(effects={"servo_deadzone": {"width": 0.02, "jump": 1.0}})
+    assert np.ptp(robot.record(moves.step(0.0, 0.019)).position) < 1e-9
+    position, effort = ends(robot.record(moves.hold(0.8)))
+    assert 0.8 - position > 0.02
+    assert effort == pytest.approx(STIFFNESS * (0.8 - position), abs=1e-3)
+
+
 def test_torque_saturation_caps_the_effort(build, moves):
     fast = moves.step(0.0, 0.5)
     assert np.abs(build().record(fast).effort).max() > 5
