@@ -25,7 +25,7 @@ LAYERS = {
     "envs": 6,
     **dict.fromkeys(["diagnosis", "wrappers"], 7),
     **dict.fromkeys(["demo", "pipelines", "standin"], 8),
-    "bench": 9,
+    **dict.fromkeys(["bench", "workbench"], 9),
     "cli": 10,
     **dict.fromkeys(["__init__", "__main__"], TOP),
 }

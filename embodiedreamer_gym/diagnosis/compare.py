@@ -75,6 +75,15 @@ def free_runs(model: RobotModel, recordings: Sequence[Recording]) -> tuple[Rollo
     return tuple(run.at(0) for run in runs)
 
 
+def joint_rms(signals: Signals, rollouts: Sequence[Rollout]) -> np.ndarray:
+    """Root mean square (n,) of one model's error at each joint over all usable samples, as `Comparison.joint_rms` has it.
+
+    rollouts: of the signals' recordings, arrays (T, n). nan where a joint has no usable sample.
+    """
+    squares, count = _sums(measured_less_simulated(signals, rollouts), signals.usable)
+    return np.sqrt(squares / np.where(count > 0, count, np.nan))
+
+
 def effort_scale(recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> np.ndarray:
     """Effort per model torque (n,), least squares through the origin over the usable samples."""
     logs = [(r.effort, run.torque[None], r.usable) for r, run in zip(recordings, rollouts, strict=True)
@@ -124,16 +133,22 @@ def _sensor_sds(recordings: Sequence[Recording], signal: str) -> np.ndarray:
 
 def _rows(label: str, model: RobotModel, signal: _Signal, masks: Sequence[dict[str, np.ndarray]]) -> Iterator[Row]:
     for regime in ("all", *REGIMES):
-        squares, count = np.zeros(model.n), np.zeros(model.n, int)
-        for error, usable, mask in zip(signal.errors, signal.usable, masks, strict=True):
-            if error is not None:
-                keep = usable if regime == "all" else usable & mask[regime]
-                squares += (np.where(keep, error, 0.0) ** 2).sum(axis=0)
-                count += keep.sum(axis=0)
+        kept = [u if regime == "all" else u & mask[regime] for u, mask in zip(signal.usable, masks, strict=True)]
+        squares, count = _sums(signal.errors, kept)
         for j in np.flatnonzero(count):
             mean, sigma = float(squares[j] / count[j]), float(signal.sigma[j])
             place = (label, signal.name, model.joints[j], regime, signal.units[j])
             yield Row(*place, rms=float(np.sqrt(mean)), noise=sigma, chi2=mean / sigma**2, samples=int(count[j]))
+
+
+def _sums(errors: Sequence[np.ndarray | None], kept: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Sum of squares (n,) and number of samples (n,) of the errors (T, n) that are kept (T, n)."""
+    squares, count = np.zeros(kept[0].shape[1]), np.zeros(kept[0].shape[1], int)
+    for error, keep in zip(errors, kept, strict=True):
+        if error is not None:
+            squares += (np.where(keep, error, 0.0) ** 2).sum(axis=0)
+            count += keep.sum(axis=0)
+    return squares, count
 
 
 def _labels(models: Sequence[RobotModel]) -> tuple[str, ...]:

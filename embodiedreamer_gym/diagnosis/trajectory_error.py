@@ -25,7 +25,7 @@ def trajectory_losses(
             keep = recording.usable[:, own].all(axis=1)
             if not keep.any():
                 continue
-            measured, simulated = (_poses(end, model, q[keep]) for q in (recording.position, run.position))
+            measured, simulated = (tip_poses(end, model, q[keep]) for q in (recording.position, run.position))
             errors = translation_error(simulated[0], measured[0]), rotation_error(simulated[1], measured[1])
             totals, weight = totals + keep.sum() * np.array(errors), weight + int(keep.sum())
     return tuple(totals / weight) if weight else (np.nan, np.nan)
@@ -37,7 +37,7 @@ def _driver(model: RobotModel, tip: int) -> int:
     return int(model.tree.coordinate[body])
 
 
-def _poses(end: EndEffector, model: RobotModel, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def tip_poses(end: EndEffector, model: RobotModel, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Poses of a link at joint positions (T, n) in the model's units; joints not driven stay at zero."""
     values = position.copy()
     for joint, (zero, one) in model.normalised.items():

@@ -24,12 +24,14 @@ class Surface:
 
     joints: names of the columns of joint angles; normalised: joint -> its values, rad or m, at 0 and at 1. Movable
     joints not named stay at zero, or follow the joint they mimic. body: triangles of every link that has a shape.
+    skeleton: show rods between the joints where the URDF's shapes are missing or cannot be read.
     Raises: ModelError for a joint the URDF does not have, a mesh that cannot be read, or a robot without shapes.
     """
 
     def __init__(
-        self, urdf: str | Path, joints: Sequence[str], normalised: Mapping[str, tuple[float, float]] | None = None
-    ) -> None:
+        self, urdf: str | Path, joints: Sequence[str], normalised: Mapping[str, tuple[float, float]] | None = None,
+        skeleton: bool = False,
+    ) -> None:  # fmt: skip
         path = Path(urdf)
         robot = read_urdf(path)
         self.joints = tuple(joints)
@@ -42,12 +44,17 @@ class Surface:
             raise ModelError(f"a joint is named twice: {', '.join(self.joints)}.")
         self._root = root_link(robot, path)
         self._order = joints_from_root(robot, self._root)
-        self.body = _body(robot, path)
+        try:
+            self.body = _body(robot, path)
+        except ModelError:
+            if not skeleton:
+                raise
+            self.body = _skeleton(robot)
 
     @staticmethod
-    def of_model(model: RobotModel) -> Surface:
+    def of_model(model: RobotModel, skeleton: bool = False) -> Surface:
         """Return the surface of a robot model."""
-        return Surface(model.urdf, model.joints, model.normalised)
+        return Surface(model.urdf, model.joints, model.normalised, skeleton)
 
     def __repr__(self) -> str:
         return f"Surface({len(self.joints)} joints, {self.body!r})"
@@ -90,6 +97,22 @@ class Surface:
         pose = self.poses(angles)[:, self.body.names.index(link)]
         return np.einsum("tij,tj->ti", pose[:, :3, :3], points) + pose[:, :3, 3]
 
+    def movers(self) -> tuple[str | None, ...]:
+        """The joint of `joints` that moves each part of the body last, None for parts that stand still."""
+        above = {joint.child: joint for joint in self._order}
+
+        def mover(link: str) -> str | None:
+            while link in above:
+                joint = above[link]
+                leader = joint.mimic.joint if joint.mimic is not None else ""
+                for name in (joint.name, leader):
+                    if name in self.joints:
+                        return name
+                link = joint.parent
+            return None
+
+        return tuple(mover(name) for name in self.body.names)
+
     def _value(self, name: str, column: np.ndarray) -> np.ndarray:
         if name not in self._normalised:
             return column
@@ -118,6 +141,28 @@ def _body(robot: yourdfpy.Robot, path: Path) -> Body:
     if not names:
         raise ModelError(f"{path.name} gives no link a shape, so the robot cannot be seen; take a URDF with visuals.")
     return Body(np.concatenate(vertices), np.concatenate(faces), np.concatenate(part), tuple(names))
+
+
+def _skeleton(robot: yourdfpy.Robot) -> Body:
+    """A rod from every link's frame to each of its joints, and a ball at the link's frame."""
+    offsets = [np.zeros(3) if j.origin is None else np.asarray(j.origin, float)[:3, 3] for j in robot.joints]
+    lengths = [float(np.linalg.norm(offset)) for offset in offsets]
+    radius = 0.08 * (float(np.median([x for x in lengths if x > 0.0])) if any(lengths) else 0.1)
+    parts: list[tuple[str, trimesh.Trimesh]] = []
+    for link in robot.links:
+        parts.append((link.name, trimesh.creation.icosphere(subdivisions=1, radius=1.5 * radius)))
+        for joint, offset, length in zip(robot.joints, offsets, lengths, strict=True):
+            if joint.parent == link.name and length > radius:
+                ends = np.array([np.zeros(3), offset])
+                parts.append((link.name, trimesh.creation.cylinder(radius, segment=ends, sections=12)))
+    names = tuple(link.name for link in robot.links)
+    starts = np.cumsum([0, *(len(mesh.vertices) for _, mesh in parts)])
+    return Body(
+        np.concatenate([mesh.vertices for _, mesh in parts]),
+        np.concatenate([mesh.faces + start for (_, mesh), start in zip(parts, starts[:-1], strict=True)]),
+        np.concatenate([np.full(len(mesh.vertices), names.index(name)) for name, mesh in parts]),
+        names,
+    )
 
 
 def _mesh(geometry: yourdfpy.Geometry, link: str, path: Path) -> trimesh.Trimesh:

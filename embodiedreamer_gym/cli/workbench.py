@@ -1,0 +1,63 @@
+"""`embodiedreamer workbench`."""
+
+import time
+import webbrowser
+from pathlib import Path
+
+from embodiedreamer_gym.cli import options as o
+from embodiedreamer_gym.cli.logs import load_logs, load_model
+from embodiedreamer_gym.errors import EmbodieDreamerError
+
+
+@o.verb(
+    o.option("recordings", "REC", f"{o.FILES}; none, and no --model: a game with the demo's arm", nargs="*"),
+    o.option("--model", "M", o.MODELS, None),
+    o.option("--test", "REC", "held out: the error is that of these (default: every second REC)", [], nargs="+"),
+    o.out_file("FILE.json", "what `accept` writes, FILE.history.json beside it (default: better.json)", Path("better.json")),
+    o.option("--host", "ADDRESS", "on which the page is served; any other than 127.0.0.1 lets other machines in", "127.0.0.1"),
+    o.option("--port", "N", "of the page; the next free one where it is taken", 8080, o.number(int, 1, 65535)),
+    o.option("--no-browser", None, "open no browser"),
+    *o.FIT,
+    *o.LOGS[:-2],
+)  # fmt: skip
+def run(a, progress):
+    """Open a page on this machine that shows a model beside recordings and tries effects on it."""
+    from embodiedreamer_gym.workbench.page import Page, load_viser
+
+    load_viser()
+    if a.model is None and (a.recordings or a.test):
+        raise EmbodieDreamerError("recordings need a model: give one with --model.")
+    if a.model is not None and not a.recordings:
+        raise EmbodieDreamerError("--model needs recordings: give files, folders or quoted globs.")
+    session, words = _session(a)
+    page = Page(session, a.host, a.port, words)
+    progress.close()
+    only = "only this machine can open it" if a.host == "127.0.0.1" else "other machines may open it"
+    print(f"workbench: {page.url} ({only}); Ctrl-C ends it", flush=True)
+    if not a.no_browser:
+        webbrowser.open(page.url)
+    try:
+        while True:
+            time.sleep(3600.0)
+    finally:
+        page.close()
+
+
+def _session(a):
+    """The session of the command line, and the words at the top of the page."""
+    from embodiedreamer_gym.workbench.session import Session
+
+    model = load_model(a, a.model)
+    train = load_logs(a, model, a.recordings, fit=True)
+    if a.test:
+        test = load_logs(a, model, a.test, fit=True)
+    elif len(train) > 1:
+        train, test = train.split()
+    else:
+        test = train
+    words = (
+        ""
+        if test is not train
+        else "There is one recording: the error is that of the motion that is fitted, not a held-out one."
+    )
+    return Session(model, train, test, a.out, a.jobs, a.seed), words

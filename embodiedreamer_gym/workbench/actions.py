@@ -1,0 +1,164 @@
+"""What the page asks for, done one after the other in one thread; long work runs in another and can be stopped."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.workbench.session import Job, Session
+
+IDLE = 0.25  # s without an action after which what takes longer is drawn again
+LOG = logging.getLogger(__name__)
+
+
+class StoppedError(Exception):
+    """Somebody stopped the long work."""
+
+
+@dataclass
+class Status:
+    """How far long work is; candidates: effect -> held-out error, in the order in which a diagnosis fits them."""
+
+    name: str
+    text: str = "starting"
+    share: float = 0.0
+    candidates: dict[str, str] = field(default_factory=dict)
+
+
+class Actions:
+    """The one thread that touches a session.
+
+    changed: is called after every action; settled: when nothing has been asked for a while; progressed: as long work
+    advances; say: gets a sentence for whoever looks at the page.
+    """
+
+    def __init__(
+        self, session: Session, changed: Callable[[], None], settled: Callable[[], None],
+        progressed: Callable[[], None], say: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        self.session, self.status = session, None
+        self.status: Status | None
+        self._changed, self._settled, self._progressed, self._say = changed, settled, progressed, say
+        self._queue: queue.Queue[tuple[str, dict[str, Any]] | Callable[[], None] | None] = queue.Queue()
+        self._stopping = threading.Event()
+        self._idle = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="actions", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def do(self, action: str, **given: Any) -> None:
+        """Ask for an action of the session."""
+        self._idle.clear()
+        self._queue.put((action, given))
+
+    def call(self, work: Callable[[], None]) -> None:
+        """Ask for other work in the session's thread, such as writing a page."""
+        self._idle.clear()
+        self._queue.put(work)
+
+    def stop(self) -> None:
+        """Stop the long work, at its next step."""
+        self._stopping.set()
+
+    def wait(self, seconds: float = 60.0) -> bool:
+        """Wait until all is done and drawn; whether it was in time."""
+        return self._idle.wait(seconds)
+
+    def close(self) -> None:
+        """End both threads."""
+        self.stop()
+        self._queue.put(None)
+        if self._thread.is_alive():
+            self._thread.join(5.0)
+
+    def _run(self) -> None:
+        unsettled = True
+        while True:
+            try:
+                item = self._queue.get(timeout=IDLE if unsettled else None)
+            except queue.Empty:
+                self._try(self._settled)
+                unsettled = False
+                if self.session.job is None and self._queue.empty():
+                    self._idle.set()
+                continue
+            if item is None:
+                return
+            if self._outdated(item):
+                continue
+            self._try(item if callable(item) else lambda item=item: self._act(*item))
+            self._try(self._changed)
+            unsettled = True
+
+    def _outdated(self, item: Any) -> bool:
+        """Whether the next waiting action moves the same slider or clock."""
+        if callable(item) or item[0] not in ("set_size", "set_value", "choose_time"):
+            return False
+        with self._queue.mutex:
+            after = self._queue.queue[0] if self._queue.queue else None
+        if not isinstance(after, tuple) or after[0] != item[0]:
+            return False
+        return all(item[1].get(key) == after[1].get(key) for key in ("parameter", "place"))
+
+    def _act(self, action: str, given: dict[str, Any]) -> None:
+        if action not in self.session.JOBS:
+            self.session.do(action, **given)
+            return
+        job = self.session.start(action, **given)
+        self._stopping.clear()
+        self.status = Status(job.name)
+        threading.Thread(target=self._work, args=(job,), name=job.name, daemon=True).start()
+
+    def _work(self, job: Job) -> None:
+        try:
+            result = job.run(self._report)
+        except StoppedError:
+            self.call(lambda: self._end(f"{job.name}: stopped; nothing has changed."))
+        except EmbodieDreamerError as error:
+            text = str(error)
+            self.call(lambda: self._end(text))
+        except Exception as error:
+            LOG.exception("%s failed", job.name)
+            text = f"{job.name} failed: {type(error).__name__}: {error}"
+            self.call(lambda: self._end(text))
+        else:
+            self.call(lambda: self._take(result))
+
+    def _take(self, result: Any) -> None:
+        self.status = None
+        self.session.finish(result)
+
+    def _end(self, text: str) -> None:
+        self.status = None
+        self.session.cancel()
+        self._say(text)
+
+    def _report(self, stage: str, done: int, total: int | None = None, /, **quantities: object) -> None:
+        """Progress of the long work, from its thread."""
+        status = self.status
+        if self._stopping.is_set():
+            raise StoppedError
+        if status is None:
+            return
+        if "effect" in quantities and "held_out_error" in quantities:
+            status.candidates[str(quantities["effect"])] = str(quantities["held_out_error"])
+        steps = f" {done} of {total}" if total else ""
+        more = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in quantities.items())
+        status.text, status.share = f"{stage}{steps}" + (f": {more}" if more else ""), done / total if total else 0.0
+        self._progressed()
+
+    def _try(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except EmbodieDreamerError as error:
+            self._say(str(error))
+        except Exception as error:
+            LOG.exception("an action failed")
+            self._say(f"That failed: {type(error).__name__}: {error}")

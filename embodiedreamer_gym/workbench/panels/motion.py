@@ -1,0 +1,204 @@
+"""The recording on show: play, pause, step, scrub, speed; charts of one joint; the arms in the scene."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.io.tables import MILLI
+from embodiedreamer_gym.workbench.actions import Actions
+from embodiedreamer_gym.workbench.charts import error_chart, motion_chart
+from embodiedreamer_gym.workbench.panels.panel import Panel, choose
+from embodiedreamer_gym.workbench.player import Motion, Player
+from embodiedreamer_gym.workbench.scene import Scene
+from embodiedreamer_gym.workbench.session import Session
+
+TIMES = ("1", "2", "5", "10", "20")  # as large as which differences may be drawn
+VISIBLE = 0.06  # of the robot's size: about how far apart the ends are drawn at most
+SLOW = 0.2  # s between two changes of slider and marks while it plays
+
+
+class MotionPanel(Panel):
+    """Playback and charts; server: for grouping messages."""
+
+    def __init__(self, gui: Any, session: Session, actions: Actions, scene: Scene, server: Any) -> None:
+        self._scene, self._server = scene, server
+        self._motion = self._held = _still(session)
+        self._player = Player(self._show)
+        self._seen: tuple = ()
+        self._slow, self._times = 0.0, 0.0
+        self.source = "recording"  # or "proposal"
+        super().__init__(gui, session, actions)
+
+    def build(self) -> None:
+        """Add the controls."""
+        gui, session = self.gui, self.session
+        self._recording = self.input(
+            gui.add_dropdown("recording", session.names), lambda name: self.actions.do("choose_recording", name=name)
+        )
+        self._joint = self.input(
+            gui.add_dropdown("joint", session.model.joints), lambda name: self.actions.do("choose_joint", joint=name)
+        )
+        self._play = gui.add_button_group("playback", ("play", "pause", "step back", "step"))
+        self._play.on_click(lambda event: self._control(event.target.value))
+        self._time = self.input(gui.add_slider("time [s]", 0.0, 1.0, 0.001, 0.0), self._scrub)
+        self._speed = self.input(
+            gui.add_dropdown("speed", ("0.1", "0.25", "0.5", "1", "2"), initial_value="1"), self._set_speed
+        )
+        self._loop = self.input(gui.add_checkbox("loop", True), self._set_loop)
+        hint = "The ghost is this many times as far from the measured arm as it was simulated to be."
+        self._exaggerate = self.input(
+            gui.add_dropdown("difference x", TIMES, initial_value="1", hint=hint), self._set_times
+        )
+        self._error, self._signals = error_chart(gui), motion_chart(gui)
+        cameras = sorted({name for r in session.recordings for name in r.frames})
+        self._images = {
+            name: gui.add_image(np.full((4, 6, 3), 240, np.uint8), label=name, visible=False) for name in cameras
+        }
+        self._player.start()
+
+    @property
+    def player(self) -> Player:
+        """The clock."""
+        return self._player
+
+    @property
+    def motion(self) -> Motion:
+        """What is played."""
+        return self._motion
+
+    @property
+    def times(self) -> float:
+        """How many times as large differences are drawn."""
+        return self._times
+
+    def close(self) -> None:
+        """Stop the clock."""
+        self._player.close()
+
+    def update(self) -> None:
+        """Show the recording, joint, instant and model of the session."""
+        session = self.session
+        choose(self._recording, session.names, session.names[session.recordings.index(session.recording)])
+        choose(self._joint, session.model.joints, session.joint)
+        seen = (session.recording, session.model, session.before, session.joint)
+        if seen != self._seen or self.source == "proposal":
+            self.source, self._seen = "recording", seen
+            self._motion = self._held = _motion(session)
+            self._player.duration = float(self._motion.time[-1])
+            self._time.max = round(self._player.duration, 3)
+            if not self._times:
+                self._times = self._visible()
+                self._exaggerate.value = f"{self._times:.0f}"
+            self._draw()
+        if abs(session.time - self._asked) > 1e-9 or session.recording is not self._asked_of:
+            self._asked, self._asked_of = session.time, session.recording
+            self._player.playing = False
+            self._player.go(session.time)
+        self._slow = 0.0
+        self._player.refresh()
+
+    _asked, _asked_of = 0.0, None
+
+    def play(self, motion: Motion) -> None:
+        """Play another motion, such as one that is proposed."""
+        self.source, self._motion = "proposal", motion
+        self._player.duration = float(motion.time[-1])
+        self._time.max = round(self._player.duration, 3)
+        self._scene.trace(motion.measured, motion.drawn(self._times))
+        self._player.seconds, self._player.playing = 0.0, True
+        self._player.refresh()
+
+    def _visible(self) -> float:
+        """How much larger than they are differences have to be drawn to be seen."""
+        if self._motion.simulated is None:
+            return 1.0
+        apart = self._scene.tips(self._motion.simulated) - self._scene.tips(self._motion.measured)
+        wanted = VISIBLE * self._scene.size / max(float(np.linalg.norm(apart, axis=-1).max()), 1e-9)
+        return max([float(t) for t in TIMES if float(t) <= wanted], default=1.0)
+
+    def _draw(self) -> None:
+        """Draw the charts and the paths."""
+        session, motion = self.session, self._motion
+        j = session.model.joints.index(session.joint)
+        unit = session.model.units[j]
+        noise = 2e3 * session.measure.signals.sigma[j] * np.ones(len(motion.time))
+        now = None if motion.simulated is None else 1e3 * (motion.measured - motion.simulated)[:, j]
+        before = None
+        if session.before is not session.model and (run := session.measure.shown(session.before, session.recording)):
+            before = 1e3 * (motion.measured - run.position)[:, j]
+        self._error.draw(motion.time, noise, -noise, before, now, unit=f"error [{MILLI[unit]}]")
+        command = session.recording.command
+        simulated = None if motion.simulated is None else motion.simulated[:, j]
+        self._signals.draw(
+            motion.time, None if command is None else command[:, j], motion.measured[:, j], simulated, unit=unit
+        )
+        self._scene.trace(motion.measured, motion.drawn(self._times))
+
+    def _show(self, seconds: float) -> None:
+        """Place the arms at an instant; called from the player's thread."""
+        motion = self._motion
+        at = motion.at(seconds)
+        drawn = motion.drawn(self._times)
+        with self._server.atomic():
+            self._scene.show(motion.measured[at], None if drawn is None else drawn[at], motion.noises[at])
+        now = time.monotonic()
+        if now - self._slow > SLOW or not self._player.playing:
+            self._slow = now
+            self._time.value = round(min(seconds, self._time.max), 3)
+            if self.source == "recording":
+                self._error.point(at, 3)
+                self._signals.point(at, 1)
+                self._frames(at)
+
+    def _frames(self, at: int) -> None:
+        recording = self.session.recording
+        for name, image in self._images.items():
+            image.visible = name in recording.frames
+            if image.visible and at < len(recording.frames[name]):
+                image.image = recording.frames[name][at]
+
+    def _control(self, what: str) -> None:
+        player = self._player
+        player.playing = what == "play"
+        if what == "play" and player.seconds >= player.duration:
+            player.seconds = 0.0
+        if what.startswith("step"):
+            at = self._motion.at(player.seconds) + (1 if what == "step" else -1)
+            player.seconds = float(self._motion.time[int(np.clip(at, 0, len(self._motion.time) - 1))])
+        player.refresh()
+
+    def _scrub(self, seconds: float) -> None:
+        self._player.playing = False
+        self._player.go(seconds)
+
+    def _set_speed(self, text: str) -> None:
+        self._player.speed = float(text)
+
+    def _set_loop(self, loop: bool) -> None:
+        self._player.loop = loop
+
+    def _set_times(self, text: str) -> None:
+        self._times = float(text)
+        self._scene.trace(self._motion.measured, self._motion.drawn(self._times))
+        self._player.refresh()
+
+
+def _still(session: Session) -> Motion:
+    """The first recording without any simulation."""
+    recording = session.recording
+    nothing = np.zeros(recording.position.shape)
+    return Motion(recording.name, recording.time - recording.time[0], recording.position, None, nothing)
+
+
+def _motion(session: Session) -> Motion:
+    """The session's recording under its model."""
+    recording, measure = session.recording, session.measure
+    run = measure.shown(session.model, recording)
+    noises, simulated = np.zeros(recording.position.shape), None
+    if run is not None:
+        simulated = run.position
+        noises = np.abs(recording.position - simulated) / measure.signals.sigma
+    return Motion(recording.name, recording.time - recording.time[0], recording.position, simulated, noises)
