@@ -22,15 +22,16 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
 )  # fmt: skip
 def run(a, progress):
     """Open a page on this machine that shows a model beside recordings and tries effects on it."""
-    from embodiedreamer_gym.workbench.page import Page, load_viser
+    from embodiedreamer_gym.workbench.serve import load_viser
 
     load_viser()
     if a.model is None and (a.recordings or a.test):
         raise EmbodieDreamerError("recordings need a model: give one with --model.")
     if a.model is not None and not a.recordings:
         raise EmbodieDreamerError("--model needs recordings: give files, folders or quoted globs.")
-    session, words = _session(a)
-    page = Page(session, a.host, a.port, words)
+    from embodiedreamer_gym.workbench.page import Page
+
+    page = Page(*_session(a), host=a.host, port=a.port)
     progress.close()
     only = "only this machine can open it" if a.host == "127.0.0.1" else "other machines may open it"
     print(f"workbench: {page.url} ({only}); Ctrl-C ends it", flush=True)
@@ -44,20 +45,21 @@ def run(a, progress):
 
 
 def _session(a):
-    """The session of the command line, and the words at the top of the page."""
+    """The session of the command line, the words at the top of the page, and whether it is a game."""
+    from embodiedreamer_gym.demo import DATA
     from embodiedreamer_gym.workbench.session import Session
 
-    model = load_model(a, a.model)
-    train = load_logs(a, model, a.recordings, fit=True)
-    if a.test:
-        test = load_logs(a, model, a.test, fit=True)
+    game = a.model is None
+    model = load_model(a, str(DATA / "model.json") if game else a.model)
+    train = load_logs(a, model, [str(DATA / "train")] if game else a.recordings, fit=True)
+    words = ""
+    if game or a.test:
+        test = load_logs(a, model, [str(DATA / "test")] if game else a.test, fit=True)
     elif len(train) > 1:
         train, test = train.split()
     else:
-        test = train
-    words = (
-        ""
-        if test is not train
-        else "There is one recording: the error is that of the motion that is fitted, not a held-out one."
-    )
-    return Session(model, train, test, a.out, a.jobs, a.seed), words
+        test, words = (
+            train,
+            "There is one recording: the error is that of the motion that is fitted, not of held-out motion.",
+        )
+    return Session(model, train, test, a.out, a.jobs, a.seed), words, game

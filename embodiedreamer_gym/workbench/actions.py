@@ -63,6 +63,10 @@ class Actions:
         self._idle.clear()
         self._queue.put(work)
 
+    def note(self, text: str) -> None:
+        """Show a sentence once what was asked for is done."""
+        self._queue.put(lambda: self._say(text))
+
     def stop(self) -> None:
         """Stop the long work, at its next step."""
         self._stopping.set()

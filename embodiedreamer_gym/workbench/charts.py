@@ -30,16 +30,25 @@ def mark(label: str, stroke: str) -> dict[str, Any]:
     return {"label": label, "stroke": stroke, "width": 0, "points": {"show": True, "size": 9, "fill": stroke}}
 
 
+def round_ends(low: float, high: float) -> tuple[float, float]:
+    """Ends of an axis around these values, multiples of a tenth, fifth or half of their decade."""
+    span = max(high - low, 1e-9)
+    step = 10.0 ** np.floor(np.log10(span))
+    step *= 0.1 if span < 2 * step else 0.2 if span < 5 * step else 0.5
+    return float(np.floor(low / step - 0.25) * step), float(np.ceil(high / step + 0.25) * step)
+
+
 class Chart:
     """A chart in the page; arrays given to `draw` are thinned to what can be seen."""
 
     def __init__(
         self, gui: Any, series: list[dict[str, Any]], unit: str, bands: list[dict[str, Any]], height: int
     ) -> None:
-        self._rows = np.arange(2)
+        self._rows, self._ends = np.arange(2), (0.0, 1.0)
         self._data: tuple[np.ndarray, ...] = (np.arange(2.0),) + (np.full(2, np.nan),) * len(series)
         self._handle = gui.add_uplot(
-            self._data, ({"label": "s"}, *series), scales={"x": {"time": False}}, bands=tuple(bands) or None, height=height,
+            self._data, ({"label": "s"}, *series), scales={"x": {"time": False}, "y": {"range": self._ends}},
+            bands=tuple(bands) or None, height=height,
             axes=({"label": "time [s]", **AXIS, "size": 34}, {"label": unit, **AXIS}),
             legend={"show": True, "live": False}, cursor={"drag": {"x": True, "y": False}}, padding=(6, 10, 0, 0),
         )  # fmt: skip
@@ -60,6 +69,11 @@ class Chart:
         )
         if unit is not None and self._handle.axes[1]["label"] != unit:
             self._handle.axes = (self._handle.axes[0], {**self._handle.axes[1], "label": unit})
+        given = np.concatenate([s for s in self._data[1:] if np.isfinite(s).all()])
+        ends = round_ends(float(given.min()), float(given.max()))
+        if ends != self._ends:  # uPlot finds none where a series has gaps
+            self._ends = ends
+            self._handle.scales = {"x": {"time": False}, "y": {"range": ends}}
         self._handle.data = self._data
 
     def point(self, sample: int, series: int) -> None:
@@ -75,14 +89,14 @@ def error_chart(gui: Any) -> Chart:
     """Error of a joint with the model on show and with the one before, and two standard deviations of noise."""
     series = [
         line("noise ±2 sd", BAND, 0),
-        line("", BAND, 0),
+        line(" ", BAND, 0),
         line("last", BEFORE, 1.1, (4, 3)),
         line("now", SIMULATED, 1.6),
     ]
-    return Chart(gui, [*series, mark("", "#cc2924")], MILLI["rad"], [{"series": [1, 2], "fill": BAND}], 210)
+    return Chart(gui, [*series, mark("this instant", "#cc2924")], MILLI["rad"], [{"series": [1, 2], "fill": BAND}], 210)
 
 
 def motion_chart(gui: Any) -> Chart:
     """Command, measured and simulated position of a joint."""
     series = [line("command", COMMAND, 1.1), line("measured", MEASURED, 1.7), line("simulated", SIMULATED, 1.3)]
-    return Chart(gui, [*series, mark("", "#cc2924")], "rad", [], 210)
+    return Chart(gui, [*series, mark("this instant", "#cc2924")], "rad", [], 210)

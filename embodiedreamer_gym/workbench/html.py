@@ -9,6 +9,7 @@ import numpy as np
 
 from embodiedreamer_gym.diagnosis.regimes import REGIME_HEADS
 from embodiedreamer_gym.io.tables import milli, number
+from embodiedreamer_gym.robot import ParameterRow
 from embodiedreamer_gym.workbench.scene import colour
 
 STYLE = "font-family:system-ui,sans-serif;font-size:0.82em;padding:0.1em 0.75em 0.5em;line-height:1.35;overflow-wrap:anywhere"
@@ -70,3 +71,17 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def sentence(text: str, strong: bool = False) -> str:
     """A sentence."""
     return block(f"<b>{escape(text)}</b>" if strong else escape(text))
+
+
+def values(rows: Sequence[ParameterRow]) -> str:
+    """Values by joint, and their 95 % intervals where a fit gave them."""
+    groups = {r.key.parameter: f"{r.key.parameter.replace('_', ' ')} [{r.unit}]" for r in rows}
+    cells = []
+    for place in dict.fromkeys(r.key.place for r in rows):
+        own = {r.key.parameter: r for r in rows if r.key.place == place}
+        cells.append([place, *(_value(own[name]) if name in own else "" for name in groups)])
+    return table(("at", *groups.values()), cells) if cells else ""
+
+
+def _value(row: ParameterRow) -> str:
+    return number(row.value) + (f" ({number(row.interval[0])} … {number(row.interval[1])})" if row.interval else "")

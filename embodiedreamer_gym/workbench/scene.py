@@ -17,6 +17,7 @@ MOST = 20.0  # sensor noises at which a link is fully red
 SHADES = 24  # colours between, so that a link's colour is sent only when it changes visibly
 GHOST, MEASURED = (31, 111, 178), (60, 64, 72)
 MOST_FACES = 120_000
+SHRUNK = 0.98  # of the ghost's links
 TRACE = 400  # points of a trace
 
 
@@ -49,10 +50,13 @@ class Scene:
             scene.add_frame(f"/{arm}", show_axes=False)
             self._arms[arm] = []
             for k, name in enumerate(body.names):
-                faces = body.faces[body.part[body.faces[:, 0]] == k]
-                used, index = np.unique(faces, return_inverse=True)
+                used, index = np.unique(body.faces[body.part[body.faces[:, 0]] == k], return_inverse=True)
+                vertices = body.vertices[used]
+                if opacity:  # a little smaller, so that the ghost is seen where it leaves the measured arm
+                    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+                    vertices = middle + SHRUNK * (vertices - middle)
                 self._arms[arm].append(scene.add_mesh_simple(
-                    f"/{arm}/{k}_{name}", body.vertices[used], index.reshape(-1, 3), opacity=opacity, flat_shading=True,
+                    f"/{arm}/{k}_{name}", vertices, index.reshape(-1, 3), opacity=opacity, flat_shading=True,
                     color=GHOST if opacity else QUIET, side="double" if opacity is None else "front", cast_shadow=opacity is None,
                 ))  # fmt: skip
         self._furnish()

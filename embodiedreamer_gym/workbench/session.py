@@ -7,47 +7,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from embodiedreamer_gym.diagnosis import Diagnosis, diagnose
-from embodiedreamer_gym.diagnosis.add_effect import Addition, add_effect
-from embodiedreamer_gym.diagnosis.experiment_design import Proposal, propose_motion
+from embodiedreamer_gym.diagnosis import Diagnosis
 from embodiedreamer_gym.diagnosis.regimes import REGIMES
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.io.files import write_json
 from embodiedreamer_gym.io.progress import ProgressCallback, silent
-from embodiedreamer_gym.phys_aligner import Calibration, calibrate
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.workbench import trial
+from embodiedreamer_gym.workbench.long_actions import LONG
 from embodiedreamer_gym.workbench.measure import Measure
+from embodiedreamer_gym.workbench.rehearsal import Rehearsal
+from embodiedreamer_gym.workbench.state import State, Step
 
 MOST_UNDO = 200
 
 
-@dataclass(frozen=True)
-class Step:
-    """A model that was kept: one step of the staircase."""
-
-    label: str
-    model: RobotModel
-
-
-@dataclass(frozen=True)
-class State:
-    """What undo and redo go through. model: the last kept one with the effect that is tried on its joints."""
-
-    model: RobotModel
-    steps: tuple[Step, ...]
-    effect: str = ""
-    joints: tuple[str, ...] = ()
-    label: str = ""
-
-    @property
-    def base(self) -> RobotModel:
-        """The last model that was kept."""
-        return self.steps[-1].model
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Job:
     """Long work of an action: `run` may be called in another thread, `Session.finish` takes its result."""
 
@@ -65,7 +41,7 @@ class Session:
 
     EDITS = ("set_effect", "set_joints", "set_size", "set_value", "keep", "undo", "redo", "take", "accept")
     VIEWS = ("choose_recording", "choose_joint", "choose_time", "jump")
-    JOBS = ("fit", "put_on", "diagnose", "propose")
+    JOBS = tuple(LONG)
 
     def __init__(
         self, model: RobotModel, train: Sequence[Recording], test: Sequence[Recording], out: str | Path = "better.json",
@@ -80,7 +56,7 @@ class Session:
         self.log: list[dict[str, Any]] = []
         self.tried: list[dict[str, Any]] = []
         self.diagnosis: Diagnosis | None = None
-        self.proposal: Proposal | None = None
+        self.rehearsal: Rehearsal | None = None
         self.accepted: Path | None = None
         self.job: Job | None = None
         self._past: list[State] = []
@@ -146,7 +122,7 @@ class Session:
             raise EmbodieDreamerError(f"'{self.job.name}' is running; wait for it, or stop it.")
         if action not in self.JOBS:
             raise EmbodieDreamerError(f"there is no long action '{action}'.")
-        run, take = getattr(self, f"_{action}")(**given)
+        run, take = LONG[action](self, **given)
         note = {"action": action, **given}
 
         def taken(result: Any) -> None:
@@ -198,12 +174,12 @@ class Session:
     def _set_effect(self, name: str = "") -> None:
         base = self.state.base
         if not name:
-            self._change(replace(self.state, model=base, effect="", joints=(), label=""))
+            self.change(replace(self.state, model=base, effect="", joints=(), label=""))
         elif any(effect.name == name for effect in base.effects):
-            self._change(replace(self.state, model=base, effect=name, joints=base.joints, label=""))
+            self.change(replace(self.state, model=base, effect=name, joints=base.joints, label=""))
         else:
             model = trial.with_trial(base, name, base.joints)
-            self._change(replace(self.state, model=model, effect=name, joints=base.joints, label=""))
+            self.change(replace(self.state, model=model, effect=name, joints=base.joints, label=""))
 
     def _set_joints(self, joints: Sequence[str]) -> None:
         state, chosen = self.state, tuple(j for j in self.model.joints if j in tuple(joints))
@@ -212,7 +188,7 @@ class Session:
         if any(effect.name == state.effect for effect in state.base.effects):
             raise EmbodieDreamerError(f"{state.effect} has been kept; its joints stay as they are.")
         model = trial.on_joints(state.base, self.model, state.effect, chosen)
-        self._change(replace(state, model=model, joints=chosen, label=""))
+        self.change(replace(state, model=model, joints=chosen, label=""))
 
     def _set_size(self, parameter: str, size: float, place: str = "") -> None:
         rows = trial.rows_at(self.model, parameter, (place,) if place else ())
@@ -226,14 +202,14 @@ class Session:
 
     def _set(self, parameter: str, values: dict[str, float], drag: tuple) -> None:
         model = self.model.with_values({parameter: values})
-        self._change(replace(self.state, model=model, label=""), drag)
+        self.change(replace(self.state, model=model, label=""), drag)
 
     def _keep(self) -> None:
         if self.model is self.state.base:
             raise EmbodieDreamerError("the model on show has been kept already.")
-        self._note("kept")
+        self.note("kept")
         label = self.state.label or (f"+ {self.state.effect}" if self.state.effect else "by hand")
-        self._change(State(self.model, (*self.state.steps, Step(label, self.model))))
+        self.change(State(self.model, (*self.state.steps, Step(label, self.model))))
 
     def _undo(self) -> None:
         self._go(self._past, self._future, "undo")
@@ -265,67 +241,18 @@ class Session:
         steps = [Step("nominal", found.nominal), Step("calibrated", found.calibrated)]
         if found.effects or found.closest:
             steps.append(Step(f"+ {', '.join(found.effects or found.closest)}", found.model))
-        self._change(State(steps[-1].model, tuple(steps)))
+        self.change(State(steps[-1].model, tuple(steps)))
 
-    def _change(self, new: State, drag: tuple = ()) -> None:
+    def change(self, new: State, drag: tuple = ()) -> None:
         """Go to a state; a drag of one slider is undone as a whole."""
         if not drag or drag != self._drag:
             self._past = [*self._past[1 - MOST_UNDO :], self.state]
         self._future, self._drag, self.state = [], drag, new
 
-    def _note(self, what: str, **more: Any) -> None:
+    def note(self, what: str, **more: Any) -> None:
+        """Note a try with its held-out error, for the history."""
         values = {row.name: row.value for row in self.model.parameters().of_effect(self.state.effect)}
         self.tried.append({"what": what, "effect": self.state.effect, **more, "error": self.error, "values": values})
-
-    # ---- long actions -------------------------------------------------------------------------------------------
-
-    def _fit(self):
-        model = self.model
-
-        def take(fit: Calibration) -> None:
-            label = f"+ {self.state.effect}, fitted" if self.state.effect else "calibrated"
-            self._change(replace(self.state, model=fit.model, label=label))
-            self._note("fitted", undetermined=list(fit.undetermined))
-
-        return lambda progress: calibrate(model, self.train, progress=progress), take
-
-    def _put_on(self, effect: str):
-        base = self.state.base
-        base.with_effect(effect)  # raises for an unknown or present effect before any work
-
-        def take(added: Addition) -> None:
-            model = added.after.model
-            self._change(
-                replace(self.state, model=model, effect=effect, joints=model.joints, label=f"+ {effect}, fitted")
-            )
-            self._note("put on")
-
-        return lambda progress: add_effect(base, effect, self.train, self.test, progress), take
-
-    def _diagnose(self):
-        model = self.state.steps[0].model
-
-        def take(found: Diagnosis) -> None:
-            self.diagnosis = found
-            ranking = [{"effect": r.effect, "held_out_chi2": r.held_out_chi2, "gain": r.gain} for r in found.ranking]
-            self.tried.append({"what": "diagnosed", "verdict": found.sentence, "ranking": ranking})
-
-        return lambda progress: diagnose(
-            model, self.train, self.test, jobs=self.jobs, seed=self.seed, progress=progress
-        ), take
-
-    def _propose(self, first: str, second: str, table: float | None = None):
-        model = self.state.steps[0].model
-
-        def take(proposal: Proposal) -> None:
-            self.proposal = proposal
-
-        return (
-            lambda progress: propose_motion(
-                model, (first, second), self.train, table=table, seed=self.seed, progress=progress
-            ),
-            take,
-        )
 
     # ---- names --------------------------------------------------------------------------------------------------
 

@@ -120,7 +120,7 @@ def test_an_existing_file_is_not_overwritten(session) -> None:
         ("fly", {}), ("undo", {}), ("keep", {}), ("take", {}), ("set_effect", {"name": "magic"}),
         ("set_joints", {"joints": ["elbow"]}), ("set_size", {"parameter": f"{EFFECT}.torque", "size": 0.5}),
         ("choose_joint", {"joint": "knee"}), ("choose_recording", {"name": "none"}), ("put_on", {"effect": "magic"}),
-        ("jump", {"joint": "elbow", "regime": "asleep"}), ("_change", {"new": None}),
+        ("jump", {"joint": "elbow", "regime": "asleep"}), ("change", {"new": None}),
     ],
 )  # fmt: skip
 def test_what_cannot_be_done_is_a_sentence_and_changes_nothing(session, action: str, given: dict) -> None:

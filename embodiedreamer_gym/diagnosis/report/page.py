@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -39,11 +40,12 @@ def write_report(
     diagnosis: Diagnosis | None = None,
     recordings: Sequence[Recording] = (),
     models: Sequence[RobotModel] = (),
+    links: Mapping[str, str] = MappingProxyType({}),
 ) -> Path:
     """Write index.html into a folder and return its path; an older page stays when writing fails.
 
     Any of the results may be left out. Without a comparison, `models` (of a diagnosis: its nominal, calibrated and
-    better model) are compared on `recordings`, where there are any.
+    better model) are compared on `recordings`, where there are any. links: text -> file beside the page.
     Raises: EmbodieDreamerError when there is nothing to report or the folder cannot be written to.
     """
     if comparison is None and recordings and (models or diagnosis):
@@ -60,7 +62,7 @@ def write_report(
     )  # fmt: skip
     environment.filters |= {"png": png, "milli": milli, "number": number, "code": _code,
                             "effect_name": sentences.effect_name, "listed": sentences.listed}  # fmt: skip
-    context = _context(comparison, breakdown, calibration, diagnosis)
+    context = _context(comparison, breakdown, calibration, diagnosis) | {"links": links}
     text = environment.get_template("page.html").render(context)
     with atomic_file(target) as part:
         target.parent.mkdir(exist_ok=True)

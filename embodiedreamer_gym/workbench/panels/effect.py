@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from embodiedreamer_gym.effects import find_effect
-from embodiedreamer_gym.io.tables import number
 from embodiedreamer_gym.workbench import html, trial
 from embodiedreamer_gym.workbench.panels.panel import Panel, choose
 
@@ -34,7 +33,7 @@ class EffectPanel(Panel):
                 self._joints[joint] = self.input(gui.add_checkbox(joint, True), lambda _: self._set_joints())
         self._sliders_folder = gui.add_folder("size", visible=False)
         self._sliders: dict[str, Any] = {}
-        self._buttons = gui.add_button_group("", ("fit", "keep", "undo", "redo"))
+        self._buttons = gui.add_button_group("model", ("fit", "keep", "undo", "redo"))
         self._buttons.on_click(lambda event: self._press(event.target.value))
         self._stop = self.button("stop", self.actions.stop, visible=False)
         self._job = gui.add_html("", visible=False)
@@ -101,8 +100,7 @@ class EffectPanel(Panel):
                 size = round(trial.size_of(max(own, key=lambda r: abs(trial.size_of(r)))), 3)
                 if abs(slider.value - size) > 2e-3:
                     slider.value = size
-        cells = [[r.key.parameter.replace("_", " "), r.key.place, number(r.value), _interval(r), r.unit] for r in rows]
-        self._values.content = html.table(("parameter", "at", "value", "95 %", "unit"), cells) if cells else ""
+        self._values.content = html.values(rows)
 
     def _move(self, group: str, size: float) -> None:
         place = "" if self._place.value == ALL else self._place.value
@@ -114,7 +112,3 @@ class EffectPanel(Panel):
     def _press(self, what: str) -> None:
         if what in ("fit", "keep", "undo", "redo"):
             self.actions.do(what)
-
-
-def _interval(row) -> str:
-    return f"{number(row.interval[0])} … {number(row.interval[1])}" if row.interval else "–"

@@ -7,6 +7,8 @@ from embodiedreamer_gym.io.tables import milli
 from embodiedreamer_gym.workbench import html
 from embodiedreamer_gym.workbench.panels.panel import Panel
 
+SHORTER = {"reversal": "rev.", "loaded": "load"}  # so that all buttons of a joint stand in one line
+
 
 class ErrorPanel(Panel):
     """The error of the model on show beside the last one and the noise, and the staircase."""
@@ -29,9 +31,10 @@ class MapPanel(Panel):
         """Add the table and the buttons."""
         self._table = self.gui.add_html(html.sentence("simulating …"))
         self.gui.add_html(html.sentence("Jump to the instant at which a joint is worst in a regime:"))
-        self._at = {name: regime for name, regime in zip(REGIME_HEADS, ("all", *REGIMES), strict=True)}
+        heads = [SHORTER.get(head, head) for head in REGIME_HEADS]
+        self._at = dict(zip(heads, ("all", *REGIMES), strict=True))
         for joint in self.session.model.joints:
-            group = self.gui.add_button_group(joint, REGIME_HEADS)
+            group = self.gui.add_button_group(joint, tuple(heads))
             group.on_click(lambda event, joint=joint: self._jump(joint, event.target.value))
         self._shown = None
 

@@ -16,7 +16,7 @@ from embodiedreamer_gym.workbench.scene import Scene
 from embodiedreamer_gym.workbench.session import Session
 
 TIMES = ("1", "2", "5", "10", "20")  # as large as which differences may be drawn
-VISIBLE = 0.06  # of the robot's size: about how far apart the ends are drawn at most
+VISIBLE = 0.12  # of the robot's size: about how far apart the ends are drawn at most
 SLOW = 0.2  # s between two changes of slider and marks while it plays
 
 

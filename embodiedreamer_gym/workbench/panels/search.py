@@ -80,10 +80,8 @@ class SearchPanel(Panel):
 
 def _details(found) -> str:
     """Parameters with intervals, and what these recordings cannot show."""
-    rows = []
-    for effect, places in found.parameters.items():
-        for place, p in places.items():
-            ends = "–" if p["low"] is None else f"{number(p['low'])} … {number(p['high'])}"
-            rows.append([effect.replace("_", " "), place, number(p["value"]), ends, p["unit"]])
-    table = html.table(("effect", "at", "value", "95 %", "unit"), rows) if rows else ""
+    table = ""
+    for name in found.parameters:
+        rows = found.model.parameters().of_effect(name).rows
+        table += html.sentence(f"{name.replace('_', ' ')}, with 95 % intervals:") + html.values(rows)
     return table + "".join(html.sentence(text) for text in unseen_sentences(found.as_dict()))
