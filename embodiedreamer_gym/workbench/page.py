@@ -41,7 +41,7 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(400)
         self.actions = Actions(session, self.update, self.settle, self.progress, self.say)
-        self._shown = 0.0
+        self._shown, self._closed = 0.0, False
         self.scene = Scene(self.server.scene, session.model)
         place_camera(self.server, self.scene.surface, session.recording.position[0])
         left = gui.add_panel()
@@ -101,7 +101,10 @@ class Page:
             client.add_notification("", text, auto_close_seconds=8.0)
 
     def close(self) -> None:
-        """Stop serving."""
+        """Stop serving, with a last sentence in every tab."""
+        if self._closed:
+            return
+        self._closed = True
         self.say("The workbench has ended; what was accepted is on disk. Start it again and reload this page.")
         self.server.flush()
         time.sleep(FAREWELL)
