@@ -38,16 +38,20 @@ def round_ends(low: float, high: float) -> tuple[float, float]:
     return float(np.floor(low / step - 0.25) * step), float(np.ceil(high / step + 0.25) * step)
 
 
+def _scales(ends: tuple[tuple[float, float], tuple[float, float]]) -> dict[str, Any]:
+    return {"x": {"time": False, "range": ends[0]}, "y": {"range": ends[1]}}
+
+
 class Chart:
     """A chart in the page; arrays given to `draw` are thinned to what can be seen."""
 
     def __init__(
         self, gui: Any, series: list[dict[str, Any]], unit: str, bands: list[dict[str, Any]], height: int
     ) -> None:
-        self._rows, self._ends = np.arange(2), (0.0, 1.0)
+        self._rows, self._ends = np.arange(2), ((0.0, 1.0), (0.0, 1.0))
         self._data: tuple[np.ndarray, ...] = (np.arange(2.0),) + (np.full(2, np.nan),) * len(series)
         self._handle = gui.add_uplot(
-            self._data, ({"label": "s"}, *series), scales={"x": {"time": False}, "y": {"range": self._ends}},
+            self._data, ({"label": "s"}, *series), scales=_scales(self._ends),
             bands=tuple(bands) or None, height=height,
             axes=({"label": "time [s]", **AXIS, "size": 34}, {"label": unit, **AXIS}),
             legend={"show": True, "live": False}, cursor={"drag": {"x": True, "y": False}}, padding=(6, 10, 0, 0),
@@ -70,10 +74,10 @@ class Chart:
         if unit is not None and self._handle.axes[1]["label"] != unit:
             self._handle.axes = (self._handle.axes[0], {**self._handle.axes[1], "label": unit})
         given = np.concatenate([s for s in self._data[1:] if np.isfinite(s).all()])
-        ends = round_ends(float(given.min()), float(given.max()))
+        ends = ((float(time[0]), float(time[-1])), round_ends(float(given.min()), float(given.max())))
         if ends != self._ends:  # uPlot finds none where a series has gaps
             self._ends = ends
-            self._handle.scales = {"x": {"time": False}, "y": {"range": ends}}
+            self._handle.scales = _scales(ends)
         self._handle.data = self._data
 
     def point(self, sample: int, series: int) -> None:

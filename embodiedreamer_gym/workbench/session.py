@@ -73,8 +73,8 @@ class Session:
     @property
     def before(self) -> RobotModel:
         """The model to compare it with: the last kept one, or the one before where it is that itself."""
-        steps = self.state.steps
-        return steps[-2].model if self.model is steps[-1].model and len(steps) > 1 else steps[-1].model
+        kept = [step.model for step in self.state.steps if step.model is not self.model]
+        return kept[-1] if kept else self.model
 
     @property
     def error(self) -> float:

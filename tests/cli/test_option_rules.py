@@ -32,6 +32,7 @@ INPUTS = {  # what each verb needs at least; the files do not exist
     "compare": "no.csv --model no.json", "breakdown": "no.csv --model no.json",
     "calibrate": "no.csv --model no.json --out b.json", "diagnose": "--model no.json --train no.csv --test no.csv",
     "add": "payload --model no.json --train no.csv --test no.csv --out b.json",
+    "workbench": "no.csv --model no.json --no-browser",
     "sessions": "no.csv other.csv --model no.json",
     "excite": "--model no.json --separate payload,backlash --out b.csv",
     "export": "--model no.json --to mjcf --out b.xml",

@@ -25,7 +25,7 @@ class MotionPanel(Panel):
 
     def __init__(self, gui: Any, session: Session, actions: Actions, scene: Scene, server: Any) -> None:
         self._scene, self._server = scene, server
-        self._motion = self._held = _still(session)
+        self._motion = _still(session)
         self._player = Player(self._show)
         self._seen: tuple = ()
         self._slow, self._times = 0.0, 0.0
@@ -66,8 +66,8 @@ class MotionPanel(Panel):
 
     @property
     def motion(self) -> Motion:
-        """What is played."""
-        return self._motion
+        """The recording on show, whatever is played."""
+        return self._motion if self.source == "recording" else _motion(self.session)
 
     @property
     def times(self) -> float:
@@ -86,7 +86,7 @@ class MotionPanel(Panel):
         seen = (session.recording, session.model, session.before, session.joint)
         if seen != self._seen or self.source == "proposal":
             self.source, self._seen = "recording", seen
-            self._motion = self._held = _motion(session)
+            self._motion = _motion(session)
             self._player.duration = float(self._motion.time[-1])
             self._time.max = round(self._player.duration, 3)
             if not self._times:
@@ -103,11 +103,11 @@ class MotionPanel(Panel):
     _asked, _asked_of = 0.0, None
 
     def play(self, motion: Motion) -> None:
-        """Play another motion, such as one that is proposed."""
+        """Play another motion, such as one that is proposed, with differences as they are."""
         self.source, self._motion = "proposal", motion
         self._player.duration = float(motion.time[-1])
         self._time.max = round(self._player.duration, 3)
-        self._scene.trace(motion.measured, motion.drawn(self._times))
+        self._scene.trace(motion.measured, motion.simulated)
         self._player.seconds, self._player.playing = 0.0, True
         self._player.refresh()
 
@@ -141,7 +141,7 @@ class MotionPanel(Panel):
         """Place the arms at an instant; called from the player's thread."""
         motion = self._motion
         at = motion.at(seconds)
-        drawn = motion.drawn(self._times)
+        drawn = motion.drawn(self._times if self.source == "recording" else 1.0)
         with self._server.atomic():
             self._scene.show(motion.measured[at], None if drawn is None else drawn[at], motion.noises[at])
         now = time.monotonic()
@@ -182,7 +182,8 @@ class MotionPanel(Panel):
 
     def _set_times(self, text: str) -> None:
         self._times = float(text)
-        self._scene.trace(self._motion.measured, self._motion.drawn(self._times))
+        if self.source == "recording":
+            self._scene.trace(self._motion.measured, self._motion.drawn(self._times))
         self._player.refresh()
 
 

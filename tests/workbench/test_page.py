@@ -1,0 +1,195 @@
+"""The page without a browser: what it shows is the session's, in time, and many random actions leave no trace."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import time
+
+import numpy as np
+import psutil
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed")
+
+from embodiedreamer_gym.demo import DATA
+from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.recordings import load_recordings
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.surface import Surface
+from embodiedreamer_gym.workbench import html, scene
+from embodiedreamer_gym.workbench.page import Page
+from embodiedreamer_gym.workbench.serve import serve
+from embodiedreamer_gym.workbench.session import Session
+from embodiedreamer_gym.workbench.share import scene_page
+from tests.two_joint_arm import load_arm, record
+from tests.workbench.test_session import EFFECT, random_actions
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+]
+DRAG = 0.15  # s from a slider's move to the error that is redrawn
+MEMORY = 100e6  # bytes
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    model = load_arm(tmp_path_factory.mktemp("arm"))
+    true = model.with_effect(EFFECT).with_values({f"{EFFECT}.torque": {"shoulder": 0.6, "elbow": 0.2}})
+    return model, [record(true, f"wave_{k}", 5e-4, seed=k) for k in range(4)]
+
+
+@pytest.fixture
+def page(logs, tmp_path):
+    model, recordings = logs
+    page = Page(Session(model, recordings[:2], recordings[2:], tmp_path / "better.json"), port=0)
+    assert page.actions.wait(60)
+    yield page
+    page.close()
+
+
+def shown(page: Page) -> str:
+    """All HTML of the page."""
+    handles = page.server.gui._gui_input_handle_from_uuid
+    inside = [h for panel in page.panels for h in vars(panel).values() if hasattr(h, "content")]
+    return "\n".join([str(len(handles)), *(h.content for h in inside)])
+
+
+def test_the_page_shows_the_error_of_the_session(page) -> None:
+    for size in np.linspace(0.0, 0.3, 7):
+        page.actions.do("set_effect", name=EFFECT)
+        page.actions.do("set_size", parameter=f"{EFFECT}.torque", size=float(size))
+    assert page.actions.wait(60)
+    comparison = page.session.measure.comparison(page.session.model)
+    errors = re.findall(r"<b>([\d.]+) mrad</b>", shown(page))
+    assert [float(e) for e in errors] == pytest.approx([1e3 * e for _, e in page.session.staircase], rel=6e-3)
+    assert page.session.error == comparison.error[0]
+    now = page.motion._error.data[4]
+    error = 1e3 * comparison.errors(0)[page.session.test.index(page.session.recording)][:, 0]
+    assert np.array_equal(now, error)
+
+
+def test_what_is_refused_is_said(page) -> None:
+    page.actions.do("undo")
+    page.actions.do("jump", joint="elbow", regime="asleep")
+    assert page.actions.wait(60)
+    assert page._said.visible and "there is no regime" in page._said.content
+
+
+def test_a_jump_moves_the_clock(page) -> None:
+    page.motion.player.playing = True
+    page.motion.player.refresh()
+    page.actions.do("jump", joint="elbow", regime="fast")
+    assert page.actions.wait(60)
+    assert page.motion.player.seconds == page.session.time > 0.0 and not page.motion.player.playing
+
+
+def test_the_clock_plays_loops_and_stops(page) -> None:
+    player = page.motion.player
+    player.speed, player.loop, player.seconds = 50.0, False, 0.0
+    player.playing = True
+    player.refresh()
+    begun = time.monotonic()
+    while player.playing and time.monotonic() - begun < 5.0:
+        time.sleep(0.02)
+    assert not player.playing and player.seconds == player.duration
+
+
+def test_the_scene_as_a_page_holds_every_part(page) -> None:
+    text = scene_page(page.session, page.motion.motion, 5.0)
+    assert "__VISER_EMBED_DATA__" in text and len(text) > 500_000
+
+
+def test_an_arm_without_shapes_is_a_skeleton(logs) -> None:
+    model, recordings = logs
+    surface = Surface.of_model(model, skeleton=True)
+    assert set(surface.body.names) == {"base", "upper", "fore", "tip"}
+    assert dict(zip(surface.body.names, surface.movers(), strict=True)) == {
+        "base": None, "upper": "shoulder", "fore": "elbow", "tip": "elbow"}  # fmt: skip
+    assert np.isfinite(surface.points(recordings[0].position[:3])).all()
+
+
+@pytest.mark.parametrize(
+    ("noises", "expected"), [(0.0, scene.QUIET), (2.0, scene.QUIET), (20.0, scene.LARGE), (1e9, scene.LARGE)]
+)
+def test_colours_begin_at_the_noise(noises: float, expected: tuple[int, int, int]) -> None:
+    assert scene.colour(noises) == expected
+
+
+def test_names_of_files_are_no_html() -> None:
+    text = (
+        html.bars([("<script>x</script>", 1e-3)], 1e-3, "rad") + html.table(("<b>",), [["<i>"]]) + html.sentence("<u>")
+    )
+    assert "<script>" not in text and "<i>" not in text and "<u>" not in text
+
+
+def test_an_address_that_is_not_this_machines_is_a_sentence() -> None:
+    with pytest.raises(EmbodieDreamerError, match=r"no page can be served at 203\.0\.113\.1"):
+        serve("203.0.113.1", 8080)
+
+
+def test_no_tunnel_is_offered(page) -> None:
+    handlers = page.server._websock_server._incoming_handlers
+    assert not any(kind.__name__ == "ShareUrlRequest" for kind in handlers)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [(["no.csv"], "recordings need a model"), (["--model", "aloha"], "--model needs recordings"),
+     (["--model", "no.json", "no.csv"], "model no.json is neither")],
+)  # fmt: skip
+def test_what_is_missing_is_one_sentence(words, expected, capsys) -> None:
+    from embodiedreamer_gym.cli.command import main
+
+    assert main(["workbench", "--no-browser", *words]) == 2
+    assert expected in capsys.readouterr().err
+
+
+def test_without_viser_one_sentence_names_the_command() -> None:
+    code = "import sys; sys.modules['viser'] = None\nfrom embodiedreamer_gym.cli.command import main\nsys.exit(main(['workbench']))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2 and done.stdout == ""
+    assert "pip install 'embodiedreamer-gym[workbench]'" in done.stderr and "Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+def test_a_drag_is_redrawn_in_time(tmp_path) -> None:
+    model, train, test = (
+        RobotModel.load(DATA / "model.json"),
+        load_recordings(DATA / "train"),
+        load_recordings(DATA / "test"),
+    )
+    page = Page(Session(model, train, test, tmp_path / "better.json"), port=0)
+    page.actions.do("set_effect", name="stribeck_friction")
+    assert page.actions.wait(120)
+    took = []
+    for size in np.linspace(0.05, 0.4, 20):
+        begun = time.perf_counter()
+        page.session.do("set_size", parameter="stribeck_friction.sliding", size=float(size))
+        page.update()
+        took.append(time.perf_counter() - begun)
+    page.close()
+    print(f"median {1e3 * np.median(took):.0f} ms, least {1e3 * min(took):.0f} ms")
+    assert min(took) < DRAG
+
+
+@pytest.mark.slow
+def test_two_thousand_random_actions(page, logs, caplog) -> None:
+    model, recordings = logs
+    process = psutil.Process()
+    begun = 0
+    for k, (action, given) in enumerate(random_actions(page.session, np.random.default_rng(11), 2000)):
+        page.actions.do(action, **given)
+        assert page.actions._queue.qsize() < 5 or page.actions.wait(60)
+        if k == 300:
+            assert page.actions.wait(60)
+            begun = process.memory_info().rss
+    assert page.actions.wait(120)
+    assert caplog.records == []  # an exception that is no sentence is logged
+    assert process.memory_info().rss - begun < MEMORY
+    again = Session.replay(page.session.log, model, recordings[:2], recordings[2:])
+    assert repr(again.model.parameters()) == repr(page.session.model.parameters())
+    assert (again.joint, again.recording, again.time) == (page.session.joint, page.session.recording, page.session.time)
+    assert again.error == page.session.error
