@@ -38,7 +38,7 @@ def main(folder: Path) -> None:
         tab.press("keep")
         tab.choose("effect", "stribeck_friction")
         tab.see("slider for")
-        tab.drag("sliding", 0.32)
+        tab.drag("sliding", 0.27)
         page.actions.wait(WORK)
         tab.picture(PICTURES / "try.png")
         tab.tab("Diagnose")

@@ -11,10 +11,10 @@ import trimesh
 import yourdfpy
 
 from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.geometry.articulated_mesh import Body
 from embodiedreamer_gym.robot.forward_kinematics import joint_poses, joint_values, joints_from_root
 from embodiedreamer_gym.robot.model import RobotModel
 from embodiedreamer_gym.robot.urdf import MOVABLE, find_mesh, read_urdf, root_link
-from embodiedreamer_gym.vis_aligner.camera_calibration import Body
 
 ROUND = 32  # sides of a cylinder
 

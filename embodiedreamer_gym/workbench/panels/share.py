@@ -10,7 +10,6 @@ from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.workbench import html
 from embodiedreamer_gym.workbench.panels.motion import MotionPanel
 from embodiedreamer_gym.workbench.panels.panel import Panel
-from embodiedreamer_gym.workbench.share import save_page
 
 FOLDER = "workbench_report"
 TASK = "PutCupOnMat"
@@ -53,6 +52,10 @@ class SharePanel(Panel):
             return False
 
     def _write(self) -> None:
+        from embodiedreamer_gym.workbench.share import (
+            save_page,  # brings matplotlib, which the first picture need not wait for
+        )
+
         self._saved.content = html.sentence("writing …")
         try:
             path = save_page(self.session, self._motion.motion, self._motion.times, self.session.out.with_name(FOLDER))
