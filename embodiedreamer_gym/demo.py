@@ -10,7 +10,6 @@ from importlib import resources
 from pathlib import Path
 
 from embodiedreamer_gym.diagnosis import Comparison, Diagnosis, compare, diagnose, error_breakdown
-from embodiedreamer_gym.diagnosis.report import write_report
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.io.files import write_json
 from embodiedreamer_gym.io.progress import Progress
@@ -68,6 +67,8 @@ def run(folder: str | Path = "demo_report", progress: Progress | None = None) ->
     print(_indent(_joints(compare(models, test, labels=["nominal", "calibrated", "better"][: len(models)]))))
     print()
     print(_indent(_bars([*diagnosis.steps, ("sensor noise", diagnosis.error["noise"] or 0.0)])))
+    from embodiedreamer_gym.diagnosis.report import write_report  # brings matplotlib
+
     page = write_report(
         folder, diagnosis=diagnosis, breakdown=error_breakdown(diagnosis.calibrated, test), recordings=test
     )

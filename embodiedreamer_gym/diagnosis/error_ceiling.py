@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy  # loads its parts when they are used
 
 from embodiedreamer_gym.diagnosis.explainable import least_ridge_error
 from embodiedreamer_gym.diagnosis.regimes import gravity_torque
@@ -85,7 +85,7 @@ def _signals(model: RobotModel, recording: Recording, run: Rollout) -> dict[str,
 def _lagged(x: np.ndarray, lag: float, dt: float) -> np.ndarray:
     """First-order low-pass (T, n) of signals (T, n)."""
     a = float(np.exp(-dt / lag))
-    return np.asarray(lfilter([1 - a], [1, -a], x, axis=0, zi=a * x[:1])[0])
+    return np.asarray(scipy.signal.lfilter([1 - a], [1, -a], x, axis=0, zi=a * x[:1])[0])
 
 
 def _play(x: np.ndarray, width: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+import scipy  # loads its parts when they are used
 
 from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate
 from embodiedreamer_gym.diagnosis.held_out import evaluate
@@ -73,9 +73,11 @@ def significance(kind: type[Effect], problem: Problem, fit: Fit) -> dict[str, fl
         chance[place] = 0.0 if sized else 1.0
         if sized and not limit and not np.isnan(covariance).any():
             distance = fit.x[sized] - off[sized]
-            chance[place] = float(chi2.sf(distance @ np.linalg.pinv(covariance, hermitian=True) @ distance, len(sized)))
+            chance[place] = float(
+                scipy.stats.chi2.sf(distance @ np.linalg.pinv(covariance, hermitian=True) @ distance, len(sized))
+            )
         if chance[place] < CHANCE:
-            chance[place] = max(chance[place], float(chi2.sf(_evidence(problem, fit, own, off), len(own))))
+            chance[place] = max(chance[place], float(scipy.stats.chi2.sf(_evidence(problem, fit, own, off), len(own))))
     return chance
 
 

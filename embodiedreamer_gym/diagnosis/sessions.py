@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
+import scipy  # loads its parts when they are used
 
 from embodiedreamer_gym.effects.effort_sensor import EffortSensor
 from embodiedreamer_gym.errors import CalibrationError
@@ -97,7 +97,7 @@ def compare_sessions(
             model = _of_the_robot(calibrations[name].model)
     first, *others = calibrations
     pairs = [(name, *rows) for name in others for rows in _fitted(calibrations[first], calibrations[name])]
-    alarm = float(norm.isf(FALSE_ALARMS / 2 / max(len(pairs), 1))) / NORMAL_95
+    alarm = float(scipy.stats.norm.isf(FALSE_ALARMS / 2 / max(len(pairs), 1))) / NORMAL_95
     return SessionComparison(calibrations, tuple(_difference(*pair, alarm) for pair in pairs))
 
 

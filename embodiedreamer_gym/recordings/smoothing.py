@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_coeffs, savgol_filter
+import scipy  # loads its parts when they are used
 
 from embodiedreamer_gym.recordings.recording import Recording
 
@@ -63,13 +63,13 @@ def smooth_derivatives(recording: Recording) -> Motion:
 def smoothing_gain(recording: Recording, derivative: int = 0) -> float:
     """Sd of the smoothed signal, or of a derivative, where the signal's own white noise has sd 1."""
     window, order = _window(recording)
-    weights = savgol_coeffs(window, order, deriv=derivative, delta=1.0 / recording.hz)
+    weights = scipy.signal.savgol_coeffs(window, order, deriv=derivative, delta=1.0 / recording.hz)
     return float(np.linalg.norm(np.asarray(weights)))
 
 
 def twice_smoothed_gain(recording: Recording, derivative: int = 0) -> float:
     """Sd of the signal smoothed twice, or of central differences of it, where the signal's own white noise has sd 1."""
-    once = np.asarray(savgol_coeffs(*_window(recording)))
+    once = np.asarray(scipy.signal.savgol_coeffs(*_window(recording)))
     difference = {0: [1.0], 1: [0.5, 0.0, -0.5], 2: [1.0, -2.0, 1.0]}[derivative]
     weights = np.convolve(np.convolve(once, once), np.array(difference) * recording.hz**derivative)
     return float(np.linalg.norm(weights))
@@ -85,7 +85,7 @@ def _filtered(recording: Recording, signal: np.ndarray, derivative: int = 0) -> 
     dt, (window, order) = 1.0 / recording.hz, _window(recording)
     grid = recording.time[0] + np.arange(max(round(recording.duration / dt) + 1, window)) * dt
     even = np.stack([np.interp(grid, recording.time, x) for x in signal.T], axis=1)
-    return grid, np.asarray(savgol_filter(even, window, order, deriv=derivative, delta=dt, axis=0))
+    return grid, np.asarray(scipy.signal.savgol_filter(even, window, order, deriv=derivative, delta=dt, axis=0))
 
 
 def _resampled(recording: Recording, grid: np.ndarray, signal: np.ndarray) -> np.ndarray:

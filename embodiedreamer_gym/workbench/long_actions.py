@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from embodiedreamer_gym.diagnosis import Addition, Diagnosis, add_effect, diagnose
-from embodiedreamer_gym.diagnosis.experiment_design import propose_motion
 from embodiedreamer_gym.io.progress import ProgressCallback
 from embodiedreamer_gym.phys_aligner import Calibration, calibrate
-from embodiedreamer_gym.workbench.rehearsal import Rehearsal, rehearse
+
+if TYPE_CHECKING:
+    from embodiedreamer_gym.workbench.rehearsal import Rehearsal
 
 Work = tuple[Callable[[ProgressCallback], Any], Callable[[Any], None]]
 
@@ -58,6 +59,9 @@ def find(session: Any) -> Work:
 
 def propose(session: Any, first: str, second: str, table: float | None = None) -> Work:
     """Propose the motion that distinguishes two effects, and rehearse it; table: its height, m."""
+    from embodiedreamer_gym.diagnosis.experiment_design import propose_motion  # brings MuJoCo
+    from embodiedreamer_gym.workbench.rehearsal import rehearse
+
     nominal, shown = session.state.steps[0].model, session.model
 
     def run(progress: ProgressCallback) -> Rehearsal:

@@ -12,6 +12,7 @@ import numpy as np
 
 from embodiedreamer_gym.errors import EmbodieDreamerError, MissingExtraError
 from embodiedreamer_gym.robot.surface import Surface
+from embodiedreamer_gym.workbench.guard import refusing_others
 
 FIELD = 0.7  # rad, of the first look at the robot
 SIDE = np.array([1.9, -1.9, 1.1])  # where it is from, in sizes of the robot
@@ -31,7 +32,7 @@ def load_viser() -> Any:
 
 
 def serve(host: str, port: int) -> Any:
-    """A viser server that offers no tunnel to the outside; port 0: any that is free.
+    """A viser server that refuses other pages and offers no tunnel to the outside; port 0: any that is free.
 
     Raises: MissingExtraError without viser, EmbodieDreamerError where the address cannot be used.
     """
@@ -40,7 +41,7 @@ def serve(host: str, port: int) -> Any:
         with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
             probe.bind((host, 0))  # viser looks for a free port for ever at an address that is not this machine's
             port = port or probe.getsockname()[1]
-        with contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()), refusing_others(host):
             server = viser.ViserServer(host=host, port=port, verbose=False)
     except OSError as error:
         raise EmbodieDreamerError(f"no page can be served at {host}:{port}: {error.strerror or error}.") from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from embodiedreamer_gym.diagnosis import Diagnosis
 from embodiedreamer_gym.diagnosis.regimes import REGIMES
@@ -17,8 +17,10 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.workbench import trial
 from embodiedreamer_gym.workbench.long_actions import LONG
 from embodiedreamer_gym.workbench.measure import Measure
-from embodiedreamer_gym.workbench.rehearsal import Rehearsal
 from embodiedreamer_gym.workbench.state import State, Step
+
+if TYPE_CHECKING:
+    from embodiedreamer_gym.workbench.rehearsal import Rehearsal
 
 MOST_UNDO = 200
 

@@ -154,6 +154,13 @@ def test_without_viser_one_sentence_names_the_command() -> None:
     assert "pip install 'embodiedreamer-gym[workbench]'" in done.stderr and "Traceback" not in done.stderr
 
 
+def test_the_first_picture_waits_for_no_library_of_later_ones() -> None:
+    code = "import sys, embodiedreamer_gym.workbench.page\nprint(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "embodiedreamer_gym.workbench.page" in loaded
+    assert not {"matplotlib", "mujoco", "torch", "scipy.signal", "scipy.stats", "jinja2"} & set(loaded)
+
+
 @pytest.mark.slow
 def test_a_drag_is_redrawn_in_time(tmp_path) -> None:
     model, train, test = (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from embodiedreamer_gym.diagnosis.report.sentences import unseen_sentences
 from embodiedreamer_gym.io.tables import number
 from embodiedreamer_gym.workbench import html
 from embodiedreamer_gym.workbench.panels.panel import Panel, choose
@@ -80,6 +79,8 @@ class SearchPanel(Panel):
 
 def _details(found) -> str:
     """Parameters with intervals, and what these recordings cannot show."""
+    from embodiedreamer_gym.diagnosis.report.sentences import unseen_sentences  # brings matplotlib
+
     table = ""
     for name in found.parameters:
         rows = found.model.parameters().of_effect(name).rows
