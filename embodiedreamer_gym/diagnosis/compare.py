@@ -47,25 +47,27 @@ def compare(
     rollouts = tuple(free_runs(model, recordings) for model in models)
     labels = _labels(models) if labels is None else tuple(labels)
     masks = [regimes(models[0], r) for r in recordings]
-    signals = Signals(models[0], recordings)
+    signals = [Signals(models[0], recordings)]
+    by_effort = signals[0].by_effort  # there the noise is that of the motion, through the model's own inertia
+    signals += [Signals(model, recordings) if by_effort else signals[0] for model in models[1:]]
     table = [
         row
-        for label, model, runs in zip(labels, models, rollouts, strict=True)
-        for signal in _signals(model, signals, runs)
+        for label, model, its, runs in zip(labels, models, signals, rollouts, strict=True)
+        for signal in _signals(model, its, runs)
         for row in _rows(label, model, signal, masks)
     ]
-    compared = "effort" if signals.by_effort else "position"
+    compared = "effort" if by_effort else "position"
     rms, chi2 = (np.full((len(models), models[0].n), np.nan) for _ in range(2))
     for row in table:
         if (row.signal, row.regime) == (compared, "all"):
             place = labels.index(row.model), models[0].joints.index(row.joint)
             rms[place], chi2[place] = row.rms, row.chi2
     losses = [
-        (np.nan, np.nan) if signals.by_effort else trajectory_losses(m, recordings, runs)
+        (np.nan, np.nan) if by_effort else trajectory_losses(m, recordings, runs)
         for m, runs in zip(models, rollouts, strict=True)
     ]
     diverged = [any(np.abs(run.velocity).max() > DIVERGED for run in runs) for runs in rollouts]
-    return Comparison(labels, models, recordings, rollouts, signals, tuple(table), rms, chi2, np.array(losses),
+    return Comparison(labels, models, recordings, rollouts, tuple(signals), tuple(table), rms, chi2, np.array(losses),
                       np.array(diverged))  # fmt: skip
 
 

@@ -60,7 +60,7 @@ class Comparison:
 
     labels: names of the models, each different.
     rollouts: [model][recording], arrays (T, n).
-    signals: what was compared.
+    by_model: what was compared, for each model: its noise is the model's own where efforts are compared.
     table: one Row per model, signal, joint and regime.
     joint_rms, joint_chi2: (models, n), nan where a joint has no usable sample.
     trajectory: (models, 2), the paper's losses, translation error in m and rotation error in rad, averaged over time
@@ -72,12 +72,17 @@ class Comparison:
     models: tuple[RobotModel, ...]
     recordings: tuple[Recording, ...]
     rollouts: tuple[tuple[Rollout, ...], ...]
-    signals: Signals
+    by_model: tuple[Signals, ...]
     table: tuple[Row, ...]
     joint_rms: np.ndarray
     joint_chi2: np.ndarray
     trajectory: np.ndarray
     diverged: np.ndarray
+
+    @property
+    def signals(self) -> Signals:
+        """What was compared, of the last model."""
+        return self.by_model[-1]
 
     @property
     def signal(self) -> str:
@@ -96,7 +101,7 @@ class Comparison:
 
     @property
     def joint_noise(self) -> np.ndarray:
-        """Standard deviation (n,) of the joints' sensors, in `unit`."""
+        """Standard deviation (n,) of the joints' sensors, in `unit`; of efforts, that under the last model."""
         return self.signals.sigma
 
     @property
@@ -132,7 +137,7 @@ class Comparison:
 
     def errors(self, model: int = -1) -> list[np.ndarray]:
         """Measured less simulated (T, n) of one model, per recording, in the compared signal."""
-        return measured_less_simulated(self.signals, self.rollouts[model])
+        return measured_less_simulated(self.by_model[model], self.rollouts[model])
 
     def rows(self, model: int = -1, signal: str = "", regime: str | None = None) -> list[Row]:
         """The table's rows of one model and signal, of all regimes or of one."""
@@ -179,7 +184,8 @@ class Comparison:
                 text for text, true in (("diverges", self.diverged[i]), (GUESSED, label in self.gains_guessed)) if true
             ]
             name = f"{label} ({'; '.join(notes)})" if notes else label
-            errors = [milli(float(value), self.unit) for value in (self.error[i], self.noise)]
+            noise = float(self.by_model[i].sigma.mean())
+            errors = [milli(value, self.unit) for value in (float(self.error[i]), noise)]
             chi2 = number(float(np.nanmean(self.joint_chi2[i])))
             rows.append([name, *errors, chi2, f"{number(self.end_effector_mm[i])} mm"])
         title = f"{len(self.recordings)} recordings, {seconds:.1f} s, {len(self.joints)} joints"

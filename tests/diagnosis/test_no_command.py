@@ -63,6 +63,15 @@ def test_a_current_is_compared_with_a_scale_of_its_own(tmp_path) -> None:
 
 
 @pytest.mark.slow
+def test_each_model_is_compared_with_its_own_noise(tmp_path) -> None:
+    """A load's inertia turns the position's noise into effort: beside another model the figures are those of a comparison alone."""
+    model, train, _, _ = case(None, tmp_path)
+    loaded = model.with_effect("payload").with_values({"payload.mass": {"tip": 3.0}})
+    both, alone = compare([model, loaded], train), [compare(one, train) for one in (model, loaded)]
+    np.testing.assert_array_equal(both.joint_chi2, np.concatenate([one.joint_chi2 for one in alone]))
+    assert both.noise == alone[1].noise > alone[0].noise
+
+
 def test_the_command_line_reads_columns_of_currents(tmp_path, capsys) -> None:
     """A csv with <joint>.current and no command goes all the way to a page."""
     _, train, test, _ = case("coulomb_friction", tmp_path)
