@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
+from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.urdf_notes import urdf_notes
 
 
 def notes_on(model: RobotModel, recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Sentences on model and recordings that a diagnosis begins with; none where nothing is out of the ordinary."""
-    notes = tuple(f"Note: {note}." for note in urdf_notes(model.urdf))
+    """Sentences on model and recordings that a diagnosis begins with; none where nothing is out of the ordinary.
+
+    A URDF that was moved away after the model was loaded is not described.
+    """
+    notes: tuple[str, ...] = ()
+    with suppress(ModelError):
+        notes = tuple(f"Note: {note}." for note in urdf_notes(model.urdf))
     nominal = [recording for recording in recordings if recording.nominal_time]
     if not nominal:
         return notes
