@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 from html import escape, unescape
 from pathlib import Path
@@ -14,10 +13,10 @@ import pytest
 from embodiedreamer_gym.diagnosis import error_breakdown
 from embodiedreamer_gym.diagnosis.report import write_report
 from embodiedreamer_gym.diagnosis.report.sentences import verdict_sentence
+from tests.chromium import CHROMIUM, needs_chromium
 from tests.diagnosis.test_report import answer
 from tests.two_joint_arm import load_arm, record
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 SCREENS = {1280: 800, 400: 800}
 LONG = "a_robot_arm_whose_file_has_got_a_name_that_fills_more_than_any_line_of_a_phone_" * 2
 # The page stands in a frame as wide as a screen; what the frame's document measures is written into the outer page.
@@ -37,14 +36,14 @@ document.getElementById("page").onload = (event) => {{
 </script></body></html>"""
 
 pytestmark = [
-    pytest.mark.skipif(BROWSER is None, reason="neither chromium, chromium-browser nor google-chrome is installed"),
+    needs_chromium,
 ]
 
 
 def browse(folder: Path, *arguments: str) -> str:
     """What a browser without a window prints."""
     quiet = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--virtual-time-budget=20000"]
-    command = [str(BROWSER), *quiet, f"--user-data-dir={folder / 'profile'}", *arguments]
+    command = [str(CHROMIUM), *quiet, f"--user-data-dir={folder / 'profile'}", *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
 
 

@@ -11,26 +11,26 @@ import cv2
 
 from embodiedreamer_gym.workbench.page import Page
 from embodiedreamer_gym.workbench.session import Session
+from tests.chromium import needs_chromium
 from tests.two_joint_arm import load_arm, record
-from tests.workbench.browser import CHROMIUM, Tab, browser
+from tests.workbench.browser import Tab, browser
 
 EFFECT = "coulomb_friction"
 
 pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason="neither chromium, chromium-browser nor google-chrome is installed"),
+    needs_chromium,
     pytest.mark.slow,
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
 ]
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("arm")
-    arm = load_arm(folder)
+@pytest.fixture
+def page(tmp_path):
+    arm = load_arm(tmp_path)
     true = arm.with_effect(EFFECT).with_values({f"{EFFECT}.torque": {"shoulder": 0.6, "elbow": 0.2}})
     logs = [record(true, f"wave_{k}", 5e-4, seed=k) for k in range(4)]
-    page = Page(Session(arm, logs[:2], logs[2:], folder / "better.json"), port=0)
+    page = Page(Session(arm, logs[:2], logs[2:], tmp_path / "better.json"), port=0)
     yield page
     page.close()
 
@@ -96,6 +96,9 @@ def test_from_the_first_look_to_a_saved_page(page, chromium, tmp_path) -> None:
 def test_a_closed_page_says_so_and_loses_nothing(page, chromium) -> None:
     tab = Tab(chromium, page.url)
     tab.ready()
+    tab.tab("Diagnose")
+    tab.press("accept: write better.json")
+    assert page.actions.wait()
     page.close()
     tab.see("The workbench has ended")
     assert page.session.accepted is not None and page.session.accepted.is_file()
