@@ -44,7 +44,7 @@ def main(folder: Path) -> None:
         tab.tab("Diagnose")
         tab.press("diagnose")
         page.actions.wait(WORK)
-        tab.press("put the diagnosed model on")
+        tab.press("show the diagnosed model")
         page.actions.wait(WORK)
         tab.picture(PICTURES / "diagnose.png")
         tab.tab("Next motion")

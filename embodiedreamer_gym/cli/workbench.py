@@ -1,5 +1,6 @@
 """`embodiedreamer workbench`."""
 
+import itertools
 import time
 import webbrowser
 from pathlib import Path
@@ -13,7 +14,7 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
     o.option("recordings", "REC", f"{o.FILES}; none, and no --model: a game with the demo's arm", nargs="*"),
     o.option("--model", "M", o.MODELS, None),
     o.option("--test", "REC", "held out: the error is that of these (default: every second REC)", [], nargs="+"),
-    o.out_file("FILE.json", "what `accept` writes, FILE.history.json beside it (default: better.json)", Path("better.json")),
+    o.out_file("FILE.json", "what `accept` writes, FILE.history.json beside it; FILE-2.json where it exists (default: better.json)", Path("better.json")),
     o.option("--host", "ADDRESS", "on which the page is served; any other than 127.0.0.1 lets other machines in", "127.0.0.1"),
     o.option("--port", "N", "of the page; the next free one where it is taken", 8080, o.number(int, 1, 65535)),
     o.option("--no-browser", None, "open no browser"),
@@ -62,4 +63,10 @@ def _session(a):
             train,
             "There is one recording: the error is that of the motion that is fitted, not of held-out motion.",
         )
-    return Session(model, train, test, a.out, a.jobs, a.seed), words, game
+    return Session(model, train, test, _free(a.out), a.jobs, a.seed), words, game
+
+
+def _free(path):
+    """The path, with the first number from 2 on that makes it a new file where there is one already."""
+    numbered = (path.with_stem(f"{path.stem}-{k}") for k in itertools.count(2))
+    return next(p for p in itertools.chain([path], numbered) if not p.exists())

@@ -67,6 +67,19 @@ class Actions:
         """Show a sentence once what was asked for is done."""
         self._queue.put(lambda: self._say(text))
 
+    def attempt(self, work: Callable[[], None]) -> bool:
+        """Do some work in this thread; an error is said. Returns whether there was none."""
+        try:
+            work()
+        except EmbodieDreamerError as error:
+            self._say(str(error))
+        except Exception as error:
+            LOG.exception("an action failed")
+            self._say(f"That failed: {type(error).__name__}: {error}")
+        else:
+            return True
+        return False
+
     def stop(self) -> None:
         """Stop the long work, at its next step."""
         self._stopping.set()
@@ -88,7 +101,7 @@ class Actions:
             try:
                 item = self._queue.get(timeout=IDLE if unsettled else None)
             except queue.Empty:
-                self._try(self._settled)
+                self.attempt(self._settled)
                 unsettled = False
                 if self.session.job is None and self._queue.empty():
                     self._idle.set()
@@ -97,8 +110,8 @@ class Actions:
                 return
             if self._outdated(item):
                 continue
-            self._try(item if callable(item) else lambda item=item: self._act(*item))
-            self._try(self._changed)
+            self.attempt(item if callable(item) else lambda item=item: self._act(*item))
+            self.attempt(self._changed)
             unsettled = True
 
     def _outdated(self, item: Any) -> bool:
@@ -157,12 +170,3 @@ class Actions:
         more = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in quantities.items())
         status.text, status.share = f"{stage}{steps}" + (f": {more}" if more else ""), done / total if total else 0.0
         self._progressed()
-
-    def _try(self, work: Callable[[], None]) -> None:
-        try:
-            work()
-        except EmbodieDreamerError as error:
-            self._say(str(error))
-        except Exception as error:
-            LOG.exception("an action failed")
-            self._say(f"That failed: {type(error).__name__}: {error}")

@@ -73,7 +73,8 @@ class Chart:
         )
         if unit is not None and self._handle.axes[1]["label"] != unit:
             self._handle.axes = (self._handle.axes[0], {**self._handle.axes[1], "label": unit})
-        given = np.concatenate([s for s in self._data[1:] if np.isfinite(s).all()])
+        given = np.concatenate(self._data[1:])
+        given = given[np.isfinite(given)]
         ends = ((float(time[0]), float(time[-1])), round_ends(float(given.min()), float(given.max())))
         if ends != self._ends:  # uPlot finds none where a series has gaps
             self._ends = ends
@@ -92,10 +93,10 @@ class Chart:
 def error_chart(gui: Any) -> Chart:
     """Error of a joint with the model on show and with the one before, and two standard deviations of noise."""
     series = [
-        line("noise ±2 sd", BAND, 0),
-        line(" ", BAND, 0),
-        line("last", BEFORE, 1.1, (4, 3)),
-        line("now", SIMULATED, 1.6),
+        line("noise +2 sd", BAND, 0),
+        line("noise −2 sd", BAND, 0),
+        line("last kept", BEFORE, 1.1, (4, 3)),
+        line("on show", SIMULATED, 1.6),
     ]
     return Chart(gui, [*series, mark("this instant", "#cc2924")], MILLI["rad"], [{"series": [1, 2], "fill": BAND}], 210)
 

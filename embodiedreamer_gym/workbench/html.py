@@ -15,15 +15,22 @@ from embodiedreamer_gym.workbench.scene import colour
 STYLE = "font-family:system-ui,sans-serif;font-size:0.82em;padding:0.1em 0.75em 0.5em;line-height:1.35;overflow-wrap:anywhere"
 
 
+# viser blocks the pointer in all of its panels while no server answers, and shows no words.
+LOST = f"""<style>.lost {{display: none}} [style*="pointer-events: none"] .lost {{display: block}}</style>
+<div class="lost" style="{STYLE};background:#f4be42;color:#000;font-weight:700;padding-top:0.5em">
+The workbench does not answer. Its command may have ended: what was accepted is on disk. Start the command again and
+reload this page.</div>"""
+
+
 def block(text: str) -> str:
     """A piece with the page's font and margin."""
     return f'<div style="{STYLE}">{text}</div>'
 
 
 def bars(steps: Sequence[tuple[str, float]], noise: float, unit: str) -> str:
-    """The errors of steps (label, error) as bars beside the noise, the last one strong."""
+    """The held-out errors of steps (label, error) as bars beside the noise, the last one strong."""
     top = max([noise, *(error for _, error in steps)]) or 1.0
-    rows = []
+    rows = ['<div style="color:#6b727c">held-out error</div>']
     for k, (label, error) in enumerate(steps):
         fill = "#1f6fb2" if k == len(steps) - 1 else "#c3c9d1"
         rows.append(

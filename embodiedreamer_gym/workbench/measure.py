@@ -71,6 +71,17 @@ class Measure:
             return self.run(model).rollouts[self.recordings.index(recording)]
         return self._once(("shown", model, recording), lambda: free_runs(model, [recording])[0])
 
+    def errors(self, model: RobotModel, recording: Recording) -> np.ndarray | None:
+        """What was measured of a recording less what the model makes of it (T, n), see `unit`; None where that is unknown."""
+        if recording in self.recordings:
+            return self.run(model).errors[self.recordings.index(recording)]
+        run = self.shown(model, recording)
+        return None if run is None else recording.position - run.position
+
+    def unit(self, model: RobotModel, joint: int) -> str:
+        """Unit of a joint's error."""
+        return self.signals.unit or model.units[joint]
+
     def worst_instant(self, model: RobotModel, joint: int, regime: str) -> tuple[Recording, int]:
         """Recording and sample at which a joint's error is largest while it is in a regime ("all": at any time).
 

@@ -20,7 +20,7 @@ from embodiedreamer_gym.workbench.session import Session
 
 HERE = "127.0.0.1"
 BRAND = (31, 111, 178)
-FAREWELL = 0.3  # s until the last sentence has reached the tabs
+SAID = 8.0  # s that a sentence stays at least
 
 
 class Page:
@@ -41,7 +41,7 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(400)
         self.actions = Actions(session, self.update, self.settle, self.progress, self.say)
-        self._shown, self._closed = 0.0, False
+        self._shown, self._said_at, self._closed = 0.0, 0.0, False
         self.scene = Scene(self.server.scene, session.model)
         place_camera(self.server, self.scene.surface, session.recording.position[0])
         left = gui.add_panel()
@@ -51,6 +51,7 @@ class Page:
             self.motion = MotionPanel(gui, session, self.actions, self.scene, self.server)
         with left.add_tab("Where it fails"):
             where = MapPanel(gui, session, self.actions)
+        gui.add_html(html.LOST)
         if words:
             gui.add_html(html.sentence(words))
         self._said = gui.add_html("", visible=False)
@@ -78,6 +79,8 @@ class Page:
 
     def update(self) -> None:
         """Show the session everywhere."""
+        if self._said.visible and time.monotonic() - self._said_at > SAID:
+            self._said.visible = False
         for panel in self.panels:
             panel.update()
 
@@ -97,17 +100,15 @@ class Page:
     def say(self, text: str) -> None:
         """Show a sentence in every tab."""
         self._said.content, self._said.visible = html.sentence(text, strong=True), True
+        self._said_at = time.monotonic()
         for client in self.server.get_clients().values():
-            client.add_notification("", text, auto_close_seconds=8.0)
+            client.add_notification("", text, auto_close_seconds=SAID)
 
     def close(self) -> None:
-        """Stop serving, with a last sentence in every tab."""
+        """Stop serving; every tab says that the workbench does not answer."""
         if self._closed:
             return
         self._closed = True
-        self.say("The workbench has ended; what was accepted is on disk. Start it again and reload this page.")
-        self.server.flush()
-        time.sleep(FAREWELL)
         self.motion.close()
         self.share.close()
         self.actions.close()

@@ -41,7 +41,7 @@ class Session:
     out: file that `accept` writes; jobs, seed: of a diagnosis.
     """
 
-    EDITS = ("set_effect", "set_joints", "set_size", "set_value", "keep", "undo", "redo", "take", "accept")
+    EDITS = ("set_effect", "set_joints", "set_joint", "set_size", "set_value", "keep", "undo", "redo", "take", "accept")
     VIEWS = ("choose_recording", "choose_joint", "choose_time", "jump")
     JOBS = tuple(LONG)
 
@@ -191,6 +191,10 @@ class Session:
             raise EmbodieDreamerError(f"{state.effect} has been kept; its joints stay as they are.")
         model = trial.on_joints(state.base, self.model, state.effect, chosen)
         self.change(replace(state, model=model, joints=chosen, label=""))
+
+    def _set_joint(self, joint: str, on: bool) -> None:
+        self._joint_index(joint)
+        self._set_joints([j for j in self.model.joints if (on if j == joint else j in self.state.joints)])
 
     def _set_size(self, parameter: str, size: float, place: str = "") -> None:
         rows = trial.rows_at(self.model, parameter, (place,) if place else ())

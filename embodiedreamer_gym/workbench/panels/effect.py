@@ -10,6 +10,10 @@ from embodiedreamer_gym.workbench.panels.panel import Panel, choose
 
 NONE = "none"
 ALL = "all chosen joints"
+ASK = (
+    "Choose an effect and move its sliders: the error is simulated again. 'fit' fits everything in the model from there, "
+    "'keep' makes it a step of the staircase above."
+)
 
 
 class EffectPanel(Panel):
@@ -22,16 +26,15 @@ class EffectPanel(Panel):
         self._effect = self.input(
             gui.add_dropdown("effect", names), lambda name: do("set_effect", name="" if name == NONE else name)
         )
-        self._words = gui.add_html(
-            html.sentence("Choose an effect and move its sliders: the error is simulated again.")
-        )
+        self._words = gui.add_html(html.sentence(ASK))
         self._place = self.input(gui.add_dropdown("slider for", (ALL,)), lambda _: self._redraw())
         self._joints: dict[str, Any] = {}
         self._folder = gui.add_folder("joints", expand_by_default=False, visible=False)
         with self._folder:
             for joint in self.session.model.joints:
-                self._joints[joint] = self.input(gui.add_checkbox(joint, True), lambda _: self._set_joints())
-        self._sliders_folder = gui.add_folder("size", visible=False)
+                box = gui.add_checkbox(joint, True)
+                self._joints[joint] = self.input(box, lambda on, joint=joint: do("set_joint", joint=joint, on=on))
+        self._sliders_folder = gui.add_folder("size (0: off, ±1: the most that is sensible)", visible=False)
         self._sliders: dict[str, Any] = {}
         self._buttons = gui.add_button_group("model", ("fit", "keep", "undo", "redo"))
         self._buttons.on_click(lambda event: self._press(event.target.value))
@@ -55,9 +58,11 @@ class EffectPanel(Panel):
         choose(self._place, (ALL, *places), value)
         self._build_sliders()
         self._redraw()
+        text = ASK
         if state.effect:
             kind = find_effect(state.effect, self.session.model.catalogue)
-            self._words.content = html.sentence(f"{kind.symptom}. It shows in {kind.reveals}.")
+            text = f"{kind.symptom[:1].upper()}{kind.symptom[1:]}. It shows in {kind.reveals}."
+        self._words.content = html.sentence(text)
         self._show_job()
 
     def progress(self) -> None:
@@ -105,9 +110,6 @@ class EffectPanel(Panel):
     def _move(self, group: str, size: float) -> None:
         place = "" if self._place.value == ALL else self._place.value
         self.actions.do("set_size", parameter=group, size=size, place=place)
-
-    def _set_joints(self) -> None:
-        self.actions.do("set_joints", joints=[joint for joint, box in self._joints.items() if box.value])
 
     def _press(self, what: str) -> None:
         if what in ("fit", "keep", "undo", "redo"):

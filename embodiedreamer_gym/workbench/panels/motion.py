@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.io.tables import MILLI
+from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.workbench import html
 from embodiedreamer_gym.workbench.actions import Actions
 from embodiedreamer_gym.workbench.charts import error_chart, motion_chart
 from embodiedreamer_gym.workbench.panels.panel import Panel, choose
@@ -18,6 +20,10 @@ from embodiedreamer_gym.workbench.session import Session
 TIMES = ("1", "2", "5", "10", "20")  # as large as which differences may be drawn
 VISIBLE = 0.12  # of the robot's size: about how far apart the ends are drawn at most
 SLOW = 0.2  # s between two changes of slider and marks while it plays
+SOLID = "Solid: measured; a link is grey where its joint's error is at the noise, amber above it, red at 20 times the noise. "
+BLUE = "Blue: simulated, drawn {:g} times as far from the measured arm as it is."
+NO_GHOST = "These logs hold no command: the effort that the model needs for the measured motion is compared, and no simulated arm is shown."
+PROPOSED = "The proposed motion. Solid: as commanded. Blue: as the model would follow."
 
 
 class MotionPanel(Panel):
@@ -48,15 +54,17 @@ class MotionPanel(Panel):
             gui.add_dropdown("speed", ("0.1", "0.25", "0.5", "1", "2"), initial_value="1"), self._set_speed
         )
         self._loop = self.input(gui.add_checkbox("loop", True), self._set_loop)
-        hint = "The ghost is this many times as far from the measured arm as it was simulated to be."
+        hint = "The simulated arm is drawn this many times as far from the measured one as it is."
         self._exaggerate = self.input(
-            gui.add_dropdown("difference x", TIMES, initial_value="1", hint=hint), self._set_times
+            gui.add_dropdown("enlarge error", TIMES, initial_value="1", hint=hint), self._set_times
         )
+        self._words = gui.add_html("")
         self._error, self._signals = error_chart(gui), motion_chart(gui)
         cameras = sorted({name for r in session.recordings for name in r.frames})
         self._images = {
             name: gui.add_image(np.full((4, 6, 3), 240, np.uint8), label=name, visible=False) for name in cameras
         }
+        self._broken: set[tuple[Recording, str]] = set()
         self._player.start()
 
     @property
@@ -98,6 +106,7 @@ class MotionPanel(Panel):
             self._player.playing = False
             self._player.go(session.time)
         self._slow = 0.0
+        self._explain()
         self._player.refresh()
 
     _asked, _asked_of = 0.0, None
@@ -109,7 +118,15 @@ class MotionPanel(Panel):
         self._time.max = round(self._player.duration, 3)
         self._scene.trace(motion.measured, motion.simulated)
         self._player.seconds, self._player.playing = 0.0, True
+        self._explain()
         self._player.refresh()
+
+    def _explain(self) -> None:
+        """Say which arm is which."""
+        text = PROPOSED
+        if self.source == "recording":
+            text = NO_GHOST if self.session.measure.signals.by_effort else SOLID + BLUE.format(self._times)
+        self._words.content = html.sentence(text)
 
     def _visible(self) -> float:
         """How much larger than they are differences have to be drawn to be seen."""
@@ -121,19 +138,21 @@ class MotionPanel(Panel):
 
     def _draw(self) -> None:
         """Draw the charts and the paths."""
-        session, motion = self.session, self._motion
+        session, motion, measure = self.session, self._motion, self.session.measure
         j = session.model.joints.index(session.joint)
-        unit = session.model.units[j]
-        noise = 2e3 * session.measure.signals.sigma[j] * np.ones(len(motion.time))
-        now = None if motion.simulated is None else 1e3 * (motion.measured - motion.simulated)[:, j]
-        before = None
-        if session.before is not session.model and (run := session.measure.shown(session.before, session.recording)):
-            before = 1e3 * (motion.measured - run.position)[:, j]
-        self._error.draw(motion.time, noise, -noise, before, now, unit=f"error [{MILLI[unit]}]")
+        noise = 2e3 * measure.signals.sigma[j] * np.ones(len(motion.time))
+        now = measure.errors(session.model, session.recording)
+        before = None if session.before is session.model else measure.errors(session.before, session.recording)
+        drawn = [None if error is None else 1e3 * error[:, j] for error in (before, now)]
+        self._error.draw(motion.time, noise, -noise, *drawn, unit=f"error [{MILLI[measure.unit(session.model, j)]}]")
         command = session.recording.command
         simulated = None if motion.simulated is None else motion.simulated[:, j]
         self._signals.draw(
-            motion.time, None if command is None else command[:, j], motion.measured[:, j], simulated, unit=unit
+            motion.time,
+            None if command is None else command[:, j],
+            motion.measured[:, j],
+            simulated,
+            unit=session.model.units[j],
         )
         self._scene.trace(motion.measured, motion.drawn(self._times))
 
@@ -156,9 +175,13 @@ class MotionPanel(Panel):
     def _frames(self, at: int) -> None:
         recording = self.session.recording
         for name, image in self._images.items():
-            image.visible = name in recording.frames
-            if image.visible and at < len(recording.frames[name]):
-                image.image = recording.frames[name][at]
+            shown = name in recording.frames and (recording, name) not in self._broken
+            if shown and not self.actions.attempt(
+                lambda image=image, name=name: _draw_frame(image, recording, name, at)
+            ):
+                self._broken.add((recording, name))
+                shown = False
+            image.visible = shown
 
     def _control(self, what: str) -> None:
         player = self._player
@@ -184,6 +207,7 @@ class MotionPanel(Panel):
         self._times = float(text)
         if self.source == "recording":
             self._scene.trace(self._motion.measured, self._motion.drawn(self._times))
+        self._explain()
         self._player.refresh()
 
 
@@ -198,8 +222,13 @@ def _motion(session: Session) -> Motion:
     """The session's recording under its model."""
     recording, measure = session.recording, session.measure
     run = measure.shown(session.model, recording)
-    noises, simulated = np.zeros(recording.position.shape), None
-    if run is not None:
-        simulated = run.position
-        noises = np.abs(recording.position - simulated) / measure.signals.sigma
+    errors = measure.errors(session.model, recording)
+    noises = (
+        np.zeros(recording.position.shape) if errors is None else np.abs(np.nan_to_num(errors)) / measure.signals.sigma
+    )
+    simulated = None if run is None else run.position
     return Motion(recording.name, recording.time - recording.time[0], recording.position, simulated, noises)
+
+
+def _draw_frame(image: Any, recording: Recording, camera: str, at: int) -> None:
+    image.image = recording.frames[camera][at]

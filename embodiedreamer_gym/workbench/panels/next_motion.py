@@ -42,6 +42,7 @@ class NextMotionPanel(Panel):
             series = [line("least distance", "#1f6fb2"), mark("closest", "#cc2924")]
             self._clearance = Chart(gui, series, "mm", [], 170)
         self._play = self.button("play it", self._show, visible=False)
+        self._back = self.button("back to the recording", lambda: self.actions.call(lambda: None), visible=False)
         self._save = self.button(f"write {FILE}", self._write, visible=False)
 
     def update(self) -> None:
@@ -53,12 +54,10 @@ class NextMotionPanel(Panel):
             self._first.value, self._second.value = question
         self.progress()
         found = session.rehearsal
-        self._play.visible = self._save.visible = self._chart.visible = found is not None
+        self._play.visible = self._back.visible = self._save.visible = self._chart.visible = found is not None
         if found is not None and found is not self._seen:
             self._seen = found
-            self._words.content = "".join(
-                html.sentence(text) for text in str(found.proposal).split("\n\n")[0].splitlines()
-            )
+            self._words.content = html.sentence(" ".join(str(found.proposal).split("\n\n")[0].splitlines()) + ".")
             self._clearance.draw(found.time, 1e3 * found.clearance)
             self._clearance.point(int(np.argmin(found.clearance)), 0)
             self._show()

@@ -23,9 +23,9 @@ class SearchPanel(Panel):
         self._candidates = gui.add_html("")
         self._choice = gui.add_dropdown("candidate", (NONE,), visible=False)
         self._put_on = self.button(
-            "put it on", self._put, visible=False, hint="Adds it to the last kept model and fits all."
+            "try this candidate", self._put, visible=False, hint="Adds it to the last kept model and fits all."
         )
-        self._take = self.button("put the diagnosed model on", lambda: self.actions.do("take"), visible=False)
+        self._take = self.button("show the diagnosed model", lambda: self.actions.do("take"), visible=False)
         self._more = gui.add_html("")
         gui.add_divider()
         self._accept = self.button(
@@ -85,4 +85,5 @@ def _details(found) -> str:
     for name in found.parameters:
         rows = found.model.parameters().of_effect(name).rows
         table += html.sentence(f"{name.replace('_', ' ')}, with 95 % intervals:") + html.values(rows)
-    return table + "".join(html.sentence(text) for text in unseen_sentences(found.as_dict()))
+    unseen = " ".join(unseen_sentences(found.as_dict()))
+    return table + html.sentence(f"What these recordings cannot show: {unseen[0].lower()}{unseen[1:]}")

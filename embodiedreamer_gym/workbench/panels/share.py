@@ -22,6 +22,7 @@ class SharePanel(Panel):
     def __init__(self, motion: MotionPanel, *arguments) -> None:
         self._motion = motion
         self._running = threading.Event()
+        self._checked, self._aloha = None, False
         super().__init__(*arguments)
 
     def build(self) -> None:
@@ -37,7 +38,9 @@ class SharePanel(Panel):
 
     def update(self) -> None:
         """Offer the environment once a model of an ALOHA has been accepted."""
-        self._open.visible = self.session.accepted is not None and self._is_aloha() and not self._running.is_set()
+        if self.session.accepted != self._checked:
+            self._checked, self._aloha = self.session.accepted, self._is_aloha()
+        self._open.visible = self._aloha and not self._running.is_set()
 
     def close(self) -> None:
         """End the environment."""
@@ -71,6 +74,14 @@ class SharePanel(Panel):
             threading.Thread(target=self._run, name="environment", daemon=True).start()
 
     def _run(self) -> None:
+        try:
+            self.actions.attempt(self._play_task)
+        finally:
+            self._running.clear()
+            self._close.visible = False
+            self.update()
+
+    def _play_task(self) -> None:
         """Let the scripted expert do the task with the accepted model, and show the head camera."""
         from embodiedreamer_gym.envs.aloha import AlohaEnv
         from embodiedreamer_gym.envs.experts import ScriptedExpert
@@ -88,6 +99,3 @@ class SharePanel(Panel):
                     self._picture.image = picture
         finally:
             env.close()
-            self._running.clear()
-            self._close.visible = False
-            self.update()
