@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+import cv2
+import numpy as np
 
 from tests.chromium import CHROMIUM
 
@@ -14,6 +18,15 @@ ARGUMENTS = (
     "--disable-background-networking", "--disable-component-update",
 )  # fmt: skip
 DRAWN = 60_000  # ms; software WebGL is slow
+
+
+def until(condition: Callable[[], object], seconds: float = 60.0) -> None:
+    """Wait until a condition holds. Raises: TimeoutError after some seconds."""
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end:
+            raise TimeoutError("it did not happen in time")
+        time.sleep(0.02)
 
 
 @contextmanager
@@ -49,9 +62,9 @@ class Tab:
         for button in self.page.locator(".mantine-Notification-closeButton").all():
             button.click()
 
-    def see(self, text: str) -> None:
+    def see(self, text: str, seconds: float = DRAWN / 1e3) -> None:
         """Wait until a text can be seen."""
-        self.page.get_by_text(text).locator("visible=true").first.wait_for()
+        self.page.get_by_text(text).locator("visible=true").first.wait_for(timeout=1e3 * seconds)
 
     def tab(self, name: str) -> None:
         """Open one of the panels' tabs."""
@@ -80,6 +93,21 @@ class Tab:
         for part in range(1, 9):
             self.page.mouse.move(x + share * box["width"] * part / 8, y)
         self.page.mouse.up()
+
+    def open(self, folder: str) -> None:
+        """Open a folder."""
+        self.page.get_by_text(folder, exact=True).locator("visible=true").first.click()
+
+    def check(self, label: str) -> None:
+        """Click a checkbox."""
+        box = f"xpath=//label[normalize-space(.)='{label}']/following::input[@type='checkbox'][1]"
+        self.page.locator(box).locator("visible=true").first.click()
+
+    def arms(self, path: Path) -> tuple[int, int]:
+        """Pixels of the scene in the colours of the ghost, and in those of links that err; the picture is written."""
+        self.picture(path)
+        blue, _, red = np.moveaxis(cv2.imread(str(path)).astype(int)[:, 440:1030], -1, 0)
+        return int((blue - red > 30).sum()), int((red - blue > 30).sum())
 
     def text(self) -> str:
         """All text of the page."""

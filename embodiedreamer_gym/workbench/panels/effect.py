@@ -34,7 +34,7 @@ class EffectPanel(Panel):
             for joint in self.session.model.joints:
                 box = gui.add_checkbox(joint, True)
                 self._joints[joint] = self.input(box, lambda on, joint=joint: do("set_joint", joint=joint, on=on))
-        self._sliders_folder = gui.add_folder("size (0: off, ±1: the most that is sensible)", visible=False)
+        self._sliders_folder = gui.add_folder("size (0: off or typical, ±1: ends of its range)", visible=False)
         self._sliders: dict[str, Any] = {}
         self._buttons = gui.add_button_group("model", ("fit", "keep", "undo", "redo"))
         self._buttons.on_click(lambda event: self._press(event.target.value))
