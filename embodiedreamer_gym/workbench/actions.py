@@ -49,6 +49,11 @@ class Actions:
         self._idle = threading.Event()
         self._thread = threading.Thread(target=self._run, name="actions", daemon=True)
 
+    @property
+    def waiting(self) -> int:
+        """How many actions have been asked for and not begun."""
+        return self._queue.qsize()
+
     def start(self) -> None:
         """Begin."""
         self._thread.start()

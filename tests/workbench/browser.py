@@ -81,12 +81,15 @@ class Tab:
         ).first.click()
         self.page.get_by_role("option", name=option, exact=True).locator("visible=true").first.click()
 
+    def track(self, label: str) -> dict[str, float]:
+        """Where a slider's track is: x, y, width and height, pixels."""
+        return self.page.locator(
+            f"xpath=//label[normalize-space(.)='{label}']/following::*[contains(@class,'Slider-trackContainer')][1]"
+        ).bounding_box()
+
     def drag(self, label: str, share: float) -> None:
         """Drag a slider to a share of its way."""
-        track = self.page.locator(
-            f"xpath=//label[normalize-space(.)='{label}']/following::*[contains(@class,'Slider-trackContainer')][1]"
-        )
-        box = track.bounding_box()
+        box = self.track(label)
         x, y = box["x"], box["y"] + box["height"] / 2
         self.page.mouse.move(x + 2, y)
         self.page.mouse.down()

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("viser", reason="viser is not installed")
 
 from embodiedreamer_gym.demo import DATA
-from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
 from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.surface import Surface
@@ -24,7 +24,9 @@ from embodiedreamer_gym.workbench.serve import serve
 from embodiedreamer_gym.workbench.session import Session
 from embodiedreamer_gym.workbench.share import scene_page
 from tests.two_joint_arm import load_arm, record
-from tests.workbench.test_session import EFFECT, random_actions
+from tests.workbench.browser import until
+from tests.workbench.random_actions import random_actions
+from tests.workbench.test_session import EFFECT
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
@@ -97,6 +99,62 @@ def test_the_clock_plays_loops_and_stops(page) -> None:
     assert not player.playing and player.seconds == player.duration
 
 
+class Film:
+    """Frames of one colour, the sample's number; they cannot be read from sample `broken` on."""
+
+    def __init__(self, length: int, broken: int | None = None) -> None:
+        self._length, self._broken = length, broken
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __getitem__(self, index: int) -> np.ndarray:
+        if self._broken is not None and index >= self._broken:
+            raise RecordingError(f"frame {index} of wrist is damaged")
+        return np.full((6, 8, 3), index % 256, np.uint8)
+
+
+def test_camera_frames_are_shown_and_a_damaged_one_is_a_sentence(logs, tmp_path) -> None:
+    model, recordings = logs
+    filmed = [r.with_(frames={"top": Film(len(r.time)), "wrist": Film(len(r.time), 50)}) for r in recordings]
+    page = Page(Session(model, filmed[:2], filmed[2:], tmp_path / "better.json"), port=0)
+    top, wrist = (page.motion._images[name] for name in ("top", "wrist"))
+    assert page.actions.wait(60)
+    assert top.visible and wrist.visible and (top.image == 0).all()
+    page.actions.do("choose_time", seconds=1.0)
+    assert page.actions.wait(60)
+    until(lambda: not wrist.visible)
+    assert (top.image == 100).all() and top.visible
+    assert page._said.visible and "frame 100 of wrist is damaged" in page._said.content
+    page.motion.player.go(0.5)
+    until(lambda: (top.image == 50).all())
+    page.close()
+
+
+def test_logs_without_a_command_show_the_error_of_the_effort(logs, tmp_path) -> None:
+    model, recordings = logs
+    silent = [r.with_(command=None) for r in recordings]
+    page = Page(Session(model, silent[:2], silent[2:], tmp_path / "better.json"), port=0)
+    page.actions.do("set_effect", name=EFFECT)
+    page.actions.do("choose_recording", name=page.session.names[0])
+    assert page.actions.wait(60)
+    comparison = page.session.measure.comparison(page.session.model)
+    assert np.array_equal(page.motion._error.data[4], 1e3 * comparison.errors(0)[0][:, 0])
+    assert page.motion._error._handle.axes[1]["label"] == "error [mA]"
+    assert page.motion.motion.simulated is None and "hold no command" in page.motion._words.content
+    page.close()
+
+
+def test_what_fails_in_an_environment_is_a_sentence(page, monkeypatch) -> None:
+    share = page.share
+    monkeypatch.setattr(share, "_is_aloha", lambda: True)
+    page.actions.do("accept")  # a model of two joints, which no environment takes
+    assert page.actions.wait(60) and share._open.visible
+    share._start()
+    until(lambda: "the ALOHA environments take 14" in page._said.content and share._open.visible)
+    assert not share._close.visible
+
+
 def test_the_scene_as_a_page_holds_every_part(page) -> None:
     text = scene_page(page.session, page.motion.motion, 5.0)
     assert "__VISER_EMBED_DATA__" in text and len(text) > 500_000
@@ -147,6 +205,15 @@ def test_what_is_missing_is_one_sentence(words, expected, capsys) -> None:
     assert expected in capsys.readouterr().err
 
 
+def test_a_file_that_exists_gets_a_sister(tmp_path) -> None:
+    from embodiedreamer_gym.cli.workbench import _free
+
+    assert _free(tmp_path / "better.json").name == "better.json"
+    for name, expected in (("better.json", "better-2.json"), ("better-2.json", "better-3.json")):
+        (tmp_path / name).touch()
+        assert _free(tmp_path / "better.json").name == expected
+
+
 def test_without_viser_one_sentence_names_the_command() -> None:
     code = "import sys; sys.modules['viser'] = None\nfrom embodiedreamer_gym.cli.command import main\nsys.exit(main(['workbench']))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -189,7 +256,7 @@ def test_two_thousand_random_actions(page, logs, caplog) -> None:
     begun = 0
     for k, (action, given) in enumerate(random_actions(page.session, np.random.default_rng(11), 2000)):
         page.actions.do(action, **given)
-        while page.actions._queue.qsize() > 4:
+        while page.actions.waiting > 4:
             time.sleep(0.005)
         if k == 300:
             assert page.actions.wait(60)

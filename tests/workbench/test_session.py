@@ -14,6 +14,7 @@ from embodiedreamer_gym.workbench import trial
 from embodiedreamer_gym.workbench.actions import Actions
 from embodiedreamer_gym.workbench.session import Session
 from tests.two_joint_arm import load_arm, record
+from tests.workbench.random_actions import random_actions
 
 EFFECT = "coulomb_friction"
 
@@ -68,10 +69,13 @@ def test_a_slider_covers_the_range_of_every_parameter(arm) -> None:
             assert trial.value_of(row, trial.size_of(row)) == pytest.approx(row.value, abs=1e-9 * (row.high - row.low))
 
 
-def test_joints_keep_their_values(session) -> None:
+@pytest.mark.parametrize(
+    ("action", "given"), [("set_joints", {"joints": ["shoulder"]}), ("set_joint", {"joint": "elbow", "on": False})]
+)
+def test_joints_keep_their_values(session, action: str, given: dict) -> None:
     session.do("set_effect", name=EFFECT)
     session.do("set_value", parameter=f"{EFFECT}.torque", value=0.3)
-    session.do("set_joints", joints=["shoulder"])
+    session.do(action, **given)
     rows = session.model.parameters().of_effect(EFFECT)
     assert [(r.key.place, r.value) for r in rows] == [("shoulder", 0.3)]
 
@@ -137,30 +141,6 @@ def test_edits_wait_for_long_work(session) -> None:
     session.do("choose_joint", joint="elbow")
     session.cancel()
     session.do("set_effect", name=EFFECT)
-
-
-def random_actions(session: Session, rng: np.random.Generator, count: int):
-    """Actions such as somebody at the page might ask for, sensible or not."""
-    names, joints = list(session.model.catalogue), list(session.model.joints)
-    for _ in range(count):
-        kind = rng.choice(["set_effect", "set_size", "set_joints", "undo", "redo", "keep", "choose_joint", "choose_recording", "choose_time"],
-                          p=[0.1, 0.4, 0.1, 0.15, 0.1, 0.02, 0.05, 0.05, 0.03])  # fmt: skip
-        if kind == "set_effect":
-            yield kind, {"name": str(rng.choice(["", EFFECT, *names]))}
-        elif kind == "set_size":
-            groups = [str(r.key.group) for r in session.model.parameters() if r.key.effect] or ["nothing"]
-            place = {} if rng.random() < 0.5 else {"place": str(rng.choice(joints))}
-            yield kind, {"parameter": str(rng.choice(groups)), "size": float(rng.uniform(-1, 1)), **place}
-        elif kind == "set_joints":
-            yield kind, {"joints": [j for j in joints if rng.random() < 0.6]}
-        elif kind == "choose_joint":
-            yield kind, {"joint": str(rng.choice(joints))}
-        elif kind == "choose_recording":
-            yield kind, {"name": str(rng.choice(session.names))}
-        elif kind == "choose_time":
-            yield kind, {"seconds": float(rng.uniform(-1, 9))}
-        else:
-            yield str(kind), {}
 
 
 def test_random_actions_end_in_the_state_of_the_same_steps(arm, session) -> None:
