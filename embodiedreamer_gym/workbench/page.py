@@ -55,8 +55,13 @@ class Page:
         if words:
             gui.add_html(html.sentence(words))
         self._said = gui.add_html("", visible=False)
-        self.panels: list[Panel] = [self.motion, *([GamePanel(gui, session, self.actions)] if game else [])]
-        self.panels += [ErrorPanel(gui, session, self.actions), where]
+        games = [GamePanel(gui, session, self.actions)] if game else []
+        self.panels: list[Panel] = [
+            ErrorPanel(gui, session, self.actions),
+            *games,
+            self.motion,
+            where,
+        ]  # the error first
         tabs = gui.add_tab_group()
         with tabs.add_tab("Try an effect"):
             self.panels.append(EffectPanel(gui, session, self.actions))
