@@ -82,6 +82,10 @@ class Measure:
         """Unit of a joint's error."""
         return self.signals.unit or model.units[joint]
 
+    def noise(self, model: RobotModel) -> np.ndarray:
+        """Noise (n,) of each joint's error, in its `unit`; that of efforts is the model's own."""
+        return self.comparison(model).joint_noise if self.signals.by_effort else self.signals.sigma
+
     def worst_instant(self, model: RobotModel, joint: int, regime: str) -> tuple[Recording, int]:
         """Recording and sample at which a joint's error is largest while it is in a regime ("all": at any time).
 

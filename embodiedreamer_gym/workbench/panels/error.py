@@ -20,7 +20,7 @@ class ErrorPanel(Panel):
     def update(self) -> None:
         """Show the errors."""
         signals = self.session.measure.signals
-        noise = float(signals.sigma.mean())
+        noise = float(self.session.measure.noise(self.session.model).mean())
         self._bars.content = html.bars(self.session.staircase, noise, signals.unit or "rad")
 
 

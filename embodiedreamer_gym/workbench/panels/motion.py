@@ -140,7 +140,7 @@ class MotionPanel(Panel):
         """Draw the charts and the paths."""
         session, motion, measure = self.session, self._motion, self.session.measure
         j = session.model.joints.index(session.joint)
-        noise = 2e3 * measure.signals.sigma[j] * np.ones(len(motion.time))
+        noise = 2e3 * measure.noise(session.model)[j] * np.ones(len(motion.time))
         now = measure.errors(session.model, session.recording)
         before = None if session.before is session.model else measure.errors(session.before, session.recording)
         drawn = [None if error is None else 1e3 * error[:, j] for error in (before, now)]
@@ -224,7 +224,9 @@ def _motion(session: Session) -> Motion:
     run = measure.shown(session.model, recording)
     errors = measure.errors(session.model, recording)
     noises = (
-        np.zeros(recording.position.shape) if errors is None else np.abs(np.nan_to_num(errors)) / measure.signals.sigma
+        np.zeros(recording.position.shape)
+        if errors is None
+        else np.abs(np.nan_to_num(errors)) / measure.noise(session.model)
     )
     simulated = None if run is None else run.position
     return Motion(recording.name, recording.time - recording.time[0], recording.position, simulated, noises)
