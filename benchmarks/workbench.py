@@ -38,6 +38,7 @@ from tests.workbench.random_actions import random_actions
 
 EFFECT, GROUP = "stribeck_friction", "stribeck_friction.sliding"
 DRAWN = 8.0  # standard deviation of the picture, of 255, from which the arm is in it
+MOST = 120_000  # ms to wait for a picture
 SETTLED = 300  # actions after which memory is measured for the first time
 LATE = "Tried to update non-existent component"  # viser: a slider moved and was removed between two pictures; harmless
 LATENCY = """() => {
@@ -97,8 +98,9 @@ def start(chromium: Any) -> dict[str, float]:
             url = process.stdout.readline().split()[1]
             served = time.perf_counter() - begun
             tab = chromium.new_page(viewport={"width": 1440, "height": 900})
+            tab.set_default_timeout(MOST)
             tab.goto(url)
-            tab.wait_for_selector("canvas", timeout=60_000)
+            tab.wait_for_selector("canvas")
             while _picture(tab)[:, 440:1000].std() < DRAWN:
                 time.sleep(0.1)
             drawn, used = time.perf_counter() - begun, _cpu([psutil.Process(process.pid)])
