@@ -85,5 +85,6 @@ def _details(found) -> str:
     for name in found.parameters:
         rows = found.model.parameters().of_effect(name).rows
         table += html.sentence(f"{name.replace('_', ' ')}, with 95 % intervals:") + html.values(rows)
-    unseen = " ".join(unseen_sentences(found.as_dict()))
-    return table + html.sentence(f"What these recordings cannot show: {unseen[0].lower()}{unseen[1:]}")
+    return table + "".join(
+        map(html.sentence, ("What these recordings cannot show:", *unseen_sentences(found.as_dict())))
+    )
