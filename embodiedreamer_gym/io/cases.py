@@ -73,6 +73,11 @@ class Cases:
                     f"{path} holds the case {brief(dict(self.keys[key]))} again; leave one file out."
                 )
             found |= rows
+        return self.in_order(found.values())
+
+    def in_order(self, rows: Iterable[Row]) -> list[Row]:
+        """Rows of different cases in the order of the list."""
+        found = {self._key(row): row for row in rows}
         return [found[key] for key in self.keys if key in found]
 
     def run(self, work: Work, path: Path | None, shard: Shard = WHOLE, jobs: int = 1, also: Sequence[Path] = (),
