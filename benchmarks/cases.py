@@ -17,14 +17,16 @@ from embodiedreamer_gym.io.progress import duration
 from embodiedreamer_gym.io.results import run_of, write_results
 from embodiedreamer_gym.io.shard import Shard
 
+COSTS = ("seconds", "run")  # of a row, which result.json leaves out
 
-def case_options(parser: argparse.ArgumentParser, out: Path | str | None = None) -> None:
+
+def case_options(parser: argparse.ArgumentParser, out: Path | str | None = None, jobs: int = 2) -> None:
     """Add --jobs, --shard, --out, --rows and --results; out: what --out is where it is not given."""
     default = "no file" if out is None else out
-    parser.add_argument("--jobs", type=int, default=2, help="processes (default %(default)s)")
+    parser.add_argument("--jobs", type=int, default=jobs, help="processes (default %(default)s)")
     parser.add_argument("--shard", type=shard, default=Shard(), metavar="I/N", help="only part I of N of the cases")
     parser.add_argument("--out", type=Path, metavar="FILE.jsonl", help=f"a row for each finished case, which is not run again (default: {default})")  # fmt: skip
-    parser.add_argument("--rows", type=Path, nargs="+", default=[], metavar="FILE.jsonl", help="rows of other shards, which count as finished")  # fmt: skip
+    parser.add_argument("--rows", type=Path, nargs="*", default=[], metavar="FILE.jsonl", help="rows of other shards, which count as finished")  # fmt: skip
     parser.add_argument("--results", type=Path, metavar="DIR", help="write DIR/result.json and DIR/run.json")
 
 
@@ -49,6 +51,7 @@ def run_cases(a: argparse.Namespace, cases: Cases, work: Work, path: Path | None
 
     path: keeps the rows; None: nothing does. also: files of rows that are finished.
     Returns the rows of all finished cases, in the order of the list.
+    Raises: EmbodieDreamerError where there is none, and as `Cases.run`.
     """
     begun, new, left = time.perf_counter(), list[Row](), len(cases.missing(path, a.shard, also))
     for row in cases.run(work, path, a.shard, a.jobs, also):
@@ -57,7 +60,10 @@ def run_cases(a: argparse.Namespace, cases: Cases, work: Work, path: Path | None
         print(
             f"{unit} {len(new):>3}/{left} {show(row)} {row['seconds']:4.0f} s, {duration(remaining)} left", flush=True
         )
-    return read(cases, path, also) if path is not None else cases.in_order([*cases.read(*also), *new])
+    rows = read(cases, path, also) if path is not None else cases.in_order([*cases.read(*also), *new])
+    if cases.each and not rows:
+        raise EmbodieDreamerError(f"shard {a.shard} has none of the {len(cases.each)} cases, and no other is finished.")
+    return rows
 
 
 def save_results(a: argparse.Namespace, cases: Cases, rows: list[Row], seeds: Any, result: dict[str, Any]) -> None:

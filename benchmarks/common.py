@@ -1,4 +1,4 @@
-"""What the benchmarks share: where real data lie, one thread for BLAS, intervals of shares, results written beside and renamed."""
+"""What the benchmarks share: where real data lie, intervals of shares, results written beside and renamed."""
 
 from __future__ import annotations
 
@@ -33,12 +33,6 @@ def times(text: str) -> int:
     return int(text)
 
 
-def pin_threads() -> None:
-    """One thread for BLAS and numba; takes effect for libraries that are not loaded yet."""
-    for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ.setdefault(key, "1")
-
-
 def save(rows: Any, path: Path | None) -> None:
     """Write results as JSON, if a path is given."""
     if path is not None:
@@ -49,7 +43,7 @@ def save(rows: Any, path: Path | None) -> None:
 
 def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
     """95 % interval of a share."""
-    from embodiedreamer_gym.bench.intervals import clopper_pearson as interval  # not before the threads are pinned
+    from embodiedreamer_gym.bench.intervals import clopper_pearson as interval
 
     return interval(hits, trials)
 

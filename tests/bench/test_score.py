@@ -94,20 +94,20 @@ def test_shards_give_the_same_scores_to_the_byte(made, tmp_path, capsys):
         files = [tmp_path / f"{count}-{number}.jsonl" for number in range(1, count + 1)]
         for number, file in enumerate(files, 1):
             words = ["--shard", f"{number}/{count}", "--out", str(file), "--quiet"]
-            assert main(["bench", "run", "sparse", "ladder", "--cases", str(made.cases), *words]) == 0
+            assert main(["bench", "run", "ladder", "--cases", str(made.cases), *words]) == 0
         folder = tmp_path / f"results-{count}"
         answers = ["--answers", *map(str, reversed(files)), "--results", str(folder), "--quiet"]
         assert main(["bench", "score", "--truth", str(made.truth), *answers]) == 0
         written.append((folder / "result.json").read_bytes())
         run = json.loads((folder / "run.json").read_text())
-        assert run["cases"] == 8 and run["seeds"] == [2] and run["seconds"] > 0 and run["machine"]
+        assert run["cases"] == 4 and run["seeds"] == [2] and run["seconds"] > 0 and run["machine"]
     assert len(set(written)) == 1 and len(json.loads(written[0])["figures"]) > 10
     capsys.readouterr()
     text = files[0].read_text().replace(made.digest, "0" * 64)
     files[0].write_text(text)
     assert main(["bench", "score", "--truth", str(made.truth), *answers]) == 2
     assert f"is of another set of cases than {made.truth}" in capsys.readouterr().err
-    assert main(["bench", "run", "sparse", "--cases", str(made.cases), "--out", str(files[0]), "--quiet"]) == 2
+    assert main(["bench", "run", "ladder", "--cases", str(made.cases), "--out", str(files[0]), "--quiet"]) == 2
     assert "truth_sha256 is '00000000" in capsys.readouterr().err and files[0].read_text() == text
 
 

@@ -93,10 +93,10 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, brief: None) -> None:
 
 
 def test_shards_film_every_episode_once(tmp_path: Path, brief: None) -> None:
-    paths = [film_episodes([BRIEF], 3, tmp_path, render=grey, shard=Shard(number, 2)) for number in (1, 2)]
-    names = [f"PutCupOnMat_{number:03}.hdf5" for number in range(3)]
+    paths = [film_episodes([BRIEF], 2, tmp_path, render=grey, shard=Shard(number, 2)) for number in (1, 2)]
+    names = [f"PutCupOnMat_{number:03}.hdf5" for number in range(2)]
     assert sorted(path.name for part in paths for path in part) == names == sorted(p.name for p in tmp_path.iterdir())
-    assert sorted(map(len, paths)) == [1, 2]
+    assert list(map(len, paths)) == [1, 1]
 
 
 def test_other_settings_are_refused_before_anything_is_filmed(filmed: Path) -> None:
