@@ -23,7 +23,8 @@ import torch
 from benchmarks.common import data_folder
 from benchmarks.droid_camera import EPISODES, JOINTS, joint_angles
 from embodiedreamer_gym.engines.bullet.client import World
-from embodiedreamer_gym.engines.bullet.rendering import Renderer, stacked
+from embodiedreamer_gym.engines.bullet.rendering import Renderer
+from embodiedreamer_gym.engines.frame import stacked
 from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.io.video import save_picture
 from embodiedreamer_gym.vis_aligner import Condition, Episode, load_aligner, metrics

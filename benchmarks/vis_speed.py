@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from embodiedreamer_gym.engines.bullet.rendering import stacked
+from embodiedreamer_gym.engines.frame import stacked
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.vis_aligner import Condition, Episode, References, load_aligner, load_bank

@@ -66,7 +66,7 @@ class Cases:
         Raises: EmbodieDreamerError for rows of other settings, for a case in two files, and for what is no file of rows.
         """
         found: dict[str, Row] = {}
-        for path in paths:
+        for path in {path.resolve(): path for path in paths}.values():
             rows = self._rows(path)
             for key in found.keys() & rows.keys():
                 raise EmbodieDreamerError(
@@ -110,7 +110,7 @@ class Cases:
         report(unit, 0, total)
         with _lines(path) as file:
             for done, (item, result) in enumerate(results, 1):
-                row = {**self.settings, **item, **result}
+                row = {**self.settings, **item, **result} | dict(item)
                 if file is not None:
                     file.write((json.dumps(row, default=_plain) + "\n").encode())
                     file.flush()
@@ -143,12 +143,14 @@ class Cases:
         try:
             row = json.loads(line)
             self._key(row)
+            there = {name: json.dumps(row[name], sort_keys=True) for name in self.settings if name in row}
         except (ValueError, RecursionError, KeyError, TypeError) as error:
             raise EmbodieDreamerError(f"{where} is no row of these cases: {brief(error)}.") from error
-        for name, value in self.settings.items():
-            if name in row and key_of({name: row[name]}) != key_of({name: value}):
+        for name, text in there.items():
+            wanted = json.dumps(self.settings[name], sort_keys=True)
+            if text != wanted:
                 raise EmbodieDreamerError(
-                    f"{where} is of other cases: {name} is {brief(row[name])}, not {brief(value)}; give another file."
+                    f"{where} is of other cases: {name} is {brief(row[name])}, not {brief(json.loads(wanted))}; give another file."
                 )
         return row
 
