@@ -1,4 +1,4 @@
-"""What the benchmarks share: where real data lie, intervals of shares, results written beside and renamed."""
+"""What the benchmarks share: where real data lie, one thread for BLAS, intervals of shares, results written beside and renamed."""
 
 from __future__ import annotations
 
@@ -31,6 +31,12 @@ def times(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text} is not allowed; give a whole number of at least 1.")
     return int(text)
+
+
+def pin_threads() -> None:
+    """One thread for BLAS and Numba; takes effect for libraries that are not loaded yet."""
+    for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ.setdefault(key, "1")
 
 
 def save(rows: Any, path: Path | None) -> None:
