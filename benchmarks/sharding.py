@@ -1,6 +1,6 @@
 """Shards: how much faster several processes finish the same cases, and whether `result.json` is the same to the byte.
 
-python -m benchmarks sharding [--fits 8] [--shards 1 2] [--out FILE.json]
+python -m benchmarks sharding [--fits 12] [--shards 1 2] [--out FILE.json]
 
 The cases are the fits of `benchmarks.intervals`, four for each of --fits, one process of one thread for each shard, all
 side by side. Beside the wall-clock ratio stands the one of processor time, the first run's to the largest shard's, which is
@@ -50,7 +50,7 @@ def run_shards(folder: Path, fits: int, count: int) -> dict[str, Any]:
 def main() -> None:
     """Print a line for each number of shards."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--fits", type=times, default=8)
+    parser.add_argument("--fits", type=times, default=12)
     parser.add_argument("--shards", type=times, nargs="+", default=[1, 2])
     parser.add_argument("--out", type=Path)
     a = parser.parse_args()
