@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import pin_threads, save
+from benchmarks.common import save
 from embodiedreamer_gym.diagnosis import diagnose
 from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight
 from embodiedreamer_gym.robot import RobotModel
@@ -45,7 +45,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
-    pin_threads()
     rows = []
     for k, name in enumerate(arguments.effects.split(",")):
         row = run_case(None if name == "null" else name, ("left", "right")[k % 2], arguments.seed)

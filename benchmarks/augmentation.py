@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.act_runs import SIZE, keep_settings, play_each, played, train_act
-from benchmarks.common import clopper_pearson, pin_threads
+from benchmarks.common import clopper_pearson
 
 EVERY = 5  # actions from one generated frame to the next
 SCENES = ("original", "foreground", "background")
@@ -91,7 +91,6 @@ def main() -> None:
     for name, value in (("demos", 50), ("copies", 1), ("steps", None), ("episodes", 100), ("seed", 0), ("jobs", 1)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
-    pin_threads()
     import torch
 
     import embodiedreamer_gym  # noqa: F401  its environments are registered

@@ -1,34 +1,31 @@
 """How well, how fast and with how many rollouts each method calibrates a 7-joint arm.
 
-    python -m benchmarks.calibration [--starts 20] [--search-starts 3] [--out FILE.json]
+    python -m benchmarks.calibration [--starts 20] [--search-starts 3] [--jobs 1] [--shard I/N]
+                                     [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 
 21 unknowns (stiffness, damping, Coulomb friction of 7 joints), starts off by up to a factor 3, one recording
 of 10 s at 50 Hz with 0.5 mrad of noise, judged on another motion without noise. The truth comes once from the
-plant that the fits use and once from MuJoCo. Finished rows are kept in the JSON file; a second run goes on
-from them.
+plant that the fits use and once from MuJoCo. Finished rows are kept; a second run goes on from them.
 """
-# ruff: noqa: E402
 
 from __future__ import annotations
-
-import os
-
-for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ[_name] = "1"
 
 import argparse
 import json
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.cases import COSTS, case_options, one_sentence, run_cases, save_results
 from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
 from embodiedreamer_gym.geometry.pose_error import rotation_error, translation_error
+from embodiedreamer_gym.io.cases import Cases
 from embodiedreamer_gym.motions import Motion, multisine, point_to_point
 from embodiedreamer_gym.phys_aligner import calibrate
 from embodiedreamer_gym.recordings import Recording
@@ -39,6 +36,7 @@ from embodiedreamer_gym.standin.arms import TRUTH, arm_home, arm_joints, arm_urd
 from embodiedreamer_gym.standin.robot import StandIn
 from embodiedreamer_gym.standin.span import span_of
 
+OUT = Path("build/benchmarks/calibration.jsonl")
 ARM = "arm7"
 FRICTION = (1.0, 1.5, 1.0, 0.8, 0.4, 0.3, 0.2)  # N m
 FACTOR, SECONDS, RATE, NOISE = 3.0, 10.0, 50.0, 5e-4  # -, s, Hz, rad
@@ -175,38 +173,6 @@ def run(task: Task, label: str, seed: int) -> dict[str, float]:
     return {"rollouts": fit.rollouts, "seconds": time.perf_counter() - begun, **judge(task, fit.model)}
 
 
-def resumed(out: Path, settings: dict[str, Any]) -> dict[str, Any]:
-    """Finished rows of an earlier run with the same settings."""
-    settings = json.loads(json.dumps(settings))  # tuples become lists, as in the file
-    if out.exists():
-        kept = json.loads(out.read_text())
-        if kept.get("settings") == settings:
-            return kept
-        print(f"{out} is of other settings and is begun anew")
-    return {"settings": settings, "rows": {}}
-
-
-def keep(out: Path, data: dict[str, Any]) -> None:
-    """Write beside, then rename."""
-    out.parent.mkdir(parents=True, exist_ok=True)
-    part = out.with_suffix(".part")
-    part.write_text(json.dumps(data, indent=1) + "\n")
-    part.replace(out)
-
-
-def do_all(jobs: list[str], work: Callable[[str], Any], out: Path, settings: dict[str, Any]) -> dict[str, Any]:
-    """Do the jobs that are not done yet, a line for each; returns rows by job."""
-    data = resumed(out, settings)
-    for i, job in enumerate(jobs, 1):
-        if job in data["rows"]:
-            continue
-        begun = time.perf_counter()
-        data["rows"][job] = work(job)
-        keep(out, data)
-        print(f"{i}/{len(jobs)} {job}: {time.perf_counter() - begun:.1f} s", flush=True)
-    return {job: data["rows"][job] for job in jobs}
-
-
 PHYSICS = (  # key, title, digits
     ("rollouts", "rollouts", 0),
     ("train", "train mrad", 3),
@@ -255,7 +221,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--starts", type=int, default=20, help=f"starts of {' and '.join(MANY)}")
     parser.add_argument("--search-starts", type=int, default=3, help="starts of the other methods")
-    parser.add_argument("--out", type=Path, default=Path("build/benchmarks/calibration.json"))
+    case_options(parser, OUT, jobs=1)  # the table has the time of each fit
     options = parser.parse_args()
     jobs = []
     for block in ("own plant", "MuJoCo"):
@@ -268,14 +234,19 @@ def main() -> None:
         truth = true_model(Path(folder))
         tasks = {task.name: task for task in (own_plant(truth), mujoco_plant(truth))}
 
-        def work(job: str) -> dict[str, float]:
-            block, method, seed = job.split(" | ")
+        def work(case: Mapping[str, Any]) -> dict[str, float]:
+            block, method, seed = case["job"].split(" | ")
             return run(tasks[block], method, int(seed))
 
-        rows = do_all(jobs, work, options.out, {"version": 1, "arm": ARM, "methods": METHODS})
+        cases = Cases({"benchmark": "calibration", "arm": ARM, "methods": METHODS}, [{"job": job} for job in jobs])
+        with one_sentence():
+            rows = run_cases(options, cases, work, options.out or OUT, options.rows, itemgetter("job"))
+    found = {row["job"]: row for row in rows}
     for block in tasks:
-        print("", table(rows, block, PHYSICS), verdicts(rows, block), sep="\n")
-        print("", "as in the paper's table 1, on the held-out motion", table(rows, block, PAPER), sep="\n")
+        print("", table(found, block, PHYSICS), verdicts(found, block), sep="\n")
+        print("", "as in the paper's table 1, on the held-out motion", table(found, block, PAPER), sep="\n")
+    kept = [{key: value for key, value in row.items() if key not in COSTS} for row in rows]
+    save_results(options, cases, rows, list(range(options.starts)), {"rows": kept})
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.act_runs import SIZE, keep_settings, play_each, played, train_act
-from benchmarks.common import clopper_pearson, pin_threads
+from benchmarks.common import clopper_pearson
 
 TASKS = ("GrabPaperCup", "PutPenInCup", "PutRemoteInBox", "PutCupOnMat")
 KINDS = ("plain", "calibrated", "generated", "preferred", "pictures_only")
@@ -202,7 +202,6 @@ def main() -> None:
     a = parser.parse_args()
     if a.plot and not a.plot.absolute().parent.is_dir():  # said before hours of work, not after them
         parser.error(f"folder {a.plot.absolute().parent} does not exist; make it first.")
-    pin_threads()
     import torch
 
     import embodiedreamer_gym  # noqa: F401  its environments are registered

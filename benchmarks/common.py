@@ -34,7 +34,7 @@ def times(text: str) -> int:
 
 
 def pin_threads() -> None:
-    """One thread for BLAS and numba; takes effect for libraries that are not loaded yet."""
+    """One thread for BLAS and Numba; takes effect for libraries that are not loaded yet."""
     for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(key, "1")
 
@@ -49,7 +49,7 @@ def save(rows: Any, path: Path | None) -> None:
 
 def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
     """95 % interval of a share."""
-    from embodiedreamer_gym.bench.intervals import clopper_pearson as interval  # not before the threads are pinned
+    from embodiedreamer_gym.bench.intervals import clopper_pearson as interval
 
     return interval(hits, trials)
 

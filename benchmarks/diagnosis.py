@@ -1,8 +1,8 @@
 """Blind diagnosis: robots with none, one or two hidden effects, made in another engine; what `diagnose` says of them.
 
 python -m benchmarks.diagnosis [--set main|positions|teleoperation|no_command|poor_urdf|other_arm|ties|firmware|independent|independent_teleoperation] [--seeds test|development]
-                               [--cases N] [--jobs 2] [--oracle singles|all|none] [--brute N] [--out FILE.jsonl]
-                               [--beside MAIN.jsonl] [--figures-only]
+                               [--cases N] [--oracle singles|all|none] [--brute N] [--beside MAIN.jsonl] [--figures-only]
+                               [--jobs 2] [--shard I/N] [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 
 main: 240 cases on a six-joint arm, logs of command, position and effort: 100 faultless robots, whose masses, centres of
 mass, gains and viscous friction are wrong as in every case; 80 single effects, from barely visible to strong; 30 pairs
@@ -17,7 +17,7 @@ sensor noises before anything is fitted, and eight effects outside the catalogue
 
 Four recordings of 6 s a case, two of them held out and of another kind. The labels are written to OUT.labels.json and
 their SHA-256 printed before the first diagnosis; the diagnoser sees files of recordings, a URDF and nominal gains.
-Finished cases are kept, one JSON line each, and not run again. A case that raises an error counts as wrong.
+Finished cases are kept, one JSON line each, and not run again; --shard and --rows share them between jobs (docs/scaling.md). A case that raises an error counts as wrong.
 Thresholds are tuned on the development seeds only.
 """
 
@@ -25,105 +25,71 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from joblib import Parallel, delayed, parallel_config
-
-from benchmarks.common import pin_threads
+from benchmarks.cases import case_options, one_sentence, read, run_cases, save_results
 from benchmarks.diagnosis_cases import SEEDS, SETS, Label, brute_case, labels, run_case, sealed
-from benchmarks.diagnosis_figures import report, right_name, verdict
+from benchmarks.diagnosis_figures import figures, report, right_name, verdict
+from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.io.cases import Cases, Row
 
 FOLDER = Path("build") / "diagnosis"
 
 
-def read_rows(path: Path) -> list[dict[str, Any]]:
-    """Rows of finished cases; a torn last line is not one of them."""
-    if not path.is_file():
-        return []
-    text = path.read_text()
-    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines() if line.strip()]
+def seal(name: str, seeds: str, path: Path) -> None:
+    """Write the labels beside the rows, and print their SHA-256.
 
-
-def seal(name: str, seeds: str, path: Path) -> str:
-    """Write the labels beside the rows and return their SHA-256.
-
-    Raises: ValueError where other labels are there already, so that the rows are of other cases.
+    Raises: EmbodieDreamerError where other labels are there already, so that the rows are of other cases.
     """
     text = sealed(name, seeds)
     if path.is_file() and path.read_text() != text:
-        raise ValueError(f"{path} holds the labels of other cases; give another --out, or move it and its rows away.")
+        raise EmbodieDreamerError(
+            f"{path} holds the labels of other cases; give another --out, or move it and its rows away."
+        )
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
-    return hashlib.sha256(text.encode()).hexdigest()
+    print(f"labels: {path}, SHA-256 {hashlib.sha256(text.encode()).hexdigest()}", flush=True)
 
 
-def run_missing(
-    wanted: Sequence[Label], work: Callable[[Label], dict[str, Any]], out: Path, jobs: int, stamp: dict[str, Any]
-) -> Iterator[dict[str, Any]]:
-    """Run the cases that `out` does not hold yet, in processes of one thread; append each and yield it as it comes.
-
-    Raises: ValueError where a row of `out` belongs to other labels.
-    """
-    rows = read_rows(out)
-    if any(row.get("labels_sha256") != stamp["labels_sha256"] for row in rows):
-        raise ValueError(f"{out} holds rows of other labels; give another --out, or move it away.")
-    done = {row["index"] for row in rows}
-    missing = [label for label in wanted if label.index not in done]
-    with out.open("a+b") as file, parallel_config(backend="loky", inner_max_num_threads=1):
-        file.seek(0)
-        file.truncate(file.read().rfind(b"\n") + 1)  # a torn last line
-        for row in Parallel(n_jobs=jobs, return_as="generator_unordered")(delayed(work)(label) for label in missing):
-            row = stamp | dict(row or {})
-            file.write((json.dumps(row, default=_plain) + "\n").encode())
-            file.flush()
-            yield row
+def cases_of(name: str, seeds: str, wanted: Sequence[Label]) -> Cases:
+    """Labels of a set as a list of cases."""
+    digest = hashlib.sha256(sealed(name, seeds).encode()).hexdigest()
+    settings = {"set": name, "seeds": seeds, "labels_sha256": digest}
+    return Cases(settings, [{"index": label.index} for label in wanted])
 
 
-def _plain(value: Any) -> Any:
-    """A numpy number or array as JSON has it."""
-    return value.tolist()
+class Work:
+    """`run_case`, `brute_case` or the like, with a label's number as its case."""
+
+    def __init__(self, run: Callable[..., dict[str, Any]], name: str, seeds: str, **options: Any) -> None:
+        self.run, self.name, self.seeds, self.options = run, name, seeds, options
+
+    def __call__(self, case: Mapping[str, Any]) -> dict[str, Any]:
+        label = labels(self.name, self.seeds)[case["index"]]
+        return self.run(self.name, self.seeds, label, **self.options)
 
 
-class Case:
-    """`run_case` or `brute_case` of a set, that a process can be sent."""
-
-    def __init__(self, work: Callable[..., dict[str, Any]], name: str, seeds: str, **options: Any) -> None:
-        self.work, self.name, self.seeds, self.options = work, name, seeds, options
-
-    def __call__(self, label: Label) -> dict[str, Any]:
-        return self.work(self.name, self.seeds, label, **self.options)
-
-
-def show(rows: Iterator[dict[str, Any]], left: int, title: str) -> None:
-    """A line per finished case, with the time that the others will take at this pace."""
-    begun = time.perf_counter()
-    for k, row in enumerate(rows, 1):
-        remaining = (time.perf_counter() - begun) / k * (left - k) / 60
-        truth = " + ".join(row["label"]["effects"]) or "faultless"
-        said = row.get("named") or row.get("failed") or ""
-        if "found" in row:
-            said = f"{'+ ' if right_name(row) else ''}{verdict(row)} {', '.join(row['found']['effects'])}"
-        print(f"{title} {k:>3}/{left} case {row['index']:<4}{row['label']['kind']:<8} {truth:<44} {said:<52} "
-              f"{row['seconds']:4.0f} s, {remaining:.0f} min left", flush=True)  # fmt: skip
+def shown(row: Row) -> str:
+    """A finished case in a line: what is true and what was said."""
+    truth = " + ".join(row["label"]["effects"]) or "faultless"
+    said = row.get("named") or row.get("failed") or ""
+    if "found" in row:
+        said = f"{'+ ' if right_name(row) else ''}{verdict(row)} {', '.join(row['found']['effects'])}"
+    return f"case {row['index']:<4}{row['label']['kind']:<8} {truth:<44} {said:<52}"
 
 
-def run_all(a: argparse.Namespace, out: Path, brute_out: Path) -> None:
-    """Seal the labels, then run what is missing of the cases and of the baseline."""
-    digest = seal(a.set, a.seeds, out.with_suffix(".labels.json"))
-    print(f"labels: {out.with_suffix('.labels.json')}, SHA-256 {digest}", flush=True)
-    stamp = {"set": a.set, "seeds": a.seeds, "labels_sha256": digest}
-    wanted = labels(a.set, a.seeds)[: a.cases]
-    plain = [label for label in wanted if label.kind in ("single", "null")][: a.brute]
-    works = [("diagnose", wanted, Case(run_case, a.set, a.seeds, oracle=a.oracle), out),
-             ("brute", plain, Case(brute_case, a.set, a.seeds), brute_out)]  # fmt: skip
-    for title, cases, work, path in works:
-        left = {label.index for label in cases} - {row["index"] for row in read_rows(path)}
-        if left:
-            show(run_missing(cases, work, path, a.jobs, stamp), len(left), title)
+def outcome(rows: Sequence[Row], name: str) -> dict[str, Any]:
+    """What `result.json` holds: the figures without times, and what was said of each case."""
+    cases = [{"index": row["index"], "kind": row["label"]["kind"], "hidden": list(row["label"]["effects"]), "verdict": verdict(row),
+              "named": row.get("found", {}).get("effects", []), "failed": row.get("failed", "")} for row in rows]  # fmt: skip
+    found = [{**asdict(figure), "met": figure.met} for figure in figures(rows, name) if "seconds" not in figure.key]
+    return {
+        "rows": cases,
+        "figures": [{key: value for key, value in figure.items() if key != "target"} for figure in found],
+    }
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -132,30 +98,33 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--set", choices=SETS, default="main")
     parser.add_argument("--seeds", choices=SEEDS, default="test")
     parser.add_argument("--cases", type=int, help="only the first N cases, a mixture of all kinds")
-    parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--oracle", choices=("none", "singles", "all"), default="singles",
                         help="of which cases a refit with the true effects is made, to compare held-out errors")  # fmt: skip
     parser.add_argument(
         "--brute", type=int, default=0, metavar="N", help="the baseline on the first N singles and nulls"
     )
-    parser.add_argument("--out", type=Path, help=f"default: {FOLDER}/SET-SEEDS.jsonl")
     parser.add_argument("--beside", type=Path, help="rows of main, to set other_arm beside")
     parser.add_argument("--figures-only", action="store_true")
+    case_options(parser, FOLDER / "SET-SEEDS.jsonl")
     a = parser.parse_args(arguments)
-    pin_threads()
     out = a.out or FOLDER / f"{a.set}-{a.seeds}.jsonl"
     brute_out = out.with_suffix(".brute.jsonl")
-    if not a.figures_only:
-        try:
-            run_all(a, out, brute_out)
-        except ValueError as error:
-            parser.error(str(error))
-    rows = [row for row in read_rows(out) if a.cases is None or row["index"] < a.cases]
+    wanted = labels(a.set, a.seeds)[: a.cases]
+    cases = cases_of(a.set, a.seeds, wanted)
+    plain = cases_of(a.set, a.seeds, [label for label in wanted if label.kind in ("single", "null")][: a.brute])
+    brute_also = [path for path in (one.with_suffix(".brute.jsonl") for one in a.rows) if path.exists()]
+    with one_sentence():
+        if not a.figures_only:
+            seal(a.set, a.seeds, out.with_suffix(".labels.json"))
+            run_cases(a, cases, Work(run_case, a.set, a.seeds, oracle=a.oracle), out, a.rows, shown, "diagnose")
+            run_cases(a, plain, Work(brute_case, a.set, a.seeds), brute_out, brute_also, shown, "brute")
+        rows, brute = read(cases, out, a.rows), read(plain, brute_out, brute_also)
+        beside = cases_of("main", a.seeds, labels("main", a.seeds)).read(a.beside) if a.beside else ()
     if not rows:
         parser.error(f"{out} holds no finished case.")
-    brute = read_rows(brute_out)
-    print(f"\n{report(rows, a.set, read_rows(a.beside) if a.beside else (), brute)}")
+    print(f"\n{report(rows, a.set, beside, brute)}")
     print(f"\nseconds are of one diagnosis on one thread; --jobs {a.jobs} of them ran side by side.")
+    save_results(a, cases, rows, a.seeds, outcome(rows, a.set))
 
 
 if __name__ == "__main__":

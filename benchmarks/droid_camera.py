@@ -21,20 +21,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks.common import data_folder, pin_threads, save
+import numpy as np
+import pybullet_data
+from scipy.spatial.transform import Rotation
 
-pin_threads()
-
-import numpy as np  # noqa: E402
-import pybullet_data  # noqa: E402
-from scipy.spatial.transform import Rotation  # noqa: E402
-
-from embodiedreamer_gym.errors import VisionError  # noqa: E402
-from embodiedreamer_gym.geometry.camera import Camera  # noqa: E402
-from embodiedreamer_gym.io.video import save_picture  # noqa: E402
-from embodiedreamer_gym.robot import RobotModel  # noqa: E402
-from embodiedreamer_gym.robot.surface import Surface  # noqa: E402
-from embodiedreamer_gym.vis_aligner.camera_calibration import (  # noqa: E402
+from benchmarks.common import data_folder, save
+from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.geometry.camera import Camera
+from embodiedreamer_gym.io.video import save_picture
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.surface import Surface
+from embodiedreamer_gym.vis_aligner.camera_calibration import (
     CameraFit,
     Footage,
     Keypoints,
@@ -42,8 +39,8 @@ from embodiedreamer_gym.vis_aligner.camera_calibration import (  # noqa: E402
     calibrate_camera,
     fit_keypoints,
 )
-from embodiedreamer_gym.vis_aligner.camera_calibration.overlay import overlay  # noqa: E402
-from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames  # noqa: E402
+from embodiedreamer_gym.vis_aligner.camera_calibration.overlay import overlay
+from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames
 
 POINTS = Path(__file__).with_name("droid_points.json")
 JOINTS = tuple(f"panda_joint{k}" for k in range(1, 8))

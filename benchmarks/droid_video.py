@@ -15,26 +15,24 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.common import data_folder, pin_threads
+import cv2
+import numpy as np
+import pybullet_data
+import torch
 
-pin_threads()
-
-import cv2  # noqa: E402
-import numpy as np  # noqa: E402
-import pybullet_data  # noqa: E402
-import torch  # noqa: E402
-
-from benchmarks.droid_camera import EPISODES, JOINTS, joint_angles  # noqa: E402
-from embodiedreamer_gym.engines.bullet.client import World  # noqa: E402
-from embodiedreamer_gym.engines.bullet.rendering import Renderer, stacked  # noqa: E402
-from embodiedreamer_gym.geometry.camera import Camera  # noqa: E402
-from embodiedreamer_gym.io.video import save_picture  # noqa: E402
-from embodiedreamer_gym.vis_aligner import Condition, Episode, load_aligner, metrics  # noqa: E402
-from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames  # noqa: E402
-from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner  # noqa: E402
-from embodiedreamer_gym.vis_aligner.clip import ROBOT  # noqa: E402
-from embodiedreamer_gym.vis_aligner.held_out import evaluate_aligner, tables  # noqa: E402
-from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train  # noqa: E402
+from benchmarks.common import data_folder
+from benchmarks.droid_camera import EPISODES, JOINTS, joint_angles
+from embodiedreamer_gym.engines.bullet.client import World
+from embodiedreamer_gym.engines.bullet.rendering import Renderer
+from embodiedreamer_gym.engines.frame import stacked
+from embodiedreamer_gym.geometry.camera import Camera
+from embodiedreamer_gym.io.video import save_picture
+from embodiedreamer_gym.vis_aligner import Condition, Episode, load_aligner, metrics
+from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames
+from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner
+from embodiedreamer_gym.vis_aligner.clip import ROBOT
+from embodiedreamer_gym.vis_aligner.held_out import evaluate_aligner, tables
+from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train
 
 SIZE = (160, 96)
 HELD = EPISODES[-2:]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import pin_threads, save
+from benchmarks.common import save
 from benchmarks.env_speed import calibrated
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.robots import home
@@ -50,7 +50,6 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=4.0)
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
-    pin_threads()
     rows = {}
     print(f"{'robot':<14}{'largest, mrad':>15}{'rms, mrad':>12}   (target: 0.1)")
     with tempfile.TemporaryDirectory() as folder:

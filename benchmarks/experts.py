@@ -1,6 +1,7 @@
 """Scripted experts: how often each task succeeds on seeds not looked at, with the nominal and with another robot.
 
-python -m benchmarks experts [--episodes 100] [--seed 100000] [--task NAME ...] [--engine bullet mujoco] [--out FILE.json]
+python -m benchmarks experts [--episodes 100] [--seed 100000] [--task NAME ...] [--engine bullet mujoco]
+                            [--jobs 2] [--shard I/N] [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 
 The other robot stands for a calibrated one: each gain is 0.7 to 1.3 times the nominal one's, joints 1 to 3 have Coulomb
 friction of 0.3 N m, each hand carries 0.1 kg, commands arrive 20 ms late. The expert knows its gains, not its effects.
@@ -11,16 +12,20 @@ from __future__ import annotations
 import argparse
 import itertools
 import tempfile
+from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from scipy.stats import binomtest
 
 import embodiedreamer_gym  # noqa: F401  its environments are registered
-from benchmarks.common import pin_threads, save
+from benchmarks.cases import case_options, one_sentence, run_cases, save_results
 from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.envs.tasks import TASKS
+from embodiedreamer_gym.io.cases import Cases
 from embodiedreamer_gym.robot import RobotModel
 
 
@@ -40,54 +45,66 @@ def other_robot(folder: str | Path, seed: int = 0) -> Path:
     return path
 
 
-def play(env: gym.Env, seed: int) -> dict:
+@lru_cache(maxsize=1)
+def environment(task: str, robot: str, engine: str) -> gym.Env:
+    """The environment of a group of cases, which follow one another."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = "aloha" if robot == "nominal" else str(other_robot(folder))
+        return gym.make(f"EmbodieDreamer/{task}-v0", obs_type="state", robot=file, engine=engine)
+
+
+def play(case: Mapping[str, Any]) -> dict[str, Any]:
     """One episode to its end: what its last step says, and the step at which it first succeeded."""
-    env.reset(seed=seed)
+    env = environment(case["task"], case["robot"], case["engine"])
+    env.reset(seed=case["seed"])
     expert = ScriptedExpert(env)
     first, steps, over = None, 0, False
-    info: dict = {}
+    info: dict[str, Any] = {}
     while not over:
         _, _, terminated, truncated, info = env.step(expert.act())
         over, steps = terminated or truncated, steps + 1
         first = steps if first is None and info["is_success"] else first
-    return {
-        "seed": seed,
-        "side": info["side"],
-        "grasp": info["grasp_success"],
-        "success": info["is_success"],
-        "first": first,
-    }
+    return {"side": info["side"], "grasp": info["grasp_success"], "success": info["is_success"], "first": first}
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """One line for each task, robot and engine."""
+    lines = [f"{'task':<16}{'robot':<9}{'engine':<8}{'picked up':>10}{'success':>9}{'95 % interval':>16}{'median step':>13}{'last':>6}"]  # fmt: skip
+    for group, some in itertools.groupby(rows, lambda row: (row["task"], row["robot"], row["engine"])):
+        played = list(some)
+        hits, of = sum(row["success"] for row in played), len(played)
+        low, high = binomtest(hits, of).proportion_ci()  # Clopper-Pearson
+        steps = [row["first"] for row in played if row["success"]]
+        lines.append(f"{group[0]:<16}{group[1]:<9}{group[2]:<8}{sum(row['grasp'] for row in played):>6}/{of}{hits:>5}/{of}"
+                     f"{f'{low:.1%} .. {high:.1%}':>16}{np.median(steps or [np.nan]):>13.0f}{max(steps, default=0):>6}"
+                     + "".join(f"  failed: {row['seed']}" for row in played if not row["success"]))  # fmt: skip
+    return "\n".join(lines)
+
+
+def shown(row: dict[str, Any]) -> str:
+    """A finished case in a line."""
+    return f"{row['task']:<16}{row['robot']:<9}{row['engine']:<8}{row['seed']:>8} {'success' if row['success'] else 'failed'}"
 
 
 def main() -> None:
-    """Print one line for each task and robot."""
+    """Play the episodes that are missing, then print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=100_000)
     parser.add_argument("--task", nargs="*", default=list(TASKS))
     parser.add_argument("--engine", nargs="*", default=["bullet", "mujoco"], choices=["bullet", "mujoco"])
-    parser.add_argument("--out", type=Path)
-    arguments = parser.parse_args()
-    pin_threads()
-    rows = []
-    print(
-        f"{'task':<16}{'robot':<9}{'engine':<8}{'picked up':>10}{'success':>9}{'95 % interval':>16}{'median step':>13}{'last':>6}"
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        for task in arguments.task:
-            robots = (("nominal", "aloha"), ("other", str(other_robot(folder))))
-            for (name, robot), engine in itertools.product(robots, arguments.engine):
-                env = gym.make(f"EmbodieDreamer/{task}-v0", obs_type="state", robot=robot, engine=engine)
-                played = [play(env, arguments.seed + k) for k in range(arguments.episodes)]
-                env.close()
-                rows += [{"task": task, "robot": name, "engine": engine, **row} for row in played]
-                save(rows, arguments.out)
-                hits, of = sum(row["success"] for row in played), len(played)
-                low, high = binomtest(hits, of).proportion_ci()  # Clopper-Pearson
-                steps = [row["first"] for row in played if row["success"]]
-                print(f"{task:<16}{name:<9}{engine:<8}{sum(row['grasp'] for row in played):>6}/{of}{hits:>5}/{of}"
-                      f"{f'{low:.1%} .. {high:.1%}':>16}{np.median(steps or [np.nan]):>13.0f}{max(steps, default=0):>6}"
-                      + "".join(f"  failed: {row['seed']}" for row in played if not row["success"]), flush=True)  # fmt: skip
+    case_options(parser)
+    a = parser.parse_args()
+    names, seeds = ("task", "robot", "engine", "seed"), range(a.seed, a.seed + a.episodes)
+    each = itertools.product(a.task, ("nominal", "other"), a.engine, seeds)
+    cases = Cases({"benchmark": "experts"}, [dict(zip(names, one, strict=True)) for one in each])
+    from benchmarks.experts import play as work  # not of __main__: processes import it, with its cache
+
+    with one_sentence():
+        rows = run_cases(a, cases, work, a.out, a.rows, shown)
+    print(table(rows))
+    kept = [{key: row[key] for key in (*names, "side", "grasp", "success", "first")} for row in rows]
+    save_results(a, cases, rows, list(seeds), {"rows": kept})
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common import pin_threads, save
+from benchmarks.common import save
 
 FRICTION = ("coulomb_friction", "stribeck_friction", "direction_dependent_friction", "load_friction")
 TARGET, TARGET_FRICTION = 0.3, 1.0  # mrad
@@ -117,7 +117,6 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", help="names of cases")
     parser.add_argument("--out", type=Path)
     a = parser.parse_args()
-    pin_threads()
     from embodiedreamer_gym.engines.export import export_model
     from embodiedreamer_gym.simulation.drive import TIME_STEP
 

@@ -1,6 +1,7 @@
 """Servo firmware: is what a servo does beside spring and damper named, and no plain servo accused?
 
-python -m benchmarks.firmware [--cases N | --effects NAME ...] [--seeds test|development] [--jobs 2] [--out FILE.jsonl]
+python -m benchmarks.firmware [--cases N | --effects NAME ...] [--seeds test|development] [--jobs 2] [--shard I/N]
+                              [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 
 36 robots in another engine: two of each effect of firmware, between two thirds and one and a half of its plain size, and 20
 whose servos are springs and dampers. Masses, gains and friction of all are wrong as in the benchmark `diagnosis`, whose set
@@ -12,11 +13,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from benchmarks.common import clopper_pearson, pin_threads
-from benchmarks.diagnosis import FOLDER, Case, read_rows, run_missing, seal, show
+from benchmarks.cases import case_options, one_sentence, run_cases, save_results
+from benchmarks.common import clopper_pearson
+from benchmarks.diagnosis import FOLDER, Work, cases_of, outcome, seal, shown
 from benchmarks.diagnosis_cases import SEEDS, labels, run_case
 from benchmarks.diagnosis_figures import accused, right_name, verdict
 from embodiedreamer_gym.effects import CATALOGUE
@@ -63,24 +64,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--cases", type=int, metavar="N", help="only the first N")
     parser.add_argument("--effects", nargs="+", choices=(*FIRMWARE, "none"), help="only the cases of these")
     parser.add_argument("--seeds", choices=SEEDS, default="test")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path, help=f"default: {FOLDER}/{NAME}-SEEDS.jsonl")
+    case_options(parser, FOLDER / f"{NAME}-SEEDS.jsonl")
     a = parser.parse_args(arguments)
-    pin_threads()
     out = a.out or FOLDER / f"{NAME}-{a.seeds}.jsonl"
-    try:
-        digest = seal(NAME, a.seeds, out.with_suffix(".labels.json"))
-        wanted = labels(NAME, a.seeds)[: a.cases]
-        if a.effects:
-            wanted = [label for label in wanted if set(a.effects) & set(label.effects or ("none",))]
-        left = {label.index for label in wanted} - {row["index"] for row in read_rows(out)}
-        work, stamp = Case(run_case, NAME, a.seeds, oracle="none"), {"set": NAME, "labels_sha256": digest}
-        if left:
-            show(run_missing(wanted, work, out, a.jobs, stamp), len(left), NAME)
-    except ValueError as error:
-        parser.error(str(error))
-    chosen = {label.index for label in wanted}
-    print(f"\n{figures([row for row in read_rows(out) if row['index'] in chosen])}")
+    wanted = labels(NAME, a.seeds)[: a.cases]
+    if a.effects:
+        wanted = [label for label in wanted if set(a.effects) & set(label.effects or ("none",))]
+    cases = cases_of(NAME, a.seeds, wanted)
+    with one_sentence():
+        seal(NAME, a.seeds, out.with_suffix(".labels.json"))
+        rows = run_cases(a, cases, Work(run_case, NAME, a.seeds, oracle="none"), out, a.rows, shown, NAME)
+    print(f"\n{figures(rows)}")
+    save_results(a, cases, rows, a.seeds, outcome(rows, NAME))
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
 """Mutated files, options and arguments: whether each is taken, or refused in one sentence; no traceback, hang or half-written file.
 
-python -m benchmarks.fuzz [--cases 10000] [--seed 0] [--targets csv,hdf5] [--jobs 2] [--out FILE.json]
+python -m benchmarks.fuzz [--cases 10000] [--seed 0] [--targets csv,hdf5] [--jobs 2] [--shard I/N]
+                          [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 python -m benchmarks.fuzz --only csv:1234 --seed 0        one case again, with all that it printed
 
-A case follows from target, seed and number alone. Finished cases are kept in FILE.jsonl beside --out; a run that was killed
-goes on there. Each case is a forked process with limits: 10 s, 2 GB more memory than at its start.
+A case follows from target, seed and number alone. Finished cases are kept in --out; a run that was killed goes on there. Each case is a forked process with limits: 10 s, 2 GB more memory than at its start.
 """
 
 from __future__ import annotations
@@ -19,13 +19,15 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from shutil import rmtree
 
-from benchmarks.common import pin_threads, save
+from benchmarks.cases import case_options, one_sentence, read, save_results
 from benchmarks.fuzzing.case import VERDICTS, Case, Found, Result
 from benchmarks.fuzzing.process import Limits, Running
+from embodiedreamer_gym.io.cases import Cases, Row
+from embodiedreamer_gym.io.results import run_stamp
 
 COLUMNS = {"ok": "ok", "refused": "refused", "unclear": "unclear", "half-written": "half-written", "traceback": "tracebacks",
            "memory": "> 2 GB", "hang": "hangs", "dead": "dead"}  # fmt: skip
@@ -145,17 +147,18 @@ def shown(results: list[Result], seed: int) -> str:
     return "\n".join(lines)
 
 
-def finished(path: Path | None, seed: int) -> list[Result]:
-    """Results that a file of an earlier run keeps; a torn last line is none. Raises: SystemExit where it is of another seed."""
-    if path is None or not path.is_file():
-        return []
-    first, *lines = path.read_text(encoding="utf-8").split("\n")
-    if not first or json.loads(first) != {"seed": seed}:
-        raise SystemExit(f"{path} is of a run with another seed; give another --out.")
-    if lines and lines[-1]:  # torn
-        path.write_text("\n".join([first, *lines[:-1], ""]), encoding="utf-8")
-    rows = [json.loads(line) for line in lines[:-1]]
-    return [Result(**{**row, "found": [Found(**one) for one in row["found"]]}) for row in rows]
+def result_of(row: Row) -> Result:
+    """A row's result."""
+    data = {field.name: row[field.name] for field in fields(Result)}
+    return Result(**data | {"found": [Found(**one) for one in row["found"]]})
+
+
+def outcome(results: list[Result]) -> dict[str, object]:
+    """What `result.json` holds: the table without times and memory, and how often what was found."""
+    rows = [{key: value for key, value in row.items() if key not in ("median ms", "most MB")} for row in table(results)]
+    found = [{"target": target, "verdict": verdict, "place": place, "cases": sorted({one.number for one, _ in each})}
+             for (target, verdict, place), each in sorted(findings(results).items())]  # fmt: skip
+    return {"table": rows, "findings": found}
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -164,11 +167,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--cases", type=int, default=10_000, help="over all targets (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--targets", help="names with commas (default: all)")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path, metavar="FILE.json")
+    case_options(parser)
     parser.add_argument("--only", metavar="TARGET:NUMBER", help="one case; its folder is kept")
     a = parser.parse_args(argv)
-    pin_threads()
     os.environ.setdefault("MPLBACKEND", "Agg")
     known = targets()
     names = a.targets.split(",") if a.targets else list(known)
@@ -181,7 +182,8 @@ def main(argv: list[str] | None = None) -> int:
         seeds = prepare(work, {target for target, _ in single} or names)
         if single:
             return _again(single[0], seeds, work, a.seed, known)
-        return _all(plan(names, a.cases), seeds, work, a, known)
+        with one_sentence():
+            return _all(plan(names, a.cases), seeds, work, a, known)
     finally:
         if not single:
             rmtree(work, ignore_errors=True)
@@ -195,34 +197,27 @@ def _again(case: tuple[str, int], seeds: Path, work: Path, seed: int, known: dic
     return int(result.verdict in WRONG)
 
 
-def _all(
-    cases: list[tuple[str, int]],
-    seeds: Path,
-    work: Path,
-    a: argparse.Namespace,
-    known: dict[str, Callable[[Case], None]],
-) -> int:
-    path = None if a.out is None else a.out.with_suffix(".jsonl")
-    results, begun = finished(path, a.seed), time.monotonic()
-    done = {(one.target, one.number) for one in results}
-    wanted = set(cases)
-    results = [one for one in results if (one.target, one.number) in wanted]
-    shown_at = 0.0
-    with open(os.devnull if path is None else path, "a", encoding="utf-8") as file:
-        if path is not None and file.tell() == 0:
-            print(json.dumps({"seed": a.seed}), file=file, flush=True)
-        for result in run([case for case in cases if case not in done], seeds, work, a.seed, a.jobs, known=known):
-            results.append(result)
-            print(json.dumps(asdict(result)), file=file, flush=True)
-            if time.monotonic() - shown_at > 5.0:
-                shown_at, count = time.monotonic(), Counter(one.verdict for one in results)
-                wrong = ", ".join(f"{count[v]} {COLUMNS[v]}" for v in WRONG if count[v]) or "nothing wrong"
-                print(f"{len(results)} of {len(cases)} cases, {shown_at - begun:.0f} s: {wrong}", file=sys.stderr)
-    if not results:
+def _all(plan: list[tuple[str, int]], seeds: Path, work: Path, a: argparse.Namespace,
+         known: dict[str, Callable[[Case], None]]) -> int:  # fmt: skip
+    cases = Cases({"seed": a.seed}, [{"target": target, "number": number} for target, number in plan])
+    missing = [(item["target"], item["number"]) for item in cases.missing(a.out, a.shard, a.rows)]
+    rows = read(cases, a.out, a.rows)
+    results = run(missing, seeds, work, a.seed, a.jobs, known=known)
+    came = (({"target": one.target, "number": one.number}, {**asdict(one), "run": run_stamp()}) for one in results)
+    begun, shown_at = time.monotonic(), 0.0
+    for row in cases.record(a.out, came, len(missing)):
+        rows.append(row)
+        if time.monotonic() - shown_at > 5.0:
+            shown_at, count = time.monotonic(), Counter(row["verdict"] for row in rows)
+            wrong = ", ".join(f"{count[v]} {COLUMNS[v]}" for v in WRONG if count[v]) or "nothing wrong"
+            print(f"{len(rows)} of {len(plan)} cases, {shown_at - begun:.0f} s: {wrong}", file=sys.stderr)
+    if not rows:
         raise SystemExit("there is no case to run; give --cases of at least 1.")
-    save({"seed": a.seed, "table": table(results), "seconds": round(time.monotonic() - begun, 1)}, a.out)
-    print(shown(results, a.seed))
-    return int(any(one.verdict in WRONG for one in results))
+    rows = cases.in_order(rows)
+    found = [result_of(row) for row in rows]
+    print(shown(found, a.seed))
+    save_results(a, cases, rows, [a.seed], outcome(found))
+    return int(any(one.verdict in WRONG for one in found))
 
 
 if __name__ == "__main__":

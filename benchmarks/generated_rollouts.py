@@ -16,8 +16,6 @@ from typing import Any
 
 from joblib import Parallel, delayed
 
-from benchmarks.common import pin_threads
-
 TASK, SIZE, FIRST = "PutCupOnMat", (128, 96), 400_000
 
 
@@ -33,7 +31,6 @@ def policy_of(folder: Path | None) -> Any:
 
 def play(folder: Path | None, seeds: range, execute: int, aligner: bool, out: Path, every: int = 1) -> float:
     """Record rollouts into a folder; seconds on the clock, without starting."""
-    pin_threads()
     import torch
 
     from embodiedreamer_gym.pipelines.policy_env import policy_world

@@ -1,33 +1,34 @@
 """How often the 95 % intervals of a calibration hold the truth, for white and for coloured noise.
 
-    python -m benchmarks.intervals [--fits 50] [--out FILE.json]
+    python -m benchmarks.intervals [--fits 50] [--jobs 2] [--shard I/N] [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 
 The 7-joint arm and the 21 unknowns of benchmarks.calibration, least squares from starts off by up to a factor
 1.3; each fit has its own motion and its own noise of 0.5 mrad: white, or first-order autoregressive at 50 Hz.
 """
-# ruff: noqa: I001
 
 from __future__ import annotations
 
-from benchmarks.calibration import (  # first: it pins the threads
-    ARM, FRICTION, NOISE, RATE, SECONDS, do_all, play, start_from, true_model, unknowns,
-)  # fmt: skip
-
 import argparse
 import tempfile
+from collections.abc import Mapping
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
 
+from benchmarks.calibration import ARM, FRICTION, NOISE, RATE, SECONDS, play, start_from, true_model, unknowns
+from benchmarks.cases import COSTS, case_options, one_sentence, run_cases, save_results
 from benchmarks.common import clopper_pearson
+from embodiedreamer_gym.io.cases import Cases
+from embodiedreamer_gym.motions import multisine
 from embodiedreamer_gym.phys_aligner import calibrate
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.arms import arm_home, arm_joints, arm_urdf
-from embodiedreamer_gym.motions import multisine
 from embodiedreamer_gym.standin.span import span_of
 
+OUT = Path("build/benchmarks/intervals.jsonl")
 COLOURS = {"white": 0.0, "AR(1) 0.80": 0.8, "AR(1) 0.90": 0.9, "AR(1) 0.95": 0.95}
 GROUPS = ("stiffness", "damping", "coulomb_friction")
 OFF = 1.3
@@ -63,6 +64,8 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
     lines = [title + f"{'half-width %':>14}"]
     for colour in COLOURS:
         found = [row for job, row in rows.items() if job.startswith(f"{colour} | ")]
+        if not found:
+            continue
         sides = np.array([row["sides"] for row in found], float)
         width = np.array([row["width"] for row in found], float)
         joints = len(FRICTION)
@@ -83,18 +86,22 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--fits", type=int, default=50, help="fits for each kind of noise")
-    parser.add_argument("--out", type=Path, default=Path("build/benchmarks/intervals.json"))
+    case_options(parser, OUT)
     options = parser.parse_args()
     jobs = [f"{colour} | {seed}" for seed in range(options.fits) for colour in COLOURS]
     with tempfile.TemporaryDirectory() as folder:
         truth = true_model(Path(folder))
 
-        def work(job: str) -> dict[str, Any]:
-            colour, seed = job.split(" | ")
+        def work(case: Mapping[str, Any]) -> dict[str, Any]:
+            colour, seed = case["job"].split(" | ")
             return fit(truth, colour, int(seed))
 
-        rows = do_all(jobs, work, options.out, {"version": 1, "arm": ARM, "off": OFF})
-    print("", table(rows), sep="\n")
+        cases = Cases({"benchmark": "intervals", "arm": ARM, "off": OFF}, [{"job": job} for job in jobs])
+        with one_sentence():
+            rows = run_cases(options, cases, work, options.out or OUT, options.rows, itemgetter("job"))
+    print("", table({row["job"]: row for row in rows}), sep="\n")
+    kept = [{key: value for key, value in row.items() if key not in COSTS} for row in rows]
+    save_results(options, cases, rows, list(range(options.fits)), {"rows": kept})
 
 
 if __name__ == "__main__":

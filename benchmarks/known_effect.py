@@ -1,6 +1,7 @@
 """Joints and intervals of a single hidden effect whose name is given: which joints it is found on, what the intervals hold.
 
-    python -m benchmarks.known_effect [--seeds test|development] [--cases 40] [--skip 0] [--jobs 2] [--out FILE.jsonl]
+    python -m benchmarks.known_effect [--seeds test|development] [--cases 40] [--skip 0] [--jobs 2] [--shard I/N]
+                                      [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 
 The single effects of the main set of benchmarks.diagnosis. The true effect is fitted as a diagnosis fits it, on the joints that
 the screening leaves; then its joints are selected and the intervals taken. A case counts as fitted where no joint of the
@@ -10,19 +11,17 @@ training recordings is worse than twice what all but 5 % of faultless robots are
 from __future__ import annotations
 
 import argparse
-import hashlib
 import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.common import pin_threads
-from benchmarks.diagnosis import Case, read_rows, run_missing
-from benchmarks.diagnosis_cases import SEEDS, Label, draw, labels, sealed
+from benchmarks.cases import case_options, one_sentence, run_cases, save_results
+from benchmarks.diagnosis import FOLDER, Work, cases_of
+from benchmarks.diagnosis_cases import SEEDS, Label, draw, labels
 from benchmarks.diagnosis_figures import held, right_joints, share
 from embodiedreamer_gym.diagnosis.candidates import polish, refit, single_trial
 from embodiedreamer_gym.diagnosis.joint_selection import select_joints
@@ -35,6 +34,7 @@ from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.labels import places
 
+KEPT = ("index", "found", "servo", "fitted", "rollouts", "failed")  # in result.json
 FITTED = 2.0  # times the chi2 of all but 5 % of faultless robots, of the worst joint
 
 
@@ -70,11 +70,17 @@ def known_effect(name: str, seeds: str, label: Label) -> dict[str, Any]:
         servo = [bool(r.interval[0] <= case.truth["servo"][r.key.parameter][r.index] <= r.interval[1])
                  for r in found.select("stiffness", "damping") if r.interval]  # fmt: skip
         at = sorted({key.split(".")[0] for key in said})
-        row |= {"found": {"joints": {kind.name: at}, "parameters": {kind.name: said}}, "servo": servo, "seconds": seconds,
+        row |= {"found": {"joints": {kind.name: at}, "parameters": {kind.name: said}}, "servo": servo, "stages": seconds,
                 "fitted": bool(worst.max() <= FITTED), "rollouts": chosen.rollouts - first.rollouts}  # fmt: skip
     except Exception as error:  # shown, not hidden
         row["failed"] = f"{type(error).__name__}: {error}"
     return row
+
+
+def shown(row: dict[str, Any]) -> str:
+    """A finished case in a line."""
+    found = row.get("found", {}).get("joints", row.get("failed"))
+    return f"{row['index']} {row['label']['effects'][0]} found {found} true {row['label'].get('joints')}"
 
 
 def report(rows: Sequence[dict[str, Any]]) -> str:
@@ -87,7 +93,7 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
         lines += [str(figure) for figure in figures]
         lines += [f"of the servo's gains: {f.hits} of {f.of}, {100 * f.value:.0f} % [{100 * f.low:.0f}, {100 * f.high:.0f}]"
                   for f in share("held", (i for row in some for i in row["servo"]), {})]  # fmt: skip
-    seconds = np.median([row["seconds"] for row in rows], axis=0)
+    seconds = np.median([row["stages"] for row in rows], axis=0)
     return "\n".join(
         [*lines, "", "CPU seconds of refit, selection, intervals, median: " + ", ".join(f"{s:.1f}" for s in seconds)]
     )
@@ -99,19 +105,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", choices=SEEDS, default="test")
     parser.add_argument("--cases", type=int, default=40, help="how many single effects")
     parser.add_argument("--skip", type=int, default=0, help="how many are left out first")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path)
+    case_options(parser, FOLDER / "known-effect-SEEDS.jsonl")
     a = parser.parse_args(arguments)
-    pin_threads()
-    out = a.out or Path("build") / "diagnosis" / f"known-effect-{a.seeds}.jsonl"
-    out.parent.mkdir(parents=True, exist_ok=True)
+    out = a.out or FOLDER / f"known-effect-{a.seeds}.jsonl"
     wanted = [label for label in labels("main", a.seeds) if label.kind == "single"][a.skip : a.skip + a.cases]
-    stamp = {"seeds": a.seeds, "labels_sha256": hashlib.sha256(sealed("main", a.seeds).encode()).hexdigest()}
-    for row in run_missing(wanted, Case(known_effect, "main", a.seeds), out, a.jobs, stamp):
-        print(row["index"], row["label"]["effects"][0], "found", row.get("found", {}).get("joints", row.get("failed")),
-              "true", row["label"].get("joints"), flush=True)  # fmt: skip
-    indices = {label.index for label in wanted}
-    print(f"\n{report([row for row in read_rows(out) if row['index'] in indices])}")
+    cases = cases_of("main", a.seeds, wanted)
+    with one_sentence():
+        rows = run_cases(a, cases, Work(known_effect, "main", a.seeds), out, a.rows, shown)
+    print(f"\n{report(rows)}")
+    kept = [{key: row[key] for key in KEPT if key in row} | {"hidden": row["label"]["effects"]} for row in rows]
+    save_results(a, cases, rows, a.seeds, {"rows": kept})
 
 
 if __name__ == "__main__":

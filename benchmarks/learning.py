@@ -14,18 +14,15 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.common import pin_threads, save
+import gymnasium as gym
+import numpy as np
+import torch
+from gymnasium.wrappers import RescaleAction
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-pin_threads()
-
-import gymnasium as gym  # noqa: E402
-import numpy as np  # noqa: E402
-import torch  # noqa: E402
-from gymnasium.wrappers import RescaleAction  # noqa: E402
-from stable_baselines3 import PPO  # noqa: E402
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize  # noqa: E402
-
-import embodiedreamer_gym  # noqa: E402, F401  registers the environments
+import embodiedreamer_gym  # noqa: F401  registers the environments
+from benchmarks.common import save
 
 ID = "EmbodieDreamer/PutCupOnMat-v0"
 EPISODES, LAST = 20, 30  # unseen episodes, steps of their end that count

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common import pin_threads, save
+from benchmarks.common import save
 
 HZ, SECONDS, TRAIN = 50, 6.0, 2
 MOTIONS = ("multisine", "point_to_point", "multisine", "point_to_point")
@@ -158,7 +158,6 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, metavar="FILE.json")
     a = parser.parse_args()
-    pin_threads()
     from embodiedreamer_gym.diagnosis import diagnose
 
     rows, good, first = [], True, None

@@ -12,7 +12,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from benchmarks.common import pin_threads
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.standin.cases import draw_case
 
@@ -46,7 +45,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=FOLDER)
     folder = parser.parse_args().out
-    pin_threads()
     case = draw_case(EFFECT, ARM, np.random.default_rng(SEED), seconds=SECONDS)
     for part, recordings in (("train", case.train), ("test", case.test)):
         (folder / part).mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,7 @@
 """Load against no load: is the load named with the unloaded robot's friction, and does the interval of its mass hold the truth?
 
-    python -m benchmarks.payload [--cases 20] [--seed 0] [--jobs 2] [--out FILE.json]
+    python -m benchmarks.payload [--cases 20] [--seed 0] [--jobs 2] [--shard I/N] [--out FILE.jsonl]
+                                 [--rows FILE.jsonl ...] [--results DIR]
 
 A simulated arm with Coulomb friction, whose URDF has masses up to 10 % and centres 10 mm off, is logged without commands
 (positions and efforts, four recordings of 6 s) twice: without a load, and with 1 to 3 kg up to 7 cm beside its flange. The
@@ -18,11 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 
-from benchmarks.common import clopper_pearson, pin_threads, save, times
+from benchmarks.cases import COSTS, case_options, one_sentence, run_cases, save_results
+from benchmarks.common import clopper_pearson, times
 from embodiedreamer_gym.diagnosis import diagnose
 from embodiedreamer_gym.effects.payload import Payload
+from embodiedreamer_gym.io.cases import Cases
 from embodiedreamer_gym.motions import MOTIONS
 from embodiedreamer_gym.phys_aligner.signals import Signals
 from embodiedreamer_gym.recordings import Recording
@@ -51,8 +53,9 @@ def logs(robot: StandIn, seed: int) -> tuple[list[Recording], list[Recording]]:
     return taken[:2], taken[2:]
 
 
-def one_case(seed: int) -> dict[str, Any]:
+def one_case(case: dict[str, Any]) -> dict[str, Any]:
     """One robot without and with a load."""
+    seed = case["seed"]
     rng = np.random.default_rng([seed, 0])
     servo, joints = asdict(TRUTH[ARM]), arm_joints(ARM)
     plain = StandIn(arm_urdf(ARM), joints, **servo, timestep=5e-4)
@@ -71,7 +74,7 @@ def one_case(seed: int) -> dict[str, Any]:
     loaded = diagnose(unloaded.with_fixed("friction", "urdf"), *sets[1], jobs=1)
     row = next((r for r in loaded.model.parameters().select("payload") if r.key.parameter == "mass"), None)
     return {
-        "seed": seed, "mass": mass, "place": place.tolist(), "friction": [e.name for e in unloaded.effects],
+        "mass": mass, "place": place.tolist(), "friction": [e.name for e in unloaded.effects],
         "verdict": loaded.verdict, "effects": list(loaded.effects), "closest": list(loaded.closest),
         "fitted": row and row.value, "interval": row and row.interval,
         "least_squares": regressed(unloaded, sets[1][0]), "error": loaded.error,
@@ -122,24 +125,24 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def shown(row: dict[str, Any]) -> str:
+    """A finished case in a line."""
+    return f"{row['seed']} {row['verdict']} {', '.join(row['effects'] or row['closest'])}"
+
+
 def main() -> None:
     """Run the cases and print them."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--cases", type=times, default=20)
     parser.add_argument("--seed", type=int, default=0, help="of the first case")
-    parser.add_argument("--jobs", type=times, default=2)
-    parser.add_argument("--out", type=Path)
+    case_options(parser)
     a = parser.parse_args()
-    pin_threads()
-    rows: list[dict[str, Any]] = []
-    cases: Any = Parallel(n_jobs=a.jobs, return_as="generator")(delayed(one_case)(a.seed + k) for k in range(a.cases))
-    for row in cases:
-        rows.append(row)
-        print(
-            f"case {len(rows)} of {a.cases}: {row['verdict']} {', '.join(row['effects'] or row['closest'])}", flush=True
-        )
-        save(rows, a.out)
+    cases = Cases({"benchmark": "payload"}, [{"seed": a.seed + k} for k in range(a.cases)])
+    with one_sentence():
+        rows = run_cases(a, cases, one_case, a.out, a.rows, shown)
     print(table(rows))
+    kept = [{key: value for key, value in row.items() if key not in COSTS} for row in rows]
+    save_results(a, cases, rows, [row["seed"] for row in rows], {"rows": kept})
 
 
 if __name__ == "__main__":

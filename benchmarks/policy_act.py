@@ -21,7 +21,7 @@ import gymnasium as gym
 
 import embodiedreamer_gym  # noqa: F401  its environments are registered
 from benchmarks.act_runs import SIZE, play_each, played, train_act
-from benchmarks.common import clopper_pearson, pin_threads, save
+from benchmarks.common import clopper_pearson, save
 
 VARIANTS: dict[str, dict[str, Any]] = {  # of the network; and whether mirror images are learnt
     "act": {"chunk": 100, "mirror": True},
@@ -103,7 +103,6 @@ def main() -> None:
     for name, value in (("demos", 50), ("episodes", 200), ("steps", None), ("batch", None), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
-    pin_threads()
     import torch
 
     torch.set_num_threads(1)

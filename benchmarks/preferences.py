@@ -20,16 +20,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common import pin_threads, save
+import numpy as np
+import torch
 
-pin_threads()
-
-import numpy as np  # noqa: E402
-import torch  # noqa: E402
-
-from benchmarks.preference_twin import ChunkMlp, Twin, demonstrate  # noqa: E402
-from embodiedreamer_gym.errors import PolicyError  # noqa: E402
-from embodiedreamer_gym.policies.preferences import (  # noqa: E402
+from benchmarks.common import save
+from benchmarks.preference_twin import ChunkMlp, Twin, demonstrate
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.policies.preferences import (
     CloningConfig,
     LossConfig,
     PreferenceSet,
@@ -40,7 +37,7 @@ from embodiedreamer_gym.policies.preferences import (  # noqa: E402
     fine_tune,
     reward_weights,
 )
-from embodiedreamer_gym.wrappers.preference_rollout import PreferenceRolloutVectorWrapper  # noqa: E402
+from embodiedreamer_gym.wrappers.preference_rollout import PreferenceRolloutVectorWrapper
 
 DEMOS, STARTS, TRIES, NOISE = 12, 100, 8, 0.1
 METRIC = "object_distance"

@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from benchmarks.common import data_folder, folder, pin_threads, save
+from benchmarks.common import data_folder, folder, save
 from embodiedreamer_gym.diagnosis import diagnose
 from embodiedreamer_gym.phys_aligner.linear_baseline import least_squares_rms
 from embodiedreamer_gym.recordings import load_recordings
@@ -25,7 +25,6 @@ def main() -> None:
     parser.add_argument("--swap", action="store_true", help="exchange the training and the held-out half")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
-    pin_threads()
     model = RobotModel.load(arguments.data / "model.json")
     halves = [
         load_recordings(arguments.data / name, joints=model.joints) for name in ("exciteA_1.csv", "exciteB_2.csv")

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import data_folder, folder, pin_threads, redrawn, save, times
+from benchmarks.common import data_folder, folder, redrawn, save, times
 from embodiedreamer_gym.diagnosis import add_effect, diagnose
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.recordings import Recording, Recordings
@@ -71,7 +71,6 @@ def main() -> None:
     parser.add_argument("--redraw", type=times, metavar="N", help="deal the runs anew N times instead")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
-    pin_threads()
     runs = load(arguments.data)
     if arguments.redraw:
         save([study(f"dealt anew, {seed}", *redrawn(runs, seed)) for seed in range(arguments.redraw)], arguments.out)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import data_folder, folder, pin_threads, redrawn, save, times
+from benchmarks.common import data_folder, folder, redrawn, save, times
 from embodiedreamer_gym.diagnosis import add_effect, compare, diagnose
 from embodiedreamer_gym.diagnosis.probabilities import family_probabilities
 from embodiedreamer_gym.diagnosis.wording import probabilities_text
@@ -60,7 +60,6 @@ def main() -> None:
     parser.add_argument("--ladder", action="store_true", help="add effects by hand instead of a diagnosis")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
-    pin_threads()
     logs = Recordings([preflight(r).recording for r in load_recordings(arguments.data / "*.hdf5")])
     if arguments.redraw:
         save([dealt(RobotModel.load(arguments.model), logs, seed) for seed in range(arguments.redraw)], arguments.out)

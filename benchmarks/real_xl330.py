@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from benchmarks.common import data_folder, folder, pin_threads, save
+from benchmarks.common import data_folder, folder, save
 from benchmarks.pendulum import COULOMB, EQUAL, GEARS, SAG, Pendulum
 from embodiedreamer_gym.diagnosis import add_effect, diagnose
 from embodiedreamer_gym.diagnosis.held_out import evaluate
@@ -81,7 +81,6 @@ def main() -> None:
     parser.add_argument("--data", type=folder, default=str(data_folder("bam_xl330")))
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
-    pin_threads()
     rows = [study(arguments.data, gains, *halves) for halves in (HALVES, HALVES[::-1]) for gains in GAINS]
     alone, together = ratios(rows), whole(arguments.data)
     print("\nstiffness at gain 400 over that at gain 100, each fitted alone (the firmware's ratio is 4):")

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.closed_loop import TASKS, hidden
-from benchmarks.common import pin_threads, save
+from benchmarks.common import save
 
 STEPS = 300
 
@@ -59,7 +59,6 @@ def main() -> None:
     parser.add_argument("--calibrated", type=Path)
     parser.add_argument("--out", type=Path)
     a = parser.parse_args()
-    pin_threads()
     from embodiedreamer_gym.envs.aloha import AlohaEnv
     from embodiedreamer_gym.envs.robots import load_robot
     from embodiedreamer_gym.errors import EmbodieDreamerError

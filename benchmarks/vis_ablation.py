@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks.common import pin_threads
 from embodiedreamer_gym.io.files import write_json
 from embodiedreamer_gym.vis_aligner import load_episodes
 from embodiedreamer_gym.vis_aligner.bench import make_bench
@@ -88,7 +87,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--chunks", type=int, help="of each held-out episode (default: all)")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="variants")
     a = parser.parse_args(arguments)
-    pin_threads()
     torch.set_num_threads(1)
     a.out.mkdir(parents=True, exist_ok=True)
     for name, (config, training) in variants(a.steps).items():

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks.common import pin_threads
 from embodiedreamer_gym.cli.command import main as embodiedreamer
 from embodiedreamer_gym.io.video import save_picture
 from embodiedreamer_gym.vis_aligner import Aligner, Episode, load_aligner, load_bank, load_episodes, metrics
@@ -130,7 +129,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--aligner", default="lean", help="of the figures (default: the shipped one)")
     parser.add_argument("--strips", type=Path, metavar="DIR", help="write picture strips of every episode")
     a = parser.parse_args(arguments)
-    pin_threads()
     torch.set_num_threads(1)
     if a.only in (None, "films"):
         films(a.out)

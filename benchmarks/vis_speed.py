@@ -16,8 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from benchmarks.common import pin_threads
-from embodiedreamer_gym.engines.bullet.rendering import stacked
+from embodiedreamer_gym.engines.frame import stacked
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.vis_aligner import Condition, Episode, References, load_aligner, load_bank
@@ -106,7 +105,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.vis_speed", description=str(__doc__).splitlines()[0])
     parser.add_argument("--gpu", action="store_true")
     a = parser.parse_args(arguments)
-    pin_threads()
     on_processor()
     if a.gpu:
         on_gpu()

@@ -21,8 +21,6 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.effect_sizes import FIRMWARE, SIZES, SUPPLY
 from embodiedreamer_gym.standin.labels import FAMILIES
 
-STAMP = {"set": "main", "seeds": "test", "labels_sha256": "0"}
-
 
 def row(kind="single", effects=("payload",), verdict="missing", said=None, chi2=9.0, after=0.2, index=0, **more):
     """A finished case: 1 mrad calibrated, `after` mrad with what was said."""
@@ -87,30 +85,52 @@ def test_labels_are_sealed_before_the_first_diagnosis(tmp_path, monkeypatch, cap
     diagnosis.main(["--cases", "5", "--jobs", "1", "--out", str(out)])
     digest = hashlib.sha256(sealed.read_bytes()).hexdigest()
     assert len(json.loads(sealed.read_text())["labels"]) == 240
-    assert {r["labels_sha256"] for r in diagnosis.read_rows(out)} == {digest}
+    assert {json.loads(line)["labels_sha256"] for line in out.read_text().splitlines()} == {digest}
     printed = capsys.readouterr().out
-    assert printed.index(digest) < printed.index("diagnose   1/5")
+    assert printed.index(digest) < printed.index("diagnose   1/5 case")
     with pytest.raises(SystemExit):  # other labels beside the same rows
         diagnosis.main(["--cases", "5", "--seeds", "development", "--out", str(out)])
 
 
-def test_a_finished_case_is_not_run_again_and_a_torn_line_is(tmp_path):
-    out, ran = tmp_path / "rows.jsonl", []
-    wanted = [Label(k, "null", (), 0.0, "arm6") for k in range(4)]
-    first, second = (json.dumps(STAMP | row("null", (), "nothing_missing", index=k)) for k in (2, 0))
-    out.write_text(f"{first}\n{second[:30]}")
+def test_shards_and_resumed_rows_of_earlier_releases_give_the_same_result(tmp_path, monkeypatch, capsys):
+    """Rows without "run", in the order of earlier releases: the same command goes on with them."""
+    ran = []
 
-    def work(label):
+    def work(name, seeds, label, oracle):
         ran.append(label.index)
-        return row("null", (), "nothing_missing", index=label.index)
+        return row(label.kind, label.effects, "unknown", index=label.index, seconds=0.1 * len(ran))
 
-    assert [r["index"] for r in diagnosis.read_rows(out)] == [2]
-    for _ in range(2):
-        list(diagnosis.run_missing(wanted, work, out, 1, STAMP))
-    assert ran == [0, 1, 3]
-    assert [r["index"] for r in diagnosis.read_rows(out)] == [2, 0, 1, 3]
-    with pytest.raises(ValueError, match="other labels"):
-        list(diagnosis.run_missing(wanted, work, out, 1, STAMP | {"labels_sha256": "1"}))
+    monkeypatch.setattr(diagnosis, "run_case", work)
+    common = ["--cases", "9", "--jobs", "1"]
+    whole, older, parts = tmp_path / "whole.jsonl", tmp_path / "older.jsonl", [tmp_path / f"{k}.jsonl" for k in (1, 2)]
+    diagnosis.main([*common, "--out", str(whole), "--results", str(tmp_path / "whole")])
+    rows = [json.loads(line) for line in whole.read_text().splitlines()]
+    for one in rows:
+        del one["run"]
+    older.write_text("".join(json.dumps(one) + "\n" for one in (rows[2], rows[0])) + json.dumps(rows[1])[:30])
+    ran.clear()
+    diagnosis.main([*common, "--out", str(older), "--results", str(tmp_path / "older")])
+    assert ran == [1, *range(3, 9)] and list(rows[0])[:5] == ["set", "seeds", "labels_sha256", "index", "seconds"]
+    diagnosis.main([*common, "--out", str(parts[0]), "--shard", "1/2"])
+    also = ["--rows", str(parts[0]), "--results", str(tmp_path / "parts")]
+    diagnosis.main([*common, "--out", str(parts[1]), "--shard", "2/2", *also])
+    results = {(tmp_path / name / "result.json").read_bytes() for name in ("whole", "older", "parts")}
+    assert len(results) == 1 and "seconds" not in results.pop().decode()
+    run = json.loads((tmp_path / "parts" / "run.json").read_text())
+    assert run["cases"] == 9 and run["seeds"] == "test" and run["seconds"] > 0
+    capsys.readouterr()
+    for wrong, said in (
+        (["--shard", "3/2"], "3/2 is no shard; give I/N such as 1/4"),
+        (["--rows", str(whole), "--out", str(parts[0])], "whole.jsonl holds the case {'index': "),
+        (
+            ["--seeds", "development", "--rows", str(whole), "--out", str(tmp_path / "new.jsonl")],
+            "is of other cases: seeds is",
+        ),
+    ):
+        with pytest.raises(SystemExit) as stop:
+            diagnosis.main([*common, *wrong])
+        error = capsys.readouterr().err
+        assert stop.value.code == 2 and said in error and error.splitlines()[-1].count("error: ") == 1
 
 
 def test_a_case_that_raises_is_kept_as_a_failure(monkeypatch):

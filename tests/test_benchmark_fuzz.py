@@ -133,22 +133,33 @@ def test_files_modules_and_arrays_are_mutated(tmp_path: Path) -> None:
     assert len({(a.dtype, a.shape) for a in arrays}) > 8
 
 
-def test_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_run_goes_on_and_shards_give_the_same_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     ran = []
     monkeypatch.setattr(fuzz, "targets", lambda: {"a": FAULTS["ok"], "b": FAULTS["traceback"]})
     monkeypatch.setattr(fuzz, "prepare", lambda folder, names: folder)
     monkeypatch.setattr(fuzz, "Running", lambda *arguments: ran.append(arguments[:2]) or Running(*arguments))
-    kept, out = tmp_path / "f.jsonl", tmp_path / "f.json"
+    out, folder = tmp_path / "f.jsonl", tmp_path / "results"
     first = Result("a", 0, "traceback", 0.1, 0.0, [Found("load", "traceback", "KeyError", "x.py:1")])
-    kept.write_text(json.dumps({"seed": 0}) + "\n" + json.dumps(first, default=vars) + '\n{"target": "b", "num')
-    assert fuzz.main(["--cases", "4", "--out", str(out)]) == 1
+    out.write_text(json.dumps({"seed": 0, **vars(first)}, default=vars) + '\n{"target": "b", "num')
+    options = ["--cases", "4", "--out", str(out), "--results", str(folder)]
+    assert fuzz.main(options) == 1
     assert sorted(ran) == [("a", 1), ("b", 0), ("b", 1)]
-    rows = {row["target"]: row for row in json.loads(out.read_text())["table"]}
+    written = (folder / "result.json").read_bytes()
+    rows = {row["target"]: row for row in json.loads(written)["table"]}
     assert (rows["a"]["ok"], rows["a"]["tracebacks"], rows["b"]["tracebacks"], rows["all"]["cases"]) == (1, 1, 2, 4)
     ran.clear()
-    assert fuzz.main(["--cases", "4", "--out", str(out)]) == 1 and not ran
-    with pytest.raises(SystemExit, match="another seed"):
-        fuzz.main(["--cases", "4", "--seed", "1", "--out", str(out)])
+    assert fuzz.main(options) == 1 and not ran and (folder / "result.json").read_bytes() == written
+    parts = [tmp_path / "1.jsonl", tmp_path / "2.jsonl"]
+    parts[0].write_text(out.read_text().splitlines()[0] + "\n")
+    for number, part in enumerate(parts, 1):
+        also = ["--rows", str(parts[0]), "--results", str(folder)] if number == 2 else []
+        fuzz.main(["--cases", "4", "--out", str(part), "--shard", f"{number}/2", *also])
+    assert sorted(ran) == [("a", 1), ("b", 0), ("b", 1)] and (folder / "result.json").read_bytes() == written
+    with pytest.raises(SystemExit) as stop:
+        fuzz.main([*options, "--seed", "1"])
+    assert stop.value.code == 2 and "is of other cases: seed is 0, not 1" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ def row(joints: list[str], low: float, fitted: bool = True) -> dict:
     label = {"effects": ["coulomb_friction"], "joints": {"coulomb_friction": ["a"]},
              "values": {"coulomb_friction": {"torque": {"a": 1.0}}}}  # fmt: skip
     found = {"joints": {"coulomb_friction": joints}, "parameters": {"coulomb_friction": said}}
-    return {"index": 0, "label": label, "found": found, "servo": [True], "seconds": [1.0, 2.0, 3.0], "fitted": fitted}
+    return {"index": 0, "label": label, "found": found, "servo": [True], "stages": [1.0, 2.0, 3.0], "fitted": fitted}
 
 
 def test_joints_and_intervals_are_held_against_the_truth_and_failures_are_shown() -> None:

@@ -17,7 +17,8 @@ from embodiedreamer_gym.io.files import atomic_file
 from embodiedreamer_gym.recordings.csv_text import check_header, lines_of, open_text, table
 
 VERDICTS = ("nothing_missing", "missing", "ambiguous", "unknown")
-FIELDS = ("entry", "case", "verdict", "effects", "predictions", "seconds", "failed")
+FIELDS = ("entry", "case", "verdict", "effects", "predictions", "seconds", "failed", "truth_sha256", "run")
+RUN_FIELDS = ("version", "commit", "machine", "date")
 EFFECT_FIELDS = ("name", "probability", "joints", "parameters")
 MOST_TEXT = 200  # characters of a name
 
@@ -41,7 +42,8 @@ class Answer:
     """What an entry says of a case.
 
     verdict: one of VERDICTS, None for an entry that names nothing. predictions: name of the motion -> csv file, relative to
-    the answers' folder. failed: why there is no answer, "" where there is one.
+    the answers' folder. failed: why there is no answer, "" where there is one. truth_sha256: of the set of cases that is
+    answered, as in its bench.json, "" where it is not said. run: RUN_FIELDS -> text, as far as said.
     """
 
     entry: str
@@ -51,6 +53,8 @@ class Answer:
     predictions: Mapping[str, str] = field(default_factory=dict)
     seconds: float | None = None
     failed: str = ""
+    truth_sha256: str = ""
+    run: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -97,7 +101,8 @@ def parse_answer(line: str, where: str) -> Answer:
         raise check.error(f"verdict {json.dumps(verdict)} goes with no effects, but {len(effects)} are named")
     if len({one.name for one in effects}) < len(effects):
         raise check.error("an effect is named twice")
-    predictions = check.mapping(data.get("predictions", {}), "predictions")
+    predictions, run = (check.mapping(data.get(name, {}), name) for name in ("predictions", "run"))
+    check.fields(run, RUN_FIELDS, "run")
     return Answer(
         entry=check.text(data.get("entry"), "entry"),
         case=check.text(data.get("case"), "case"),
@@ -106,6 +111,8 @@ def parse_answer(line: str, where: str) -> Answer:
         predictions={name: _file(check.text(file, f"predictions.{name}"), check) for name, file in predictions.items()},
         seconds=check.number(data["seconds"], "seconds", 0.0) if data.get("seconds") is not None else None,
         failed=check.text(data["failed"], "failed", 10_000) if data.get("failed") else "",
+        truth_sha256=check.text(data["truth_sha256"], "truth_sha256") if data.get("truth_sha256") else "",
+        run={name: check.text(text, f"run.{name}") for name, text in run.items()},
     )
 
 
@@ -174,13 +181,18 @@ class _Checks:
         return float(data)
 
 
-def answer_line(answer: Answer) -> str:
-    """An answer as a line of JSON; fields at their defaults are left out."""
+def answer_row(answer: Answer) -> dict[str, Any]:
+    """An answer fit for JSON; fields at their defaults are left out."""
     data = {key: value for key, value in asdict(answer).items() if value not in (None, "", (), {}) or key == "verdict"}
     for effect in data.get("effects", ()):
         for key in [key for key in EFFECT_FIELDS if effect[key] in (None, {})]:
             del effect[key]
-    return json.dumps(data, allow_nan=False) + "\n"
+    return data
+
+
+def answer_line(answer: Answer) -> str:
+    """An answer as a line of JSON; see `answer_row`."""
+    return json.dumps(answer_row(answer), allow_nan=False) + "\n"
 
 
 def write_prediction(path: Path, time: np.ndarray, joints: tuple[str, ...], signal: str, values: np.ndarray) -> None:

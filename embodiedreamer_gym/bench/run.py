@@ -3,58 +3,58 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from embodiedreamer_gym.bench.answers import Answer, answer_line, read_answers, write_prediction
+from embodiedreamer_gym.bench.answers import Answer, answer_row, read_answers, write_prediction
 from embodiedreamer_gym.bench.entries import load_entry
 from embodiedreamer_gym.bench.task import load_task
 from embodiedreamer_gym.errors import EmbodieDreamerError, MissingExtraError
+from embodiedreamer_gym.io.cases import WHOLE, Cases
 from embodiedreamer_gym.io.files import check_regular, read_json
-from embodiedreamer_gym.io.parallel import each, ended_workers
-from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
+from embodiedreamer_gym.io.progress import ProgressCallback
+from embodiedreamer_gym.io.shard import Shard
 
 
-def case_folders(cases: Path) -> list[Path]:
-    """The folders of a set of cases.
+def bench_cases(entries: Sequence[str], folder: Path) -> Cases:
+    """What each entry is to answer, of a set of cases.
 
-    Raises: EmbodieDreamerError where there are none.
+    Raises: EmbodieDreamerError where there is no case.
     """
-    read_json(cases / "bench.json", what="set of cases")
-    found = sorted(path.parent for path in (cases / "cases").glob("*/case.json"))
+    about = read_json(folder / "bench.json", what="set of cases")
+    found = sorted(path.parent.name for path in (folder / "cases").glob("*/case.json"))
     if not found:
-        raise EmbodieDreamerError(f"{cases / 'cases'} holds no case; make some with `embodiedreamer bench make`.")
-    return found
+        raise EmbodieDreamerError(f"{folder / 'cases'} holds no case; make some with `embodiedreamer bench make`.")
+    digest = about.get("truth_sha256") if isinstance(about, dict) else None
+    return Cases(
+        {"truth_sha256": digest} if digest else {},
+        [{"entry": name, "case": case} for case in found for name in entries],
+    )
 
 
 def run_entries(
-    entries: Sequence[str], cases: Path, out: Path, jobs: int = 1, progress: ProgressCallback | None = None
-) -> list[Answer]:
-    """Answers of entries to all cases, appended to `out` as they come; those that it holds are not made again.
+    entries: Sequence[str], cases: Path, out: Path, jobs: int = 1, progress: ProgressCallback | None = None,
+    shard: Shard = WHOLE,
+) -> list[Answer]:  # fmt: skip
+    """Answers of entries to the cases of a shard, appended to `out` as they come; those that it holds are not made again.
 
-    Raises: EmbodieDreamerError for an unknown entry, damaged cases or a damaged file of answers.
+    Raises: EmbodieDreamerError for an unknown entry, damaged cases, a damaged file of answers or answers to other cases.
     """
-    report = progress_or_silence(progress)
     for name in entries:
         load_entry(name)
-    folders = case_folders(cases)
+    wanted = bench_cases(entries, cases)
     check_regular(out)
-    before = read_answers(out) if out.is_file() else []
-    done = {(answer.entry, answer.case) for answer in before}
-    calls = [
-        (name, folder, out) for folder in folders for name in dict.fromkeys(entries) if (name, folder.name) not in done
-    ]
-    answers = list(before)
-    report("answering", 0, len(calls))
-    with ended_workers(), out.open("a+b") as file:
-        file.seek(0)
-        file.truncate(file.read().rfind(b"\n") + 1)  # a line that an interruption cut short
-        for k, answer in enumerate(each(answer_case, calls, jobs), 1):
-            file.write(answer_line(answer).encode())
-            file.flush()
-            answers.append(answer)
-            report("answering", k, len(calls), entry=answer.entry, case=answer.case)
-    return answers
+    if out.is_file():
+        read_answers(out)
+    for _ in wanted.run(partial(_answer_row, cases / "cases", out), out, shard, jobs, (), progress, "answers"):
+        pass
+    return read_answers(out)
+
+
+def _answer_row(folder: Path, out: Path, case: Mapping[str, str]) -> dict[str, Any]:
+    return answer_row(answer_case(case["entry"], folder / case["case"], out))
 
 
 def answer_case(name: str, folder: Path, out: Path) -> Answer:

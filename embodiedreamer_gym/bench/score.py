@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from embodiedreamer_gym.bench.cases import FORMAT, VISIBLE, rms_error, signal_of
 from embodiedreamer_gym.bench.intervals import clopper_pearson, median_interval
 from embodiedreamer_gym.errors import EmbodieDreamerError, brief
 from embodiedreamer_gym.io.files import read_json
+from embodiedreamer_gym.io.results import run_of
 from embodiedreamer_gym.io.tables import layout, number
 from embodiedreamer_gym.recordings import Recording, load_recordings
 from embodiedreamer_gym.standin.labels import PERIODIC, family_of, places
@@ -71,13 +72,14 @@ class Figure:
 
 @dataclass(frozen=True)
 class Scores:
-    """All figures; `sha256` of the truth."""
+    """All figures; `sha256` of the truth; run: where the answers were made, as `run.json` has it."""
 
     figures: tuple[Figure, ...]
     entries: tuple[str, ...]
     cases: int
     sha256: str
     notes: tuple[str, ...] = ()
+    run: Mapping[str, Any] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """The scores as JSON."""
@@ -101,11 +103,16 @@ def score(truth: Path, files: Sequence[Path]) -> Scores:
     Raises: EmbodieDreamerError in one sentence for a damaged file, an unknown case, or two files that answer for one entry.
     """
     hidden, digest = read_truth(truth)
+    seed = read_json(truth / "truth.json", what="truth").get("seed")
     by_entry: dict[str, dict[str, tuple[Answer, Path]]] = {}
     for file in files:
         for answer in read_answers(file):
             if answer.case not in hidden:
                 raise EmbodieDreamerError(f"{file}: case {brief(answer.case)} is none of the {len(hidden)} of {truth}.")
+            if answer.truth_sha256 not in ("", digest):
+                raise EmbodieDreamerError(
+                    f"{file}: the answer to case {answer.case} is of another set of cases than {truth}."
+                )
             given = by_entry.setdefault(answer.entry, {})
             if answer.case in given:
                 raise EmbodieDreamerError(
@@ -114,6 +121,7 @@ def score(truth: Path, files: Sequence[Path]) -> Scores:
             given[answer.case] = (answer, file.parent)
     if not by_entry:
         raise EmbodieDreamerError(f"{', '.join(map(str, files))}: there is no answer.")
+    by_entry = dict(sorted(by_entry.items()))  # the same table, however the answers are spread over files
     figures, notes = [], []
     unseen = [case for case, one in hidden.items() if one.effects and not one.visible]
     if unseen:
@@ -133,7 +141,8 @@ def score(truth: Path, files: Sequence[Path]) -> Scores:
             )
         for group in groups if len(groups) > 2 else [ALL]:
             figures += _figures(entry, group, [row for row in rows if group in (ALL, row.truth.observation)])
-    return Scores(tuple(figures), tuple(by_entry), len(hidden), digest, tuple(notes))
+    run = run_of(vars(answer) for given in by_entry.values() for answer, _ in given.values())
+    return Scores(tuple(figures), tuple(by_entry), len(hidden), digest, tuple(notes), {**run, "seeds": [seed]})
 
 
 def read_truth(folder: Path) -> tuple[dict[str, Truth], str]:

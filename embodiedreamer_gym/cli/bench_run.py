@@ -10,6 +10,7 @@ ENTRIES = ("diagnose", "coulomb", "ladder", "mujoco-sysid", "sparse", "boosted")
 @o.verb(
     o.option("entries", "ENTRY", f"{', '.join(ENTRIES)}", o.REQUIRED, nargs="+"),
     o.option("--cases", "DIR", "as `bench make` writes them", o.REQUIRED, Path),
+    o.SHARD,
     o.JOBS,
     o.QUIET,
     o.out_file("FILE.jsonl", "answers; continued where it was interrupted"),
@@ -18,7 +19,7 @@ def run(a, progress):
     """Run the entries that come with the package on hidden cases."""
     from embodiedreamer_gym.bench.run import run_entries
 
-    answers = run_entries(a.entries, a.cases, a.out, a.jobs, progress)
+    answers = run_entries(a.entries, a.cases, a.out, a.jobs, progress, a.shard)
     failed = [answer for answer in answers if answer.failed]
     text = f"{len(answers)} answers in {a.out}"
     for answer in failed[:10]:

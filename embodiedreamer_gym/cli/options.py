@@ -15,7 +15,9 @@ from pathlib import Path
 from textwrap import dedent
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
+from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.io.files import write_json
+from embodiedreamer_gym.io.shard import Shard
 
 REQUIRED: Any = ...
 T = TypeVar("T")
@@ -167,6 +169,14 @@ def pattern_and_gain(text: str) -> tuple[str, float]:
     return pattern, number(float, 0.0, above=True)(value)
 
 
+def shard(text: str) -> Shard:
+    """A type of options: I/N."""
+    try:
+        return Shard.parse(text)
+    except EmbodieDreamerError as error:
+        raise argparse.ArgumentTypeError(str(error).removesuffix(".")) from error
+
+
 def output_file(text: str) -> Path:
     """A type of options: a file to write; `command` checks it before the verb begins."""
     return Path(text)
@@ -188,6 +198,7 @@ SEED = option("--seed", "N", "of the random numbers", 0, SEED_RANGE)
 QUIET = option("--quiet", None, "no progress")
 JOBS = option("--jobs", "N", "processes", 1, JOBS_RANGE)
 ALL_JOBS = option("--jobs", "N", "processes (default: one per core)", CORES, JOBS_RANGE)
+SHARD = option("--shard", "I/N", "only part I of N of the work, to share it between jobs or machines", Shard(), shard)
 ROBOT = option("--robot", "M", MODELS, "aloha")
 HZ = option("--hz", "HZ", "samples per second of logs without time stamps", None, POSITIVE)
 UNITS = ("s", "ms", "us", "ns")
@@ -208,6 +219,13 @@ MOTORS = (
     option("--reverse", "J,...", "joints that the log counts in the opposite direction to the URDF"),
 )  # fmt: skip
 JSON = option("--json", "FILE", "write the result as JSON", None, output_file)
+RESULTS = option(
+    "--results",
+    "DIR",
+    "write DIR/result.json, and DIR/run.json: where, when and with what it was made",
+    None,
+    output_folder,
+)
 VIS_ALIGNER = {"metavar": "ALIGNER", "nargs": "?", "const": "lean"}
 LOGS = (
     option("--effects", "FILE.py", "Python file with your own effects; it is executed"),

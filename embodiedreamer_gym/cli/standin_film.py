@@ -14,6 +14,7 @@ from embodiedreamer_gym.cli import options as o
     o.option("--every", "K", "control steps per picture", 1, o.COUNT),
     o.option("--samples", "N", "light paths per pixel", 4, o.COUNT),
     o.option("--blender", "PYTHON", "interpreter with bpy (default: this one, else $EMBODIEDREAMER_BLENDER)"),
+    o.SHARD,
     o.ALL_JOBS,
     o.QUIET,
 )
@@ -27,4 +28,5 @@ def run(a, progress):
     tasks = list(TASKS) if a.task == ["all"] else [name.removesuffix("-v0") for name in a.task]
     more = (a.appearance, read_size(a.size), a.seed, a.frames, a.every, a.samples)
     films = [FilmSettings(task, *more) for task in dict.fromkeys(tasks)]
-    return f"{len(film_episodes(films, a.episodes, a.out, a.jobs, a.blender, progress))} episodes in {a.out}"
+    paths = film_episodes(films, a.episodes, a.out, a.jobs, a.blender, progress, shard=a.shard)
+    return f"{len(paths)} episodes in {a.out}"

@@ -95,13 +95,14 @@ def check_outputs(*files: Path | None, folders: Sequence[Path | None] = ()) -> N
             raise EmbodieDreamerError(f"{path} cannot be written: {reason.strerror or reason}.") from reason
 
 
-def write_json(data: Any, path: str | os.PathLike[str], error: type[EmbodieDreamerError] = EmbodieDreamerError) -> None:
+def write_json(data: Any, path: str | os.PathLike[str], error: type[EmbodieDreamerError] = EmbodieDreamerError,
+               sort_keys: bool = False) -> None:  # fmt: skip
     """Write JSON (UTF-8, indented by one) atomically.
 
     Raises: `error` when the file cannot be written; ValueError for a number that is not finite.
     """
     with atomic_file(path, error) as part:
-        part.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        part.write_text(json.dumps(data, indent=1, sort_keys=sort_keys, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def check_regular(

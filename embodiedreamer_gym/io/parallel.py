@@ -27,13 +27,16 @@ def ended_workers() -> Iterator[None]:
             started.terminate(kill_workers=True)  # its folder of temporary files too
 
 
-def each(function: Callable[..., T], calls: Sequence[tuple[Any, ...]], jobs: int = 1) -> Iterator[T]:
-    """Results of a function for many tuples of arguments, in their order, as they come.
+def each(
+    function: Callable[..., T], calls: Sequence[tuple[Any, ...]], jobs: int = 1, in_order: bool = True
+) -> Iterator[T]:
+    """Results of a function for many tuples of arguments, in their order, or each as soon as it is there.
 
     jobs: processes on this machine, at most one for each call, unless `joblib.parallel_config` names another backend:
     threads, or Dask or Ray on a cluster. The results are the same.
     """
-    work: Any = Parallel(n_jobs=min(jobs, max(len(calls), 1)), prefer="processes", return_as="generator")
+    work: Any = Parallel(n_jobs=min(jobs, max(len(calls), 1)), prefer="processes",
+                         return_as="generator" if in_order else "generator_unordered")  # fmt: skip
     yield from work(delayed(function)(*c) for c in calls)
 
 

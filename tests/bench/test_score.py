@@ -1,11 +1,14 @@
 """Scores: of answers that are right throughout, of one that always says the same, and of none."""
 
+import json
+
 import pytest
 
 from embodiedreamer_gym.bench.answers import Answer, NamedEffect, answer_line, write_prediction
 from embodiedreamer_gym.bench.cases import signal_of
 from embodiedreamer_gym.bench.intervals import clopper_pearson, median_interval
 from embodiedreamer_gym.bench.score import score
+from embodiedreamer_gym.cli.command import main
 from embodiedreamer_gym.standin.labels import places
 
 
@@ -82,3 +85,36 @@ def test_intervals():
     assert clopper_pearson(5, 10) == pytest.approx((0.1871, 0.8129), abs=1e-4)
     assert median_interval([3, 1, 2]) == (1, 3)
     assert median_interval(range(1, 11)) == (2, 9)
+
+
+def test_shards_give_the_same_scores_to_the_byte(made, tmp_path, capsys):
+    """Of one, two and four shards; answers to other cases are refused."""
+    written = []
+    for count in (1, 2, 4):
+        files = [tmp_path / f"{count}-{number}.jsonl" for number in range(1, count + 1)]
+        for number, file in enumerate(files, 1):
+            words = ["--shard", f"{number}/{count}", "--out", str(file), "--quiet"]
+            assert main(["bench", "run", "ladder", "--cases", str(made.cases), *words]) == 0
+        folder = tmp_path / f"results-{count}"
+        answers = ["--answers", *map(str, reversed(files)), "--results", str(folder), "--quiet"]
+        assert main(["bench", "score", "--truth", str(made.truth), *answers]) == 0
+        written.append((folder / "result.json").read_bytes())
+        run = json.loads((folder / "run.json").read_text())
+        assert run["cases"] == 4 and run["seeds"] == [2] and run["seconds"] > 0 and run["machine"]
+    assert len(set(written)) == 1 and len(json.loads(written[0])["figures"]) > 10
+    capsys.readouterr()
+    text = files[0].read_text().replace(made.digest, "0" * 64)
+    files[0].write_text(text)
+    assert main(["bench", "score", "--truth", str(made.truth), *answers]) == 2
+    assert f"is of another set of cases than {made.truth}" in capsys.readouterr().err
+    assert main(["bench", "run", "ladder", "--cases", str(made.cases), "--out", str(files[0]), "--quiet"]) == 2
+    assert "truth_sha256 is '00000000" in capsys.readouterr().err and files[0].read_text() == text
+
+
+@pytest.mark.parametrize("text", ["0/2", "3/2", "two"])
+def test_a_bad_shard_is_one_sentence(text, made, tmp_path, capsys):
+    words = ["--cases", str(made.cases), "--out", str(tmp_path / "a.jsonl"), "--shard", text]
+    assert main(["bench", "run", "ladder", *words]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: argument --shard: ") and "is no shard; give I/N such as 1/4" in error
+    assert error.count("\n") == 1 and not list(tmp_path.iterdir())

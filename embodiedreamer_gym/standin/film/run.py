@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
-
-from joblib import Parallel, delayed
 
 from embodiedreamer_gym.errors import RecordingError
+from embodiedreamer_gym.io.parallel import each
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
+from embodiedreamer_gym.io.shard import Shard
 from embodiedreamer_gym.standin.film.blender import find_blender
 from embodiedreamer_gym.standin.film.episode import Render, film_episode
 from embodiedreamer_gym.standin.film.settings import FilmSettings
@@ -19,13 +18,14 @@ TYPICAL = 200  # pictures of a whole episode
 
 
 def film_episodes(films: Sequence[FilmSettings], episodes: int, folder: str | Path, jobs: int = 1, blender: str | None = None,
-                  progress: ProgressCallback | None = None, render: Render | None = None) -> list[Path]:  # fmt: skip
-    """Film so many episodes of each of the films into a folder; returns the paths of all, also of existing ones.
+                  progress: ProgressCallback | None = None, render: Render | None = None, shard: Shard | None = None) -> list[Path]:  # fmt: skip
+    """Film so many episodes of each of the films into a folder; returns their paths, also of existing ones.
 
     jobs: processes.
     blender: path of a Python interpreter that has bpy, see `find_blender`.
     progress: called with the pictures rendered so far.
     render: used in place of Blender.
+    shard: the part of all episodes that is filmed; None: all.
     Raises: MissingExtraError without bpy; RecordingError where a path holds something else, before anything is filmed.
     """
     folder = Path(folder)
@@ -35,7 +35,7 @@ def film_episodes(films: Sequence[FilmSettings], episodes: int, folder: str | Pa
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(f"{folder} cannot be made a folder: {error.strerror}; give another place.") from error
-    wanted = [(film, number) for film in films for number in range(episodes)]
+    wanted = (shard or Shard()).of([(film, number) for film in films for number in range(episodes)])
     missing = [(film, n) for film, n in wanted if not is_filmed(film.path(folder, n), film.as_dict(n))]
     total = sum(min(film.frames or TYPICAL, TYPICAL // film.every) for film, _ in missing)
     report, pictures, finished = progress_or_silence(progress), 0, 0
@@ -59,5 +59,5 @@ def _film(missing: Sequence[tuple[FilmSettings, int]], folder: Path, jobs: int, 
             film_episode(film, number, folder, blender, picture, render)
             yield 0
     else:
-        work: Any = Parallel(n_jobs=jobs, prefer="processes", return_as="generator_unordered")
-        yield from work(delayed(film_episode)(film, n, folder, blender, None, render) for film, n in missing)
+        calls = [(film, number, folder, blender, None, render) for film, number in missing]
+        yield from each(film_episode, calls, jobs, in_order=False)

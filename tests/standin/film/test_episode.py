@@ -14,6 +14,7 @@ from embodiedreamer_gym.cli import command as cli
 from embodiedreamer_gym.envs.cameras import CAMERAS, load_cameras
 from embodiedreamer_gym.errors import EmbodieDreamerError, MissingExtraError, RecordingError
 from embodiedreamer_gym.io.progress import Progress
+from embodiedreamer_gym.io.shard import Shard
 from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.standin.film import blender
 from embodiedreamer_gym.standin.film.episode import film_episode
@@ -91,6 +92,13 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, brief: None) -> None:
     assert len(calls) == 3
 
 
+def test_shards_film_every_episode_once(tmp_path: Path, brief: None) -> None:
+    paths = [film_episodes([BRIEF], 2, tmp_path, render=grey, shard=Shard(number, 2)) for number in (1, 2)]
+    names = [f"PutCupOnMat_{number:03}.hdf5" for number in range(2)]
+    assert sorted(path.name for part in paths for path in part) == names == sorted(p.name for p in tmp_path.iterdir())
+    assert list(map(len, paths)) == [1, 1]
+
+
 def test_other_settings_are_refused_before_anything_is_filmed(filmed: Path) -> None:
     other = FilmSettings("PutCupOnMat", "many", (64, 48), frames=10, every=12)
     with pytest.raises(RecordingError, match='filmed with look "lab", not "many"'):
@@ -111,6 +119,7 @@ def test_processes_film_the_same_and_say_how_far_they_are(filmed: Path, tmp_path
         (["--size", "128"], "--size 128 is no width and height; give two numbers such as 128x96"),
         (["--size", "4x4"], "4 x 4 pixels; each may be 16 to 2048"),
         (["--episodes", "-1"], "--episodes: -1 is not a whole number of 1 to"),
+        (["--shard", "3/2"], "--shard: 3/2 is no shard; give I/N such as 1/4"),
         (["--jobs", "0"], "--jobs: 0 is not a whole number of 1 to"),
         (["--frames", "3"], "frames is 3, but must be at least 10"),
         (["--appearance", "mine"], "no appearance 'mine'"),
