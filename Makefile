@@ -17,7 +17,7 @@ export NUMBA_CACHE_DIR := $(CURDIR)/.cache/numba
 # One test process per logical CPU; TESTS="tests/envs -k reset" runs some of them.
 PYTEST := -m pytest -n logical --dist worksteal
 
-.PHONY: install demo test test-slow lint bench bench-diagnosis format test-lowest test-newest release-check clean
+.PHONY: install demo docs test test-slow lint bench bench-diagnosis format test-lowest test-newest release-check clean
 
 install: $(INSTALLED)
 
@@ -40,6 +40,10 @@ lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/basedpyright
+
+# The documentation as a site that opens offline: build/site/index.html.
+docs: $(INSTALLED)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

@@ -1,4 +1,4 @@
-"""Write the tables of effects into docs/effects.md and README.md from the catalogue: python docs/make_effects.py."""
+"""Write the table of effects into docs/effects.md from the catalogue: python docs/make_effects.py."""
 
 from __future__ import annotations
 
@@ -34,12 +34,6 @@ def full_table() -> str:
     return "\n".join(rows)
 
 
-def short_table() -> str:
-    """Names and symptoms."""
-    rows = ["| effect | symptom |", "|---|---|"]
-    return "\n".join([*rows, *(f"| `{effect.name}` | {effect.symptom} |" for effect in CATALOGUE.values())])
-
-
 def parameter_text(p: Parameter) -> str:
     """A parameter with its bounds and unit."""
     unit = "" if p.unit == "1" else f" {in_torques(p.unit) if p.scale else p.unit}"
@@ -58,7 +52,7 @@ def filled(text: str, table: str) -> str:
     return re.sub(f"(?<={BEGIN}\n).*?(?={END})", lambda _: f"\n{table}\n\n", text, flags=re.DOTALL)
 
 
-TABLES = {"docs/effects.md": full_table, "README.md": short_table}
+TABLES = {"docs/effects.md": full_table}
 
 
 def main() -> None:

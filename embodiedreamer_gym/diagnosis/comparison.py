@@ -59,7 +59,7 @@ class Comparison:
     """How far models are from recordings; arrays have one row per model, in the order they were given.
 
     labels: names of the models, each different.
-    rollouts: [model][recording], arrays (T, n).
+    rollouts: for each model, one of each recording, arrays (T, n).
     by_model: what was compared, for each model: its noise is the model's own where efforts are compared.
     table: one Row per model, signal, joint and regime.
     joint_rms, joint_chi2: (models, n), nan where a joint has no usable sample.

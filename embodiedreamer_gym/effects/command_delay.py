@@ -15,8 +15,8 @@ class CommandDelay(SignalLaw):
     family = "late_command"
     stage = "command"
     parameters = (Parameter("seconds", "s", off=0.0, low=0.0, high=LONGEST, typical=0.03),)
-    symptom = "the whole motion is late by the same time, so the error grows with speed"
-    reveals = "fast multisine and steps"
+    symptom = "the whole motion is delayed by a constant time, so the error grows with speed"
+    reveals = "a fast multisine and steps"
     confused_with = ("command_lowpass", "command_rate_limit")
 
     @staticmethod

@@ -12,7 +12,7 @@ class CommandLowpass(SignalLaw):
     family = "late_command"
     stage = "command"
     parameters = (Parameter("time_constant", "s", off=0.0, low=0.0, high=0.5, typical=0.03),)
-    symptom = "corners of the command are rounded; fast motion is late and too small"
+    symptom = "corners of the command are rounded; fast motion is delayed and too small"
     reveals = "steps, and a multisine that reaches beyond the filter's corner"
     confused_with = ("command_delay", "command_rate_limit", "rotor_inertia")
 

@@ -12,7 +12,7 @@ class CommandRateLimit(SignalLaw):
     family = "limit"
     stage = "command"
     parameters = (Parameter("rate", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),)
-    symptom = "steps become ramps of one slope, and small slow moves are followed exactly"
+    symptom = "steps become ramps of constant slope, while small slow moves are followed exactly"
     reveals = "large steps and fast point-to-point moves"
     confused_with = ("command_lowpass", "command_delay", "voltage_limit")
 

@@ -11,7 +11,7 @@ class DerivativeOnError(SignalLaw):
     stage = "torque"
     parameters = (Parameter("share", "1", off=0.0, low=0.0, high=2.0, typical=0.5),)
     symptom = "the joint follows fast ramps with less lag than its damping allows, and steps begin with a torque peak"
-    reveals = "ramps of several speeds beside steps"
+    reveals = "ramps of several speeds, and steps"
     confused_with = ("command_delay", "command_lowpass", "lookahead", "friction_compensation")
 
     @staticmethod

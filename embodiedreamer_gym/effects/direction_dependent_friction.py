@@ -12,7 +12,7 @@ class DirectionDependentFriction(TorqueBudget):
         Parameter("forward", "N m", off=0.0, low=0.0, high=6.0, typical=0.15, scale="torque"),
         Parameter("backward", "N m", off=0.0, low=0.0, high=6.0, typical=0.05, scale="torque"),
     )
-    symptom = "the joint lags more in one direction than in the other, at any pose"
+    symptom = "the joint lags more in one direction than in the other, in every pose"
     reveals = "the same slow sweep forward and backward"
     confused_with = ("coulomb_friction", "torque_bias", "load_friction")
     generalises = ("coulomb_friction",)

@@ -10,7 +10,7 @@ class EncoderOffset(SignalLaw):
     family = "gravity"
     stage = "sensor"
     parameters = (Parameter("angle", "rad", off=0.0, low=-0.3, high=0.3, typical=0.05),)
-    symptom = "gravity acts as if the arm stood at another angle; nothing shows on vertical axes"
+    symptom = "gravity acts as if the arm stood at another angle; vertical axes show no error"
     reveals = "many static poses"
     confused_with = ("torque_bias", "base_tilt", "joint_spring", "payload")
 

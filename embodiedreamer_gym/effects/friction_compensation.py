@@ -18,7 +18,7 @@ class FrictionCompensation(SignalLaw):
         Parameter("viscous", "N m s/rad", off=0.0, low=0.0, high=6.0, typical=0.05, scale="torque"),
     )
     symptom = "the joint leads its command at reversals, as if its friction were negative"
-    reveals = "slow sweeps to and fro with abrupt reversals of the command"
+    reveals = "slow sweeps back and forth with abrupt reversals of the command"
     confused_with = ("derivative_on_error", "coulomb_friction", "pwm_deadband", "command_delay")
     generalises = ("derivative_on_error",)
 

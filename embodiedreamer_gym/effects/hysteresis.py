@@ -16,8 +16,8 @@ class Hysteresis(SignalLaw):
         Parameter("torque", "N m", off=0.0, low=0.0, high=6.0, typical=0.1, scale="torque"),
         Parameter("travel", "rad", off=0.02, low=0.004, high=0.5, typical=0.02, shape=True),
     )
-    symptom = "after each reversal the torque takes some travel to change sides: small moves trace loops"
-    reveals = "small slow moves to and fro, of several sizes"
+    symptom = "after each reversal the torque changes sign only after some travel: small moves trace loops"
+    reveals = "small slow moves back and forth, of several sizes"
     confused_with = ("coulomb_friction", "stribeck_friction", "joint_spring")
     generalises = ("coulomb_friction",)
 

@@ -18,7 +18,7 @@ class IntegralAction(SignalLaw):
         Parameter("limit", "N m", off=1e3, low=0.05, high=1e3, typical=2.0, scale="torque", shape=True),
     )
     symptom = "errors at holds creep to zero in every pose, and fast moves overshoot their target"
-    reveals = "long holds in poses of different weight, after moves"
+    reveals = "long holds after moves, in poses of different weight"
     confused_with = ("velocity_cascade", "gravity_compensation", "torque_bias", "hysteresis", "derivative_on_error")
 
     @staticmethod

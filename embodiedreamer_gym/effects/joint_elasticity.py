@@ -15,7 +15,7 @@ class JointElasticity(MechanicsChange):
     symptom = (
         "the joint rings after sudden stops, faster than its servo, and its load hardly acts on it while it accelerates"
     )
-    reveals = "abrupt stops and a multisine up to the resonance; the end effector, which sags unseen by the encoders"
+    reveals = "abrupt stops and a multisine up to the resonance; the end effector sags, which the encoders do not see"
     confused_with = ("rotor_inertia", "backlash")
 
     @staticmethod

@@ -25,7 +25,7 @@ class LoadFriction(TorqueBudget):
         Parameter("static", "1", off=0.0, low=0.0, high=0.9, typical=0.1),
         Parameter("speed", "rad/s", off=0.2, low=0.005, high=2.0, typical=0.2, shape=True),
     )
-    symptom = "friction that grows with the torque the joint carries, so it differs from pose to pose"
+    symptom = "friction grows with the torque that the joint carries, so it differs from pose to pose"
     reveals = "the same slow motion in poses of high and of low gravity torque"
     confused_with = ("coulomb_friction", "stribeck_friction", "direction_dependent_friction")
 

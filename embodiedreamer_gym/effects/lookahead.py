@@ -15,7 +15,7 @@ class Lookahead(SignalLaw):
         Parameter("seconds", "s", off=0.0, low=0.0, high=0.5, typical=0.05),
         Parameter("inverse_gain", "1", off=0.25, low=0.02, high=2.0, typical=0.25, shape=True),
     )
-    symptom = "the motion is late by about the same time and has no corners, and may overshoot a step"
+    symptom = "the motion is delayed by a nearly constant time, has no corners, and may overshoot a step"
     reveals = "steps, and a multisine that reaches beyond the filter's corner"
     confused_with = ("command_lowpass", "command_delay", "profile", "derivative_on_error")
     generalises = ("command_lowpass",)

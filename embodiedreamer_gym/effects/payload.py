@@ -19,7 +19,7 @@ class Payload(MechanicsChange):
         *(Parameter(axis, "m", off=0.0, low=-0.3, high=0.3, typical=0.05, per="arm", shape=True, starts=(0.0,), prior=True)
           for axis in "xyz"),
     )  # fmt: skip
-    symptom = "every joint that carries weight sags and lags more, most with the arm stretched out"
+    symptom = "every joint that carries weight sags and lags more, most of all when the arm is stretched out"
     reveals = "static poses near and far, and fast moves"
     confused_with = ("torque_bias", "base_tilt", "joint_spring", "rotor_inertia", "torque_fade",
                      "torque_constant")  # fmt: skip

@@ -17,7 +17,7 @@ class Profile(SignalLaw):
         Parameter("acceleration", "rad/s^2", off=1000.0, low=0.2, high=1000.0, typical=8.0),
         Parameter("speed", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0, shape=True),
     )
-    symptom = "steps begin and end gently, with the same acceleration at any size of the step"
+    symptom = "steps begin and end gently, with the same acceleration for any size of the step"
     reveals = "steps of several sizes and quick turns"
     confused_with = ("command_rate_limit", "command_lowpass", "lookahead", "command_delay")
     generalises = ("command_rate_limit",)

@@ -9,7 +9,7 @@ class QuadraticDrag(TorqueBudget):
     name = "quadratic_drag"
     family = "friction"
     parameters = (Parameter("coefficient", "N m s^2/rad^2", off=0.0, low=0.0, high=6.0, typical=0.05, scale="torque"),)
-    symptom = "fast moves fall behind more than in proportion to their speed"
+    symptom = "the lag of fast moves grows faster than their speed"
     reveals = "the same move at several speeds"
     confused_with = ("voltage_limit", "torque_saturation")
 

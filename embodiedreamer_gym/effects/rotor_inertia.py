@@ -8,8 +8,8 @@ class RotorInertia(MechanicsChange):
 
     name = "rotor_inertia"
     parameters = (Parameter("inertia", "kg m^2", off=0.0, low=0.0, high=1.5, typical=0.005, scale="torque"),)
-    symptom = "the joint is late at every change of speed and overshoots its target, at any pose and load"
-    reveals = "steps and fast moves to and fro"
+    symptom = "the joint is late at every change of speed and overshoots its target, in any pose and with any load"
+    reveals = "steps and fast moves back and forth"
     confused_with = ("payload", "command_lowpass", "joint_elasticity")
 
     @staticmethod

@@ -19,8 +19,8 @@ class ServoDeadzone(SignalLaw):
         Parameter("width", "rad", off=0.0, low=0.0, high=0.1, typical=0.01),
         Parameter("jump", "1", off=0.0, low=0.0, high=1.0, typical=1.0, shape=True),
     )
-    symptom = "near the target the servo gives no torque: a flat error of either sign at holds"
-    reveals = "slow ramps and holds in poses without gravity torque"
+    symptom = "near the target the servo gives no torque, so errors of either sign remain at holds"
+    reveals = "slow ramps, and holds in poses without gravity torque"
     confused_with = ("coulomb_friction", "encoder_offset", "backlash")
 
     @staticmethod

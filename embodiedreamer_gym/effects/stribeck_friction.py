@@ -16,7 +16,7 @@ class StribeckFriction(TorqueBudget):
         Parameter("speed", "rad/s", off=0.1, low=0.005, high=1.0, typical=0.1, shape=True),
     )
     symptom = "stick-slip: the joint breaks loose with a jerk, and moves more easily once it moves"
-    reveals = "very slow ramps and tiny steps beside fast motion"
+    reveals = "very slow ramps and tiny steps, together with fast motion"
     confused_with = ("coulomb_friction", "direction_dependent_friction", "load_friction", "hysteresis")
     generalises = ("coulomb_friction",)
 

@@ -10,7 +10,7 @@ class TorqueBias(SignalLaw):
     family = "gravity"
     stage = "load"
     parameters = (Parameter("torque", "N m", off=0.0, low=-6.0, high=6.0, typical=0.1, scale="torque"),)
-    symptom = "the joint stops beside its target, on the same side in every pose and direction"
+    symptom = "the joint stops short of or beyond its target, always on the same side, in every pose and direction"
     reveals = "slow motion in two directions through several poses"
     confused_with = ("joint_spring", "encoder_offset", "base_tilt", "direction_dependent_friction", "payload")
 

@@ -19,7 +19,7 @@ class TorqueFade(SignalLaw):
         Parameter("time", "s", off=5.0, low=0.5, high=600.0, typical=5.0, shape=True),
     )
     symptom = "the same move is weaker late in a log than early in it"
-    reveals = "one heavy move repeated for minutes, in a log that begins with the drive cool"
+    reveals = "one heavy move repeated for minutes, in a log that begins with a cool drive"
     confused_with = ("payload", "torque_saturation", "torque_constant")
 
     @staticmethod

@@ -16,8 +16,8 @@ class TorqueRipple(SignalLaw):
                   starts=(2, 5, 8, 11, 14, 17, 20, 23, 26, 30, 34, 38, 43, 48, 54, 60, 70, 80, 100)),
         Parameter("phase", "rad", off=0.0, low=-6.3, high=6.3, typical=2.1, shape=True),
     )  # fmt: skip
-    symptom = "the error oscillates with the angle of the joint, at the same angles at every speed"
-    reveals = "a slow sweep of constant speed"
+    symptom = "the error oscillates with the angle of the joint, at the same angles for every speed"
+    reveals = "a slow sweep at constant speed"
     confused_with = ("joint_spring",)
     generalises = ("torque_bias",)
 

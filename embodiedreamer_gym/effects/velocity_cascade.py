@@ -19,8 +19,8 @@ class VelocityCascade(SignalLaw):
         Parameter("rate", "1/s", off=0.0, low=0.0, high=100.0, typical=3.0),
         Parameter("speed", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),
     )
-    symptom = "errors at holds vanish, but on a ramp the joint stays behind by the same time at any load"
-    reveals = "ramps of several speeds with long holds between them, in poses of different weight"
+    symptom = "errors at holds vanish, but on a ramp the joint lags by a constant time at any load"
+    reveals = "ramps of several speeds with long holds in between, in poses of different weight"
     confused_with = ("integral_action", "gravity_compensation", "torque_bias", "voltage_limit")
 
     @staticmethod
