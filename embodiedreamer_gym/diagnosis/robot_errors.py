@@ -53,21 +53,38 @@ def _derivatives(problem: Problem, fit: Fit) -> np.ndarray:
 
 
 def _problem(problem: Problem, model: RobotModel, recordings: Sequence[Recording]) -> Problem:
-    """The problem's parameters at a model's values, and the robot's errors."""
+    """The problem's parameters at a model's values, and the robot's errors.
+
+    Masses and centres that the model holds fixed keep their values in a fit, but are known no better than those of a faultless
+    robot: what an earlier test estimated of them has an error too.
+    """
     groups = list(dict.fromkeys(row.key.group for row in problem.rows))
+    known = not set(GROUPS) <= set(groups)
     if not model.has_effect(InertialError):
         model = model.with_(urdf_error=UrdfError(mass=MASS, centre=CENTRE)).with_effect(InertialError)
-        groups += GROUPS
+    groups += GROUPS if known else ()
     if all(recording.command is not None for recording in recordings):
         model = model.with_effect(CommandTiming)
         groups.append(ParameterKey("seconds", CommandTiming.name))
     friction = VISCOUS_FRICTION not in groups
     wider = Problem(model, recordings, [*groups, VISCOUS_FRICTION] if friction else groups, problem.hold)
+    keys = [row.key.group for row in wider.rows]
     if friction:
-        viscous = np.array([row.key.group == VISCOUS_FRICTION for row in wider.rows])
-        wider.centre[viscous], wider.prior[viscous] = wider.start[viscous], VISCOUS**-2
+        _hold_near(wider, np.array([key == VISCOUS_FRICTION for key in keys]), VISCOUS)
+    if known:
+        sizes = {
+            key: MASS / model.urdf_error.mass if key == GROUPS[0] else CENTRE / model.urdf_error.centre
+            for key in GROUPS
+        }
+        for key, sd in sizes.items():
+            _hold_near(wider, np.array([one == key for one in keys]), sd)
     if model.fixed:
-        fixed = {row.name for row in model.parameters().select(*model.fixed).rows}
+        fixed = {row.name for row in model.parameters().select(*model.fixed).rows if row.key.group not in GROUPS}
         held = np.array([row.name in fixed for row in wider.rows])
         wider.lower[held] = wider.upper[held] = wider.start[held]
     return wider
+
+
+def _hold_near(problem: Problem, rows: np.ndarray, sd: float) -> None:
+    """Let parameters (m,) bool be known beforehand to a standard deviation, in scaled units, around where they start."""
+    problem.centre[rows], problem.prior[rows] = problem.start[rows], sd**-2

@@ -14,6 +14,7 @@ from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import simulate
 from tests.bank import fast, robot
+from tests.two_joint_arm import load_arm, record
 
 LIMIT, NOISE = 0.45, 4e-4  # N m, rad
 
@@ -80,3 +81,20 @@ def test_what_the_model_holds_fixed_stays(model) -> None:
     values = dict(zip([row.name for row in wider.rows], wider.values(fit.x), strict=True))
     assert values["viscous_friction[joint1]"] == pytest.approx(model.viscous_friction[0])
     assert values["inertial_error.mass[joint1]"] != 0
+
+
+def test_masses_that_are_held_fixed_are_no_better_known(tmp_path) -> None:
+    """A load's mass is as uncertain with `--fix urdf` as without: an earlier test's masses have an error too."""
+    arm = load_arm(tmp_path).with_effect("payload").with_values({"payload.mass": {"tip": 1.0}})
+    logs = [record(arm, noise=NOISE, seed=seed) for seed in (0, 1)]
+    logs = [log.with_(command=None, effort=0.5 * np.asarray(log.effort), effort_unit="N m") for log in logs]
+    halves = []
+    for model in (arm, arm.with_fixed("urdf")):
+        problem = Problem(model, logs)
+        fit = minimise(problem, problem.start)
+        low, high = finish(problem, fit, 0.0, fit_with_robot_errors(problem, fit.x, logs)).model.intervals[
+            "payload.mass[tip]"
+        ]
+        assert low <= 1.0 <= high
+        halves.append((high - low) / 2)
+    assert halves[1] == pytest.approx(halves[0], rel=0.05) and halves[1] > 0.01
