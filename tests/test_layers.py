@@ -21,7 +21,7 @@ LAYERS = {
     **dict.fromkeys(["effects", "policies", "vis_aligner"], 2),
     "robot": 3,
     "simulation": 4,
-    **dict.fromkeys(["engines", "phys_aligner"], 5),
+    **dict.fromkeys(["engines", "phys_aligner", "tracking"], 5),
     "envs": 6,
     **dict.fromkeys(["diagnosis", "wrappers"], 7),
     **dict.fromkeys(["demo", "pipelines", "standin"], 8),

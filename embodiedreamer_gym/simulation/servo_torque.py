@@ -48,11 +48,11 @@ class ServoTorque:
         slope = (heard - self._heard) / motor.dt
         speed = slope + 0.5 * (slope - self._slope)  # at this instant, as the joints' velocity is
         self._heard, self._slope = heard, slope
-        state = self._state(pull, measured, motor, speed)
-        torque = self._compensated(pull, state)
-        for law in self._laws:
-            torque, law.memory = law.effect.law(torque, state, law.memory, law.p)
-        return torque
+        return self._given(pull, self._state(pull, measured, motor, speed), keep=True)
+
+    def given(self, pull: np.ndarray, measured: np.ndarray, motor: JointState, keep: bool = False) -> np.ndarray:
+        """What the servo asks for (B, n) under a command that moves as the motor does; keep: the memories move on."""
+        return self._given(pull, self._state(pull, measured, motor, motor.velocity), keep)
 
     def keep(self, damping: np.ndarray) -> None:
         """Drop all but the first samples, which have this damping (B, n)."""
@@ -65,6 +65,13 @@ class ServoTorque:
         speed = np.zeros_like(pull) if speed is None else speed
         return ServoState(measured, motor.velocity, motor.torque, motor.dt, motor.time, pull=pull, damping=self._damping,
                           command_velocity=speed, weigh=self._weigh)  # fmt: skip
+
+    def _given(self, pull: np.ndarray, state: ServoState, keep: bool) -> np.ndarray:
+        torque = self._compensated(pull, state)
+        for law in self._laws:
+            torque, memory = law.effect.law(torque, state, law.memory, law.p)
+            law.memory = memory if keep else law.memory
+        return torque
 
     def _compensated(self, pull: np.ndarray, state: ServoState) -> np.ndarray:
         return pull + self._share * state.gravity_torque if self._share.any() else pull

@@ -1,0 +1,7 @@
+"""Commands through a calibrated model: what to send so that the robot goes where it is wanted."""
+
+from embodiedreamer_gym.tracking.feed_forward import FeedForward
+from embodiedreamer_gym.tracking.tracker import MODES, Tracker
+from embodiedreamer_gym.tracking.trajectory import Tracked, commands_for, track
+
+__all__ = ["MODES", "FeedForward", "Tracked", "Tracker", "commands_for", "track"]

@@ -1,0 +1,155 @@
+"""Commands for a whole trajectory, and how well the model expects them to be followed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.errors import ModelError
+from embodiedreamer_gym.io.files import atomic_file
+from embodiedreamer_gym.io.tables import layout, milli
+from embodiedreamer_gym.recordings import Recording, smooth_motion
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.simulation import TIME_STEP, simulate
+from embodiedreamer_gym.simulation.inverse_drive import command_path
+from embodiedreamer_gym.simulation.rollout import check_names, command_rule, plant_commands
+from embodiedreamer_gym.tracking.feed_forward import FeedForward
+
+Array = np.ndarray
+PASSES = 3  # over what the command's path leaves of commands that lead by its lag
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """Commands for a wanted trajectory, and where the model's joints are expected to be under them.
+
+    joints, units (n,); time (T,) s; wanted, command (T, n); before, after (T, n): expected positions when the wanted ones are
+    sent as commands, and when `command` is. short (n,): share of the time for which the drive is too weak for the motion;
+    limited (n,): share at which a command was held back by the joint's limits or speed.
+    """
+
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    time: Array
+    wanted: Array
+    command: Array
+    before: Array
+    after: Array
+    short: Array
+    limited: Array
+    model: str = field(default="")
+
+    def errors(self) -> tuple[Array, Array]:
+        """Expected root mean square errors (n,) before and after."""
+        before, after = (np.sqrt(np.mean((one - self.wanted) ** 2, axis=0)) for one in (self.before, self.after))
+        return before, after
+
+    def __str__(self) -> str:
+        rows = [
+            [joint, milli(a, unit), milli(b, unit), "-" if a == 0 else f"{b / a:.2f}"]
+            for joint, unit, a, b in zip(self.joints, self.units, *self.errors(), strict=True)
+        ]
+        lines = [f"expected tracking error (root mean square) over {self.time[-1] - self.time[0]:.1f} s, by {self.model}:",
+                 layout(["joint", "wanted sent", "commands sent", "ratio"], rows)]  # fmt: skip
+        for what, share in (("the drive is too weak for the motion", self.short),
+                            ("the command is held back by the joint's limits or speed", self.limited)):  # fmt: skip
+            lines += [
+                f"note: {joint}: {what} for {100 * part:.0f} % of the time; slow the motion, or move it away from the limit."
+                for joint, part in zip(self.joints, share, strict=True)
+                if part > 0
+            ]
+        return "\n".join(lines)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Fit for JSON."""
+        before, after = self.errors()
+        return {
+            "model": self.model, "seconds": float(self.time[-1] - self.time[0]),
+            "joints": {
+                joint: {"before": a, "after": b, "unit": unit, "drive_too_weak": s, "limited": l}
+                for joint, unit, a, b, s, l in zip(self.joints, self.units, before.tolist(), after.tolist(),
+                                                  self.short.tolist(), self.limited.tolist(), strict=True)
+            },
+        }  # fmt: skip
+
+    def save(self, path: str | Path) -> None:
+        """Write the commands as csv (time, <joint>.command, ...).
+
+        Raises: EmbodieDreamerError when the file cannot be written.
+        """
+        header = ",".join(["time", *(f"{joint}.command" for joint in self.joints)])
+        with atomic_file(path) as part:
+            np.savetxt(part, np.column_stack([self.time, self.command]), "%.6f", ",", header=header, comments="")
+
+
+def track(model: RobotModel, trajectory: Recording) -> Tracked:
+    """The commands that bring the model's joints along a trajectory, whose positions are what is wanted.
+
+    Raises: SimulationError for a trajectory of another robot; ModelError where it leaves the joints' limits.
+    """
+    check_names(model, trajectory)
+    wanted, tree = trajectory.position, model.tree
+    slack = np.maximum(1e-6, 3 * trajectory.sigma)
+    out = np.argwhere((wanted < tree.lower - slack) | (wanted > tree.upper + slack))
+    if len(out):
+        k, j = out[0]
+        raise ModelError(
+            f"{trajectory.source or trajectory.name}: {model.joints[j]} is wanted at {wanted[k, j]:.4g} after "
+            f"{trajectory.time[k] - trajectory.time[0]:.2f} s, outside its limits {tree.lower[j]:.4g} .. {tree.upper[j]:.4g}."
+        )
+    heard, lead, short = _heard(model, trajectory)
+    command, limited = _sent(model, trajectory, heard, lead)
+    before, after = (
+        simulate(model, trajectory.with_(command=one)).position for one in (np.clip(wanted, tree.lower, tree.upper), command)
+    )
+    return Tracked(model.joints, model.units, trajectory.time, wanted, command, before, after, short, limited, model.name)
+
+
+def commands_for(model: RobotModel, trajectory: Recording) -> Array:
+    """The commands (T, n) of `track`, without a simulation."""
+    heard, lead, _ = _heard(model, trajectory)
+    return _sent(model, trajectory, heard, lead)[0]
+
+
+def _heard(model: RobotModel, trajectory: Recording) -> tuple[Array, Array, Array]:
+    """Commands (T, n) that must reach the servo, how early (n,) s they must be sent, and where (n,) the drive is too weak."""
+    motion, feed = smooth_motion(trajectory), FeedForward(model, 1.0 / trajectory.hz)
+    feed.begin(motion.position[0])
+    moved = np.diff(motion.position, axis=0, prepend=motion.position[:1])
+    heard, short = np.empty_like(motion.position), np.zeros(model.n)
+    for k in range(len(heard)):
+        heard[k] = feed.step(motion.position[k], motion.velocity[k], motion.acceleration[k], moved[k])
+        short += feed.drive.short / len(heard)
+    hold = command_rule(model, trajectory) == "hold"
+    return heard, feed.drive.lag + (0.5 / trajectory.hz if hold else 0.0), short
+
+
+def _sent(model: RobotModel, trajectory: Recording, heard: Array, lead: Array) -> tuple[Array, Array]:
+    """Commands (T, n) within limits and speeds, and the share (n,) of them that was held back."""
+    time, rule = trajectory.time - trajectory.time[0], command_rule(model, trajectory)
+    later = _at(time + lead[:, None], time, heard)
+    command, limited = _limited(model, time, later)
+    if lead.any():
+        for _ in range(PASSES):
+            grid = plant_commands(trajectory.with_(command=command), rule)
+            reached = command_path(model, grid)
+            missing = later - _at(time + lead[:, None], np.arange(len(grid)) * TIME_STEP, reached)
+            command, limited = _limited(model, time, command + missing)
+    return command, limited.mean(0)
+
+
+def _at(times: Array, time: Array, signal: Array) -> Array:
+    """A signal (K, n) of times (K,) at times (n, T) of each joint: (T, n)."""
+    return np.stack([np.interp(t, time, one) for t, one in zip(times, signal.T, strict=True)], axis=1)
+
+
+def _limited(model: RobotModel, time: Array, command: Array) -> tuple[Array, Array]:
+    """Commands (T, n) within the joints' limits and speeds, and where (T, n) they were held back."""
+    tree, sent = model.tree, np.clip(command, model.tree.lower, model.tree.upper)
+    for k, step in enumerate(np.diff(time), 1):
+        most = tree.velocity * step
+        sent[k] = np.clip(sent[k], sent[k - 1] - most, sent[k - 1] + most)
+    return sent, np.abs(sent - command) > 1e-9
