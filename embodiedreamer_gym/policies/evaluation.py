@@ -146,6 +146,9 @@ def _played(env: gym.Env, actions: np.ndarray) -> Iterator[tuple[Any, bool, dict
         observation, _, terminated, truncated, info = env.step(actions)
         yield observation, terminated or truncated, info, info["successes"][: info["steps"]]
         return
+    preview = getattr(env, "preview", None)  # of CalibratedTracking
+    if preview is not None:
+        preview(actions)
     for action in actions:
         observation, _, terminated, truncated, info = env.step(action)
         yield observation, terminated or truncated, info, (info["is_success"],)

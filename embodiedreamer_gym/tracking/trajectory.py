@@ -13,8 +13,8 @@ from embodiedreamer_gym.io.files import atomic_file
 from embodiedreamer_gym.io.tables import layout, milli
 from embodiedreamer_gym.recordings import Recording, smooth_motion
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.simulation import TIME_STEP, simulate
-from embodiedreamer_gym.simulation.inverse_drive import command_path
+from embodiedreamer_gym.simulation import TIME_STEP, Drive
+from embodiedreamer_gym.simulation.inverse_drive import InverseDrive, command_path
 from embodiedreamer_gym.simulation.rollout import check_names, command_rule, plant_commands
 from embodiedreamer_gym.tracking.feed_forward import FeedForward
 
@@ -102,10 +102,25 @@ def track(model: RobotModel, trajectory: Recording) -> Tracked:
         )
     heard, lead, short = _heard(model, trajectory)
     command, limited = _sent(model, trajectory, heard, lead)
-    before, after = (
-        simulate(model, trajectory.with_(command=one)).position for one in (np.clip(wanted, tree.lower, tree.upper), command)
-    )
+    plain = np.clip(wanted, tree.lower, tree.upper)
+    before, after = (joint_positions(model, trajectory.with_(command=one)) for one in (plain, command))
     return Tracked(model.joints, model.units, trajectory.time, wanted, command, before, after, short, limited, model.name)
+
+
+def joint_positions(model: RobotModel, recording: Recording) -> Array:
+    """Where the model's joints (T, n) are under a recording's commands; they begin at rest where its positions do.
+
+    Unlike the positions of `simulate`, which are those that the encoders read, these are behind offsets and gears.
+    """
+    commands = plant_commands(recording, command_rule(model, recording))
+    drive = Drive(model)
+    first = InverseDrive(model, TIME_STEP).reading_at_rest(recording.position[0])[None]
+    drive.start(first, np.zeros_like(first), commands[:1])
+    path = np.empty_like(commands)
+    for k, command in enumerate(commands):
+        path[k] = drive.position[0]
+        drive.advance(drive.accelerate(command[None]))
+    return _at(np.tile(recording.time - recording.time[0], (model.n, 1)), np.arange(len(path)) * TIME_STEP, path)
 
 
 def commands_for(model: RobotModel, trajectory: Recording) -> Array:

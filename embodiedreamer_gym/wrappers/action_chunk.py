@@ -12,6 +12,7 @@ from embodiedreamer_gym.engines.frame import Frame, stacked
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.arguments import check_size, real_numbers
 from embodiedreamer_gym.errors import SimulationError, brief
+from embodiedreamer_gym.wrappers.calibrated_tracking import CalibratedTracking
 
 MOST = 10_000  # actions of a chunk
 
@@ -20,7 +21,8 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """Takes k actions (k, n) at once, as policies that predict chunks give them, and plays them one after the other.
 
     The reward is the sum of the k rewards; observation and info are those after the last action. Pictures are drawn after
-    the last action only, unless a wrapper between this one and `gym.make`'s own may use the observations on the way.
+    the last action only, unless a wrapper between this one and `gym.make`'s own may use the observations on the way;
+    `CalibratedTracking`, which does not, is told the whole chunk.
 
     info["rewards"]: (k,) reward of each action; 0 where the episode was over.
     info["successes"]: (k,) whether the task was done after each action.
@@ -55,7 +57,8 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         low, high = (np.repeat(bound[None], self.k, axis=0) for bound in (one.low, one.high))
         self.action_space = spaces.Box(low, high, dtype=one.dtype.type)  # pyright: ignore[reportArgumentType, reportOptionalMemberAccess]
 
-        self._inner = plain_aloha(env)
+        self._tracking = env if isinstance(env, CalibratedTracking) else None
+        self._inner = plain_aloha(env if self._tracking is None else self._tracking.env)
         self._limit = env.spec.max_episode_steps if self._inner is not None and env.spec is not None else None
         self._played = 0
 
@@ -71,6 +74,8 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         Raises: SimulationError for another shape, or numbers that are not real or not finite.
         """
         action = real_numbers("a chunk", action, self.action_space.shape or ())
+        if self._tracking is not None:
+            self._tracking.preview(action)
         rewards, successes, frames = [], [], []
         observation, info, terminated, truncated = None, {}, False, False
         for number, one in enumerate(action, 1):
@@ -96,6 +101,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
             observation, reward, terminated, truncated, info = self.env.step(action)
             return observation, float(reward), terminated, truncated, info
         self._played += 1
+        action = action if self._tracking is None else self._tracking.command(action)
         cut = self._limit is not None and self._played >= self._limit
         observation, reward, terminated, truncated, info = self._inner.step(action, render=last or cut)
         return observation, reward, terminated, truncated or cut, info

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import gymnasium as gym
 
 from embodiedreamer_gym.envs import task_id
@@ -21,6 +23,7 @@ def make_stand_in(
     pictures: str | Pictures = "traced",
     control_hz: int = 30,
     blender: str | None = None,
+    wrap: Callable[[gym.Env], gym.Env] | None = None,
 ) -> ActionChunk:
     """The ALOHA environment of a task in the stand-in world, which plays whole chunks of actions, one picture after each.
 
@@ -30,8 +33,9 @@ def make_stand_in(
     appearance: of the bench: lab, or a whole number that draws one.
     size: width and height of a picture, pixels.
     control_hz: actions per second.
+    wrap: puts a wrapper around the environment of single actions, such as `CalibratedTracking`.
     Raises: ModelError, EffectError, SimulationError or VisionError that names what is allowed; MissingExtraError.
     """
     world = StandInWorld(effects, seed_of_robot, appearance, pictures, blender)
     env = gym.make(task_id(task), engine=world, image_size=size, control_hz=control_hz, disable_env_checker=True)
-    return ActionChunk(env, chunk)
+    return ActionChunk(env if wrap is None else wrap(env), chunk)

@@ -1,0 +1,76 @@
+"""Actions as wanted joint positions, sent as the commands that bring a calibrated model's robot there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from embodiedreamer_gym.envs.aloha import AlohaEnv
+from embodiedreamer_gym.envs.arguments import real_numbers
+from embodiedreamer_gym.errors import ModelError, SimulationError
+from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.tracking import Tracker
+
+
+class CalibratedTracking(gym.Wrapper, gym.utils.RecordConstructorArgs):
+    """Sends the commands that bring the robot where a policy wants it, by a calibrated model and the encoders.
+
+    An action (n,) is where the joints are to be at the end of the control period; with a `reference`, it is a command to that
+    robot, and the joints are to be where that robot would be: give the robot whose commands a policy learnt. Put it inside
+    `ActionChunk`, which lets it know the actions of a chunk that are still to come; without them it takes the last
+    speed to go on.
+
+    model: a `RobotModel`, a built-in robot or a model file, of the robot that hears the commands.
+    mode: off, feed_forward, trim or both, see `Tracker`.
+    reference: as `model`, or None.
+    Raises: SimulationError for other environments than ALOHA's, or whole chunks; ModelError for a model of other joints.
+    """
+
+    def __init__(self, env: gym.Env, model: RobotModel | str | Path, mode: str = "both",
+                 reference: RobotModel | str | Path | None = None) -> None:  # fmt: skip
+        gym.utils.RecordConstructorArgs.__init__(self, model=model, mode=mode, reference=reference)
+        gym.Wrapper.__init__(self, env)
+        aloha, space = env.unwrapped, env.action_space
+        if not isinstance(aloha, AlohaEnv):
+            raise SimulationError(
+                f"CalibratedTracking reads the encoders of ALOHA environments, not of {type(aloha).__name__}."
+            )
+        if not isinstance(space, spaces.Box) or len(space.shape) != 1:
+            raise SimulationError("CalibratedTracking takes single actions; put ActionChunk around it, not inside.")
+        loaded = _loaded(model)
+        if loaded.joints != aloha.robot.joints:
+            raise ModelError(f"model {loaded.name} has other joints than the environment's {aloha.robot.name}.")
+        known = None if reference is None else _loaded(reference)
+        self.tracker = Tracker(loaded, aloha.control_hz, mode, known)
+        self._aloha, self._space = aloha, space
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Start an episode; the arms rest where they are."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self.tracker.reset(self._aloha.joint_positions(), self._aloha.command)
+        return observation, info
+
+    def preview(self, actions: np.ndarray) -> None:
+        """Actions (k, n) that will follow, the next one first."""
+        self.tracker.preview(real_numbers("a chunk", actions, np.shape(actions)))
+
+    def command(self, action: np.ndarray) -> np.ndarray:
+        """The command (n,) of the next control period for an action (n,); call it once for each.
+
+        Raises: SimulationError for another shape, or numbers that are not finite.
+        """
+        action = real_numbers("action", action, self._space.shape)
+        sent = self.tracker.command(action, self._aloha.joint_positions())
+        return np.clip(sent, self._space.low, self._space.high).astype(np.float32)
+
+    def step(self, action: np.ndarray) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Play one action."""
+        return self.env.step(self.command(action))
+
+
+def _loaded(model: RobotModel | str | Path) -> RobotModel:
+    return model if isinstance(model, RobotModel) else RobotModel.load(model)
