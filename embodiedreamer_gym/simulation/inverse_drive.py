@@ -39,16 +39,17 @@ class InverseDrive(Drive):
         still = np.zeros_like(q)
         self.start(q, still, q)
         self.position, self.velocity, self.torque = q, still, still
+        self._pulled: Array | None = None
         self._wound = self._after_gear(self._weight() - self._try("load", still, self._joint))
 
     def memories(self) -> tuple[Any, ...]:
         """What `step` changes, to go back to with `recall`."""
         laws = [law for laws in self.laws.values() for law in laws]
-        return self.torque, self.time, self._joint, self._wound, tuple((law, law.memory) for law in laws)
+        return self.torque, self.time, self._joint, self._wound, self._pulled, tuple((law, law.memory) for law in laws)
 
     def recall(self, memories: tuple[Any, ...]) -> None:
         """Go back to the instant at which `memories` was called."""
-        self.torque, self.time, self._joint, self._wound, laws = memories
+        self.torque, self.time, self._joint, self._wound, self._pulled, laws = memories
         for law, memory in laws:
             law.memory = memory
 
@@ -108,8 +109,16 @@ class InverseDrive(Drive):
         measured = self._try("sensor", motor.position, motor)
         pull, stiffness = asked, self.servo["stiffness"]
         if self._asked.counts:
-            pull = searched(lambda x: self._asked.given(x, measured, motor), asked, asked)
-            self._asked.given(pull, measured, motor, keep=True)
+            before = self._pulled
+
+            def given(x: Array, keep: bool = False) -> Array:
+                turned = x - before if before is not None else np.zeros_like(x)  # the command moves as the motor and the error
+                slope = np.divide(turned, stiffness * self.dt, out=np.zeros_like(x), where=stiffness > 0.0)
+                return self._asked.given(x, measured, motor, motor.velocity + slope, keep)
+
+            pull = searched(given, asked, asked)
+            given(pull, keep=True)
+            self._pulled = pull
         wanted = np.divide(pull, stiffness, out=np.zeros_like(pull), where=stiffness > 0.0)
         error = searched(lambda x: self._try("servo", x, motor), wanted, wanted) if self.laws["servo"] else wanted
         self._pass("servo", error, motor)

@@ -50,9 +50,11 @@ class ServoTorque:
         self._heard, self._slope = heard, slope
         return self._given(pull, self._state(pull, measured, motor, speed), keep=True)
 
-    def given(self, pull: np.ndarray, measured: np.ndarray, motor: JointState, keep: bool = False) -> np.ndarray:
-        """What the servo asks for (B, n) under a command that moves as the motor does; keep: the memories move on."""
-        return self._given(pull, self._state(pull, measured, motor, motor.velocity), keep)
+    def given(
+        self, pull: np.ndarray, measured: np.ndarray, motor: JointState, speed: np.ndarray, keep: bool = False
+    ) -> np.ndarray:
+        """What the servo asks for (B, n) under a command of this speed; keep: the memories move on."""
+        return self._given(pull, self._state(pull, measured, motor, speed), keep)
 
     def keep(self, damping: np.ndarray) -> None:
         """Drop all but the first samples, which have this damping (B, n)."""

@@ -2,6 +2,6 @@
 
 from embodiedreamer_gym.tracking.feed_forward import FeedForward
 from embodiedreamer_gym.tracking.tracker import MODES, Tracker
-from embodiedreamer_gym.tracking.trajectory import Tracked, commands_for, track
+from embodiedreamer_gym.tracking.trajectory import Tracked, commands_for, joint_positions, track
 
-__all__ = ["MODES", "FeedForward", "Tracked", "Tracker", "commands_for", "track"]
+__all__ = ["MODES", "FeedForward", "Tracked", "Tracker", "commands_for", "joint_positions", "track"]
