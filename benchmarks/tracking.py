@@ -132,7 +132,9 @@ def one_seed(seed: int, named: bool) -> list[dict[str, Any]]:
         for motion in motions:
             for mode in MODES:
                 errors = followed(arm, robot, model, mode, motion)
-                rows.append({"seed": seed, "load": load, "motion": motion.kind, "mode": mode, "errors": errors.tolist()})
+                rows.append(
+                    {"seed": seed, "load": load, "motion": motion.kind, "mode": mode, "errors": errors.tolist()}
+                )
     return rows
 
 
@@ -141,7 +143,10 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
     from embodiedreamer_gym.tracking import MODES
 
     seeds = sorted({row["seed"] for row in rows})
-    lines = ["| | mode | median of joints, mrad (quartiles over seeds) | each joint, mrad | share of off |", "|---|---|---|---|---|"]
+    lines = [
+        "| | mode | median of joints, mrad (quartiles over seeds) | each joint, mrad | share of off |",
+        "|---|---|---|---|---|",
+    ]
     for load in (FREE, LOADED):
         # (seeds, joints), over motions
         found = {

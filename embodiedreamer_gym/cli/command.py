@@ -19,7 +19,7 @@ from embodiedreamer_gym.io.files import check_outputs
 from embodiedreamer_gym.io.progress import Progress
 
 VERBS = (
-    "compare", "breakdown", "calibrate", "diagnose", "add", "workbench", "sessions", "excite", "export", "effects", "robots", "demo", "standin record",
+    "compare", "breakdown", "calibrate", "diagnose", "add", "workbench", "sessions", "excite", "track", "export", "effects", "robots", "demo", "standin record",
     "standin film", "bench make", "bench run", "bench score", "demos", "policy train", "policy evaluate", "policy prefer", "vis train", "vis fine-tune",
     "vis evaluate", "vis render", "vis bank", "vis prepare", "vis camera", "augment",
 )  # fmt: skip

@@ -58,19 +58,10 @@ def load_split(a: argparse.Namespace, model: Any) -> tuple[Any, Any]:
 
 def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: bool = False) -> Any:
     """Return recordings without their bad samples; prints the findings. fit: a model will be fitted to them."""
-    from embodiedreamer_gym.recordings import Recordings, load_recordings, preflight_all
-    from embodiedreamer_gym.recordings.motor_units import read_motor_calibration
-    from embodiedreamer_gym.robot.play import motor_units
-    from embodiedreamer_gym.robot.transmission import direct
+    from embodiedreamer_gym.recordings import Recordings, preflight_all
 
     ends = list(zip(model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True))
-    between = model.transmission or direct(model.joints)
-    load = lambda: load_recordings(  # noqa: E731
-        *patterns, hz=a.hz, joints=between.motors, command_hold=a.hold, time_unit=a.time_unit, episodes=a.episodes,
-        state_topic=a.state_topic, command_topic=a.command_topic, gains=_gains(a),
-        units=motor_units(model, a.units, read_motor_calibration(a.motor_calibration) if a.motor_calibration else {}),
-    )  # fmt: skip
-    logs = [between.to_joints(r, model.joints).with_(units=model.units) for r in readable("a recording", load)]
+    logs = joint_logs(a, model, patterns)
     checked = preflight_all(logs, dict(zip(model.joints, ends, strict=True)))
     findings: dict[Any, list[Any]] = {}
     for one in checked:
@@ -88,6 +79,22 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
         raise RecordingError(f"no usable sample is left in {', '.join(one.recording.name for one in checked[:3])}"
                              f"{' and others' * (len(checked) > 3)}: all of it is faulty or in contact.")  # fmt: skip
     return Recordings(one.recording for one in checked)
+
+
+def joint_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str]) -> list[Any]:
+    """Return recordings of the model's joints as they are, unchecked."""
+    from embodiedreamer_gym.recordings import load_recordings
+    from embodiedreamer_gym.recordings.motor_units import read_motor_calibration
+    from embodiedreamer_gym.robot.play import motor_units
+    from embodiedreamer_gym.robot.transmission import direct
+
+    between = model.transmission or direct(model.joints)
+    load = lambda: load_recordings(  # noqa: E731
+        *patterns, hz=a.hz, joints=between.motors, command_hold=a.hold, time_unit=a.time_unit, episodes=a.episodes,
+        state_topic=a.state_topic, command_topic=a.command_topic, gains=_gains(a),
+        units=motor_units(model, a.units, read_motor_calibration(a.motor_calibration) if a.motor_calibration else {}),
+    )  # fmt: skip
+    return [between.to_joints(r, model.joints).with_(units=model.units) for r in readable("a recording", load)]
 
 
 def _motor_zeros(text: str) -> dict[str, float]:
@@ -108,12 +115,13 @@ def _gains(a: argparse.Namespace) -> dict[str, float]:
     """Pattern -> gain of --gain. Raises: RecordingError for a pattern that names no file of the command."""
     from embodiedreamer_gym.recordings.files import matching_files
 
+    gains = getattr(a, "gain", [])
     given = [one for name in ("recordings", "train", "test", "sessions") for one in getattr(a, name, [])]
-    paths = list(matching_files(*given)) if a.gain else []
-    for pattern, _ in a.gain:
+    paths = list(matching_files(*given)) if gains else []
+    for pattern, _ in gains:
         if not any(path.match(pattern) for path in paths):
             raise RecordingError(f"--gain {pattern}: none of the recordings has such a name; {paths[0]} is one.")
-    return dict(a.gain)
+    return dict(gains)
 
 
 def readable(what: str, load: Callable[[], T]) -> T:

@@ -70,7 +70,9 @@ class InverseDrive(Drive):
             arriving = moved + np.where(way > 0, forward, backward) * way
         wound = self._after_gear(bodies - load)
         motor = JointState(q + wound, v + (wound - self._wound) / self.dt, self.torque, self.dt, self.time)
-        torque = searched(lambda x: self._try("drive", x, motor), arriving, arriving) if self.laws["drive"] else arriving
+        torque = (
+            searched(lambda x: self._try("drive", x, motor), arriving, arriving) if self.laws["drive"] else arriving
+        )
         top, bottom = self._strongest(motor)
         self.torque = np.minimum(np.maximum(torque, -bottom), top)
         self.short = (torque != self.torque)[0]
@@ -112,7 +114,9 @@ class InverseDrive(Drive):
             before = self._pulled
 
             def given(x: Array, keep: bool = False) -> Array:
-                turned = x - before if before is not None else np.zeros_like(x)  # the command moves as the motor and the error
+                turned = (
+                    x - before if before is not None else np.zeros_like(x)
+                )  # the command moves as the motor and the error
                 slope = np.divide(turned, stiffness * self.dt, out=np.zeros_like(x), where=stiffness > 0.0)
                 return self._asked.given(x, measured, motor, motor.velocity + slope, keep)
 

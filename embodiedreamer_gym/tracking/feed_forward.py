@@ -31,23 +31,27 @@ class FeedForward:
     def begin(self, position: Array) -> None:
         """The joints rest at a position (n,)."""
         self.drive.begin(position)
-        self._last = np.array(position, float)
+        self._start: Array | None = np.array(position, float)
         self._side = np.zeros(len(position))
         self._heard: Array | None = None
+        self._last = np.zeros((2, len(position)))
 
     def command(self, positions: Array, error: Array | float = 0.0) -> Array:
         """Command (n,) of this instant.
 
         positions (k, n): wanted now, at the next instant and so on, as far as they are known; later ones are taken to go on
-        at the last speed. error (n,): by how much the joints are behind what was wanted.
+        at the last acceleration. error (n,): by how much the joints are behind what was wanted.
         """
-        path = extended(np.vstack([self._last, positions]), self.ahead + 3)
+        if self._start is not None:  # which need not be where the motion begins: no speed, but friction's direction
+            self._side = np.clip((positions[0] - self._start) / self._travel, -1.0, 1.0)
+            self._start, self._last = None, np.stack([positions[0]] * 2)
+        path = extended(np.vstack([self._last, positions]), self.ahead + 4)[1:]
         before, place = self._heard, self._step(path, 0, error)
         heard, back = [place if before is None else before, place], (self.drive.memories(), self._side)
         for k in range(1, self.ahead + 1):
             heard.append(self._step(path, k, error))
         self.drive.recall(back[0])
-        self._side, self._heard, self._last = back[1], place, path[1]
+        self._side, self._heard, self._last = back[1], place, path[:2]
         times = np.arange(-1, self.ahead + 1) * self.dt
         return np.array([np.interp(lead, times, one) for lead, one in zip(self.lead, np.array(heard).T, strict=True)])
 
@@ -56,7 +60,9 @@ class FeedForward:
         velocity, acceleration = (after - before) / (2 * self.dt), (after - 2 * now + before) / self.dt**2
         return self.step(now, velocity, acceleration, now - before, error)
 
-    def step(self, position: Array, velocity: Array, acceleration: Array, moved: Array, error: Array | float = 0.0) -> Array:
+    def step(
+        self, position: Array, velocity: Array, acceleration: Array, moved: Array, error: Array | float = 0.0
+    ) -> Array:
         """Command (n,) that must reach the servo at this instant; moved (n,): since the last one."""
         self._side = np.clip(self._side + moved / self._travel, -1.0, 1.0)
         direction = np.clip(self._side + error / self._behind, -1.0, 1.0)
@@ -64,8 +70,7 @@ class FeedForward:
 
 
 def extended(path: Array, count: int) -> Array:
-    """The first `count` positions of a path (k, n), which goes on at its last speed."""
-    missing = count - len(path)
-    if missing <= 0:
-        return path[:count]
-    return np.vstack([path, path[-1] + np.arange(1, missing + 1)[:, None] * (path[-1] - path[-2])])
+    """The first `count` positions of a path (k, n) of three or more, which goes on at its last acceleration."""
+    k = np.arange(1, count - len(path) + 1)[:, None]
+    speed, change = path[-1] - path[-2], path[-1] - 2 * path[-2] + path[-3]
+    return np.vstack([path, path[-1] + k * speed + 0.5 * k * (k + 1) * change])[:count]

@@ -89,17 +89,23 @@ class _Shadow:
 
     def __init__(self, model: RobotModel, period: float) -> None:
         self._steps = int(np.ceil(period / TIME_STEP - 1e-9))
-        self._drive, self._period, self._hold = Drive(model, dt=period / self._steps), period, model.command_hold == "hold"
+        self._drive, self._period, self._hold = (
+            Drive(model, dt=period / self._steps),
+            period,
+            model.command_hold == "hold",
+        )
 
     def reset(self, position: Array, command: Array) -> None:
-        self._command = command
+        self._command, self._speed = command, np.zeros(len(command))
         self._drive.start(position[None], np.zeros((1, len(position))), command[None])
 
     def follow(self, action: Array) -> Array:
-        """Where it is at the end of the period under an action (n,), and a period later at that speed: (2, n)."""
+        """Where it is at the end of the period under an action (n,), and a period later at its acceleration: (2, n)."""
         drive, before = self._drive, self._command
         for k in range(1, self._steps + 1):
             heard = action if self._hold else before + (action - before) * (k / self._steps)
             drive.advance(drive.accelerate(heard[None]))
         self._command = action
-        return drive.position[0] + np.outer([0.0, self._period], drive.velocity[0])
+        speed, before = drive.velocity[0], self._speed
+        self._speed = speed
+        return drive.position[0] + np.outer([0.0, self._period], 1.5 * speed - 0.5 * before)

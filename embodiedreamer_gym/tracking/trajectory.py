@@ -13,6 +13,7 @@ from embodiedreamer_gym.io.files import atomic_file
 from embodiedreamer_gym.io.tables import layout, milli
 from embodiedreamer_gym.recordings import Recording, smooth_motion
 from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.robot.transmission import Transmission
 from embodiedreamer_gym.simulation import TIME_STEP, Drive
 from embodiedreamer_gym.simulation.inverse_drive import InverseDrive, command_path
 from embodiedreamer_gym.simulation.rollout import check_names, command_rule, plant_commands
@@ -75,14 +76,16 @@ class Tracked:
             },
         }  # fmt: skip
 
-    def save(self, path: str | Path) -> None:
-        """Write the commands as csv (time, <joint>.command, ...).
+    def save(self, path: str | Path, transmission: Transmission | None = None) -> None:
+        """Write the commands as csv (time, <joint>.command, ...); with a transmission, those of the motors.
 
         Raises: EmbodieDreamerError when the file cannot be written.
         """
-        header = ",".join(["time", *(f"{joint}.command" for joint in self.joints)])
+        names = self.joints if transmission is None else transmission.motors
+        command = self.command if transmission is None else transmission.to_motors(self.command)
+        header = ",".join(["time", *(f"{name}.command" for name in names)])
         with atomic_file(path) as part:
-            np.savetxt(part, np.column_stack([self.time, self.command]), "%.6f", ",", header=header, comments="")
+            np.savetxt(part, np.column_stack([self.time, command]), "%.6f", ",", header=header, comments="")
 
 
 def track(model: RobotModel, trajectory: Recording) -> Tracked:
@@ -104,7 +107,9 @@ def track(model: RobotModel, trajectory: Recording) -> Tracked:
     command, limited = _sent(model, trajectory, heard, lead)
     plain = np.clip(wanted, tree.lower, tree.upper)
     before, after = (joint_positions(model, trajectory.with_(command=one)) for one in (plain, command))
-    return Tracked(model.joints, model.units, trajectory.time, wanted, command, before, after, short, limited, model.name)
+    return Tracked(
+        model.joints, model.units, trajectory.time, wanted, command, before, after, short, limited, model.name
+    )
 
 
 def joint_positions(model: RobotModel, recording: Recording) -> Array:

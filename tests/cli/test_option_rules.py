@@ -35,6 +35,7 @@ INPUTS = {  # what each verb needs at least; the files do not exist
     "workbench": "no.csv --model no.json --no-browser",
     "sessions": "no.csv other.csv --model no.json",
     "excite": "--model no.json --separate payload,backlash --out b.csv",
+    "track": "no.csv --model no.json",
     "export": "--model no.json --to mjcf --out b.xml",
     "bench make": "--out b", "bench run": "diagnose --cases no --out b.jsonl", "bench score": "--truth no --answers no.jsonl",
     "standin record": "--out b", "standin film": "--out b --blender no", "demos": "--task PutCupOnMat --out b",

@@ -28,4 +28,4 @@ def wanted() -> Recording:
     window = np.clip(np.minimum(time - 0.1, 1.9 - time) / 0.3, 0.0, 1.0)
     window = window**3 * (10 - 15 * window + 6 * window**2)
     place = 0.12 * window[:, None] * np.stack([np.sin(5 * time), np.cos(4 * time)], axis=1)
-    return Recording("wanted", ("shoulder", "elbow"), time, place + [0.4, 0.5], command_hold="linear")
+    return Recording("wanted", ("shoulder", "elbow"), time, place + np.array([0.4, 0.5]), command_hold="linear")

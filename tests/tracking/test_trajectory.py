@@ -22,7 +22,9 @@ SHARE = {  # of the error without, where it is not a tenth at most
 TOO_WEAK = ("torque_saturation", "voltage_limit")  # for the motion
 
 
-@pytest.mark.parametrize("kind", [*CATALOGUE.values(), HoseSpring, EccentricGear, SealFriction], ids=lambda kind: kind.name)
+@pytest.mark.parametrize(
+    "kind", [*CATALOGUE.values(), HoseSpring, EccentricGear, SealFriction], ids=lambda kind: kind.name
+)
 def test_the_model_follows_with_any_effect(arm: RobotModel, wanted: Recording, kind: type) -> None:
     model = arm.with_(effects=(plain(arm, kind),))
     found = track(model, wanted)
@@ -72,7 +74,7 @@ def test_the_written_commands_are_read_as_a_log(arm: RobotModel, wanted: Recordi
 
 def test_what_no_robot_can_do_is_refused(arm: RobotModel, wanted: Recording) -> None:
     with pytest.raises(ModelError, match=r"elbow is wanted at .* outside its limits"):
-        track(arm, wanted.with_(position=wanted.position + [0.0, 3.0]))
+        track(arm, wanted.with_(position=wanted.position + np.array([0.0, 3.0])))
     with pytest.raises(SimulationError, match="2 joints"):
         track(RobotModel.load("so101"), wanted)
 
