@@ -1,6 +1,6 @@
 """Tracking error of an arm with hidden effects, with and without commands through a model that was diagnosed from its logs.
 
-python -m benchmarks tracking [--seeds 5] [--first-seed 0] [--named] [--out FILE.json]
+python -m benchmarks tracking [--seeds 5] [--first-seed 0] [--named] [--out FILE.json] [--add FILE.json ...]
 
 Each seed draws a stand-in arm (MuJoCo, six joints) with dry friction, a load at its tip, a delay of the commands and a limit of
 the drives' torque, beside errors of masses and gains. `diagnose` finds its effects from four logs of 4 s; --named: the
@@ -12,6 +12,7 @@ The error is the root mean square of a joint's position minus the wanted one.
 from __future__ import annotations
 
 import argparse
+import json
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -20,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common import pin_threads, save, times
+from benchmarks.common import pin_threads, save
 
 ARM, HZ, LOAD = "arm6", 50.0, 0.3  # actions per second; kg
 EFFECTS = ("coulomb_friction", "payload", "command_delay", "torque_saturation")
@@ -160,20 +161,23 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
             low, middle, high = np.percentile(np.median(error, axis=1), [25, 50, 75])
             share = np.median(np.median(found[mode] / found["off"], axis=1))
             joints = " ".join(f"{one:.1f}" for one in np.median(error, axis=0))
-            lines.append(f"| {load} | {mode} | {middle:.1f} ({low:.1f} .. {high:.1f}) | {joints} | {share:.2f} |")
+            below = found[mode] <= found["off"] / 3
+            lines.append(f"| {load} | {mode} | {middle:.1f} ({low:.1f} .. {high:.1f}) | {joints} | {share:.2f} | "
+                         f"{below.sum()} of {below.size} |")  # fmt: skip
     return "\n".join(lines)
 
 
 def main() -> None:
     """Measure and print the table."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--seeds", type=times, default=5)
+    parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--named", action="store_true")
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--out", type=Path, help="rows as JSON; those of other files are added by --add")
+    parser.add_argument("--add", type=Path, nargs="*", default=[])
     a = parser.parse_args()
     pin_threads()
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = [row for path in a.add for row in json.loads(path.read_text())]
     for seed in range(a.first_seed, a.first_seed + a.seeds):
         rows += one_seed(seed, a.named)
         save(rows, a.out)

@@ -12,12 +12,14 @@ from embodiedreamer_gym.policies.evaluation import executed
 from embodiedreamer_gym.policies.protocol import picture_inputs
 from embodiedreamer_gym.vis_aligner import load_bank
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
+from embodiedreamer_gym.wrappers.calibrated_tracking import CalibratedTracking
 from embodiedreamer_gym.wrappers.vis_aligner import VisAlignerObservationWrapper, VisAlignerVectorWrapper
 
 
 def policy_world(
     policy: Any, task: str, robot: str = "aloha", execute: int | None = None, vis_aligner: str | None = None,
     bank: str = "lab", every: int = 1, envs: int = 1, size: tuple[int, int] | None = None, chunks: bool = True,
+    tracking: str | None = None, tracking_mode: str = "both", learnt_on: str = "aloha",
 ) -> Any:  # fmt: skip
     """A task with the cameras of a policy, that takes `execute` actions at once (None: all of a chunk).
 
@@ -31,6 +33,9 @@ def policy_world(
     envs: 1, or the number of environments of a vector.
     size: width and height of the simulator's pictures, None for those that the policy learnt from.
     chunks: False for one environment with the simulator's pictures that takes single actions.
+    tracking, tracking_mode: calibrated model and mode of a `CalibratedTracking`, None for none; that of a policy whose actions are
+        `positions` is the robot's own by default.
+    learnt_on: robot whose commands the policy gives, where they are no positions.
     Raises: PolicyError for a policy with other cameras than `head` where an aligner is given, or too many actions.
     """
     (cameras, learnt), filmed = picture_inputs(policy), {}
@@ -42,13 +47,19 @@ def policy_world(
         filmed = {"camera": "head", "size": size, "every": every}
     count = executed(policy, execute)
 
+    positions = bool(getattr(policy, "positions", False))
+    model = robot if tracking is None and positions else tracking
+
+    def tracked(env: Any) -> Any:
+        return env if model is None else CalibratedTracking(env, model, tracking_mode, None if positions else learnt_on)
+
     def chunked(env: Any) -> Any:
-        return ActionChunk(env, count, **filmed)
+        return ActionChunk(tracked(env), count, **filmed)
 
     options = {"cameras": cameras, "image_size": size, "robot": robot}
     if envs == 1:
         env = gymnasium.make(task_id(task), **options)
-        env = chunked(env) if chunks else env
+        env = chunked(env) if chunks else tracked(env)
         return env if vis_aligner is None else VisAlignerObservationWrapper(env, vis_aligner, bank)
     vector = gymnasium.make_vec(task_id(task), envs, "sync", wrappers=[chunked], **options)
     return vector if vis_aligner is None else VisAlignerVectorWrapper(vector, vis_aligner, bank)

@@ -32,6 +32,12 @@ class EvaluationSettings:
     """Decay of temporal ensembling, the paper's k, there 0.01 (default: none)."""
     robot: str = "aloha"
     """JSON file or built-in robot (`embodiedreamer robots`)."""
+    tracking: str | None = None
+    """Send commands through this calibrated model: JSON file or built-in robot (default: only for policies that give positions)."""
+    tracking_mode: Literal["feed_forward", "trim", "both"] = "both"
+    """What --tracking sends: what the model needs, the encoders' integral, or both."""
+    learnt_on: str = "aloha"
+    """Robot whose commands the policy learnt, for --tracking: JSON file or built-in robot."""
     size: str | None = None
     """Width x height of the pictures (default: as in the policy's training, or 128x96)."""
     vis_aligner: str | None = None

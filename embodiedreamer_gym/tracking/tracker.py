@@ -70,16 +70,18 @@ class Tracker:
         if self._trims:
             self._trim = np.clip(self._trim + GAIN * self.dt * np.where(self._free, error, 0.0), -MOST, MOST)
         base = self._feed.command(path, error if self._trims else 0.0)
+        weak = self._feed.drive.short  # whose error no command removes
         self._wanted = path[0]
         wanted = np.where(self._driven, (base if self._forward else action) + self._trim, action)
-        return self._limited(wanted)
+        sent = self._limited(wanted)
+        self._free = (sent == wanted) & ~weak
+        return sent
 
     def _limited(self, wanted: Array) -> Array:
         """Within the joints' limits, and no faster than they can go."""
         tree, most = self.model.tree, self.model.tree.velocity * self.dt
         inside = np.clip(wanted, tree.lower, tree.upper)
         sent = np.where(self._driven, np.clip(inside, self._last - most, self._last + most), inside)
-        self._free = sent == wanted
         self._last = sent
         return sent
 
