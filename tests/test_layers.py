@@ -18,9 +18,9 @@ LAYERS = {
     "errors": -1,  # below all layers: every package may import it
     "io": 0,
     **dict.fromkeys(["geometry", "learning", "motions", "recordings"], 1),
-    **dict.fromkeys(["effects", "policies", "vis_aligner"], 2),
+    **dict.fromkeys(["effects", "vis_aligner"], 2),
     "robot": 3,
-    "simulation": 4,
+    **dict.fromkeys(["policies", "simulation"], 4),
     **dict.fromkeys(["engines", "phys_aligner", "tracking"], 5),
     "envs": 6,
     **dict.fromkeys(["diagnosis", "wrappers"], 7),
@@ -85,7 +85,7 @@ def test_no_import_cycles() -> None:
     [
         ("effects.payload", "from embodiedreamer_gym.robot.model import RobotModel"),
         ("effects.payload", "def f():\n    import embodiedreamer_gym.engines.bullet.plant"),
-        ("policies.act", "if TYPE_CHECKING:\n    from embodiedreamer_gym import effects"),
+        ("policies.act", "if TYPE_CHECKING:\n    from embodiedreamer_gym import engines"),
         ("recordings.hdf5", "from embodiedreamer_gym import geometry"),
         ("envs.aloha", "import numpy\nfrom embodiedreamer_gym import calibrate"),
         ("wrappers.video", "importlib.import_module('embodiedreamer_gym.diagnosis')"),

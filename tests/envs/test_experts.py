@@ -15,8 +15,8 @@ from benchmarks.experts import other_robot
 from embodiedreamer_gym.engines.table import TABLE_HEIGHT
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts import ScriptedExpert
-from embodiedreamer_gym.envs.experts.paths import SPEED, line
-from embodiedreamer_gym.envs.experts.paths import Path as Way
+from embodiedreamer_gym.robot.paths import SPEED, line
+from embodiedreamer_gym.robot.paths import Path as Way
 from embodiedreamer_gym.envs.experts.plan import READY, Planner, moved
 from embodiedreamer_gym.envs.robots import home
 from embodiedreamer_gym.envs.tasks import TASKS

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from embodiedreamer_gym.envs.experts.paths import Path, line
+from embodiedreamer_gym.robot.paths import Path, line
 from embodiedreamer_gym.envs.tasks.task import Situation, Task
 from embodiedreamer_gym.geometry.pose import Pose
 from embodiedreamer_gym.robot.kinematics import Kinematics

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 
 from embodiedreamer_gym.envs.aloha import AlohaEnv
-from embodiedreamer_gym.envs.experts.paths import Path
+from embodiedreamer_gym.robot.paths import Path
 from embodiedreamer_gym.envs.experts.plan import Paths, Planner
 from embodiedreamer_gym.envs.tasks.task import SIDES
 from embodiedreamer_gym.errors import SimulationError

@@ -1,0 +1,96 @@
+"""The way through key poses: which joint angles reach them, and how fast."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from embodiedreamer_gym.geometry.pose import Pose
+from embodiedreamer_gym.policies.key_pose.frames import Scene
+from embodiedreamer_gym.policies.key_pose.skill import Key, Skill
+from embodiedreamer_gym.robot.kinematics import Kinematics
+from embodiedreamer_gym.robot.paths import PEAK, SHORTEST, Path, line
+
+Array = np.ndarray
+MOST_TRIED = 50  # single demonstrations whose poses are tried
+DIFFERENT = 0.05  # rad, between two postures
+AT_LEAST = 0.4  # s of rest before a change of the gripper, in which the joints settle
+
+
+def plan(skill: Skill, scene: Scene, arm: Kinematics, start: Array, hz: float) -> tuple[Array, Array] | None:
+    """Angles (T, m) and the gripper's opening (T,) through the key poses of a scene; None where they cannot be reached.
+
+    The median of the demonstrations comes first, then with the thing gripped the other way round, then single demonstrations,
+    the one of the most similar scene first, in both ways.
+    """
+    for poses in _candidates(skill, scene, arm.base):
+        legs = _legs(skill.keys, poses, arm, start)
+        if legs is not None:
+            return _unrolled(skill, legs, hz)
+    return None
+
+
+def _candidates(skill: Skill, scene: Scene, base: Array) -> Iterator[list[Pose]]:
+    for flip in (False, True):
+        yield skill.poses(scene, base, None, flip)
+    for number in skill.nearest(scene)[:MOST_TRIED]:
+        for flip in (False, True):
+            yield skill.poses(scene, base, number, flip)
+
+
+def _legs(keys: Sequence[Key], poses: Sequence[Pose], arm: Kinematics, start: Array, number: int = 0) -> list[Path] | None:
+    """A path to each key pose from `number` on: straight where the gripper changes at its beginning or end, else through the joints.
+
+    Where a straight one fails, the posture before it is searched anew.
+    """
+    if number == len(keys):
+        return []
+    key, pose = keys[number], poses[number]
+    for leg in _ways(arm, start, pose, key, number > 0 and (key.event or keys[number - 1].event)):
+        rest = _legs(keys, poses, arm, leg.end, number + 1)
+        if rest is not None:
+            return [leg, *rest]
+    return None
+
+
+def _ways(arm: Kinematics, start: Array, pose: Pose, key: Key, straight: bool) -> Iterator[Path]:
+    """Paths from angles (m,) to a pose: the straight one, or those to different postures.
+
+    Postures are searched from the start's, and from the demonstrated one, facing the pose and as it is.
+    """
+    if straight:
+        leg = line(arm, start, pose, PEAK * key.speed)
+        if leg is not None:
+            yield leg
+        return
+    facing = np.array(key.posture)
+    facing[0] = np.arctan2(*(pose.position - arm.base)[1::-1])
+    seen: list[Array] = []
+    for guess in (start, facing, key.posture):
+        found = arm.solve(pose.position, pose.rotation, np.asarray(guess, float))
+        if found is not None and all(np.abs(found - other).max() > DIFFERENT for other in seen):
+            seen.append(found)
+            yield Path(np.array([start, found]), SHORTEST)
+
+
+def _unrolled(skill: Skill, legs: Sequence[Path], hz: float) -> tuple[Array, Array]:
+    """Angles and openings of each control period."""
+    angles: list[Array] = []
+    openings: list[float] = []
+    opening = skill.opening
+
+    def rest(seconds: float) -> None:
+        for _ in range(round(seconds * hz)):
+            angles.append(angles[-1])
+            openings.append(opening)
+
+    for key, leg in zip(skill.keys, legs, strict=True):
+        for time in np.arange(1, np.ceil(leg.seconds * hz) + 1) / hz:
+            angles.append(leg.at(time)[0])
+            openings.append(opening)
+        if key.event:
+            rest(max(key.before, AT_LEAST))
+            opening = key.opening
+            rest(max(key.after, AT_LEAST))
+    return np.array(angles), np.array(openings)

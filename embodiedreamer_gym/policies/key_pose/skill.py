@@ -1,0 +1,210 @@
+"""What key poses are learnt from demonstrations: each in the frame in which demonstrations agree best."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.geometry.pose import Pose
+from embodiedreamer_gym.policies.key_pose.arms import Arms
+from embodiedreamer_gym.policies.key_pose.cutting import KeyInstant, cut
+from embodiedreamer_gym.policies.key_pose.frames import (
+    Scene,
+    folded,
+    frames,
+    into,
+    middle,
+    mirrored,
+    outof,
+    spread,
+    thing,
+)
+
+Array = np.ndarray
+FEWEST = 3  # demonstrations of the same form
+ARRAYS = ("positions", "rotations", "posture")  # of a key pose
+TURN = 0.1  # m that a rad of a thing's direction counts as, between scenes
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """An episode's numbers: states (T, n), actions (T, n), control rate and the things on the table at its beginning."""
+
+    states: Array
+    actions: Array
+    hz: float
+    scene: Scene
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key pose in each demonstration, in its frame.
+
+    frame: name of it; positions (D, 3), rotations (D, 3, 3); event: whether the gripper changes there; opening: of the
+    gripper from there on; before, after: s of rest before and after the change; speed: mean speed of the end effector on the
+    way to it, m/s; spread: see `frames.spread`; posture (m,): median angles of the arm there, rad.
+    """
+
+    frame: str
+    positions: Array
+    rotations: Array
+    event: bool
+    opening: float
+    before: float
+    after: float
+    speed: float
+    spread: float
+    posture: Array
+
+
+@dataclass(frozen=True)
+class Skill:
+    """Key poses of a task, learnt from D demonstrations of one form.
+
+    keys: in the order of the task; scenes: of the demonstrations, as seen by the first arm; side: the thing whose side
+    decides which arm acts; opening: of the gripper at first.
+    """
+
+    keys: tuple[Key, ...]
+    scenes: tuple[dict[str, tuple[float, float, float]], ...]
+    side: str
+    opening: float
+
+    def poses(self, scene: Scene, base: Array, demonstration: int | None = None, flip: bool = False) -> list[Pose]:
+        """Poses of the end effector in a scene: the middle of all demonstrations, or those of one.
+
+        flip: the thing that is gripped first the other way round.
+        """
+        gripped = next((thing(key.frame) for key in self.keys if key.event), None) if flip else None
+        at, found = frames(scene, base, gripped), []
+        for key in self.keys:
+            if demonstration is None:
+                one = middle(key.positions, key.rotations)
+            else:
+                one = key.positions[demonstration], key.rotations[demonstration]
+            found.append(Pose.of(*outof(at[key.frame], *one)))
+        return found
+
+    def nearest(self, scene: Scene) -> list[int]:
+        """Demonstrations, the one of the most similar scene first."""
+
+        def away(other: Scene) -> float:
+            return sum(
+                float(np.hypot(x - other[name][0], y - other[name][1])) + TURN * abs(folded(angle - other[name][2]))
+                for name, (x, y, angle) in scene.items()
+            )
+
+        return sorted(range(len(self.scenes)), key=lambda d: away(self.scenes[d]))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Fit for JSON."""
+        keys = [
+            {**{name: getattr(key, name) for name in ("frame", "event", "opening", "before", "after", "speed", "spread")},
+             **{name: getattr(key, name).tolist() for name in ARRAYS}}
+            for key in self.keys
+        ]  # fmt: skip
+        return {"keys": keys, "scenes": [dict(one) for one in self.scenes], "side": self.side, "opening": self.opening}
+
+    @staticmethod
+    def of(data: dict[str, Any]) -> Skill:
+        """From JSON. Raises: PolicyError where it is no such thing."""
+        try:
+            keys = tuple(
+                Key(**{**key, **{name: np.array(key[name], float) for name in ARRAYS}})
+                for key in data["keys"]
+            )
+            scenes = tuple({name: tuple(map(float, one)) for name, one in scene.items()} for scene in data["scenes"])
+            count = len(scenes)
+            good = keys and all(k.positions.shape == (count, 3) and k.rotations.shape == (count, 3, 3) for k in keys)
+            skill = Skill(keys, scenes, str(data["side"]), float(data["opening"]))  # pyright: ignore[reportArgumentType]
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise PolicyError(f"these are no key poses: {error!r}.") from error
+        if not good:
+            raise PolicyError("these are no key poses: the numbers of demonstrations differ.")
+        return skill
+
+    def __str__(self) -> str:
+        lines = [f"{len(self.scenes)} demonstrations; the arm on the side of the {self.side} acts"]
+        lines += [f"{number}. {'gripper ' if key.event else ''}in the frame {key.frame}, spread {1e3 * key.spread:.1f} mm"
+                  for number, key in enumerate(self.keys, 1)]  # fmt: skip
+        return "\n".join(lines)
+
+
+def learn(demonstrations: Sequence[Demonstration], arms: Arms) -> Skill:
+    """Key poses of demonstrations; those of another form than most are left out.
+
+    Raises: PolicyError where fewer than three are left, or nothing lies on the table.
+    """
+    if not demonstrations or not all(one.scene for one in demonstrations):
+        raise PolicyError("key poses need demonstrations with things on the table.")
+    sides = [arms.acting(one.states) for one in demonstrations]
+    cuts = [_cut(one, side, arms) for one, side in zip(demonstrations, sides, strict=True)]
+    forms = Counter(tuple(key.event for key in keys) for keys in cuts)
+    form, count = forms.most_common(1)[0]
+    if count < FEWEST or not any(form):
+        raise PolicyError(
+            f"only {count} of {len(cuts)} demonstrations have the same sequence of key poses with a change of the gripper; "
+            f"at least {FEWEST} are needed."
+        )
+    chosen = [k for k, keys in enumerate(cuts) if tuple(key.event for key in keys) == form]
+    scenes = [dict(demonstrations[k].scene) if sides[k] == 0 else mirrored(demonstrations[k].scene) for k in chosen]
+    tips = [_tips(demonstrations[k], sides[k], arms) for k in chosen]
+    rows = [[cuts[k][i] for k in chosen] for i in range(len(form))]
+    starts = [[0] * len(chosen), *([key.departure for key in row] for row in rows[:-1])]
+    hz = [demonstrations[k].hz for k in chosen]
+    bent = [_own(demonstrations[k].states, sides[k], arms)[:, arms.arm.joints] for k in chosen]
+    keys = tuple(_key(row, tips, bent, scenes, start, hz, arms) for row, start in zip(rows, starts, strict=True))
+    first = [float(_own(demonstrations[k].actions, sides[k], arms)[0, arms.gripper]) for k in chosen]
+    return Skill(keys, tuple(scenes), _side(demonstrations, sides), float(np.median(first)))
+
+
+def _own(values: Array, side: int, arms: Arms) -> Array:
+    return values if side == 0 else arms.mirrored(values)
+
+
+def _cut(one: Demonstration, side: int, arms: Arms) -> list[KeyInstant]:
+    states, actions = (_own(x, side, arms) for x in (one.states, one.actions))
+    return cut(states[:, arms.arm.joints], actions[:, arms.gripper], one.hz)
+
+
+def _tips(one: Demonstration, side: int, arms: Arms) -> list[tuple[Array, Array]]:
+    """Poses of the acting end effector, at each step."""
+    return [arms.arm.pose(angles) for angles in _own(one.states, side, arms)[:, arms.arm.joints].astype(float)]
+
+
+def _key(row: Sequence[KeyInstant], tips: Sequence[list[tuple[Array, Array]]], bent: Sequence[Array], scenes: Sequence[Scene],
+         starts: Sequence[int], hz: Sequence[float], arms: Arms) -> Key:  # fmt: skip
+    """One key pose, in the frame in which the demonstrations agree best."""
+    poses = [tip[instant.step] for tip, instant in zip(tips, row, strict=True)]
+    placed = [frames(scene, arms.arm.base) for scene in scenes]
+    best: tuple[float, str, Array, Array] | None = None
+    for name in placed[0]:
+        inside = [into(at[name], *pose) for at, pose in zip(placed, poses, strict=True)]
+        positions, rotations = (np.array([one[i] for one in inside]) for i in (0, 1))
+        wide = spread(positions, rotations)
+        best = (wide, name, positions, rotations) if best is None or wide < best[0] else best
+    if best is None:
+        raise PolicyError("there is no frame to express key poses in.")
+    way = [np.linalg.norm(np.diff([p for p, _ in tip[a : i.arrival + 1]], axis=0), axis=1).sum() if i.arrival > a else 0.0
+           for tip, a, i in zip(tips, starts, row, strict=True)]  # fmt: skip
+    seconds = [max(i.arrival - a, 1) / f for a, i, f in zip(starts, row, hz, strict=True)]
+    before = [(i.step - i.arrival) / f for i, f in zip(row, hz, strict=True)]
+    after = [(i.departure - i.step) / f for i, f in zip(row, hz, strict=True)]
+    speed = float(np.median(np.divide(way, seconds)))
+    opening = float(np.median([i.opening for i in row]))
+    wide, name, positions, rotations = best
+    posture = np.median([angles[i.step] for angles, i in zip(bent, row, strict=True)], axis=0)
+    rest = float(np.median(before)), float(np.median(after))
+    return Key(name, positions, rotations, row[0].event, opening, *rest, speed, wide, posture)
+
+
+def _side(demonstrations: Sequence[Demonstration], sides: Sequence[int]) -> str:
+    """The thing on whose side the acting arm is most often."""
+    names = list(demonstrations[0].scene)
+    agree = [np.mean([(d.scene[name][1] < 0) == bool(s) for d, s in zip(demonstrations, sides, strict=True)]) for name in names]
+    return names[int(np.argmax(agree))]
