@@ -25,6 +25,10 @@ WIDEST = 160  # pixels
            " 0 for a policy that is queried more often", None, o.number(float, 0.0)),
     o.option("--no-rest", None, "do not learn to rest after an episode's end"),
     o.option("--preset", None, "sizes of the network", "small", choices=PRESETS),
+    o.option("--kind", None, "key_pose: key poses in the frames of the objects, by their masks; of the options above, it uses --cameras (one)",
+             "network", choices=("network", "key_pose")),
+    o.option("--robot", "M", f"key_pose: robot of the episodes: {o.MODELS}", "aloha"),
+    o.option("--camera-file", "FILE", "key_pose: calibrated cameras (default: the built-in ones)"),
     o.option("--device", "D", "cpu or cuda", "cpu"),
     o.SEED,
     o.QUIET,
@@ -40,6 +44,8 @@ def run(a, progress):
         torch.set_num_threads(1)  # two threads on two busy cores took seven times as long
     elif not torch.cuda.is_available():
         raise EmbodieDreamerError(f"--device {a.device} is not available; use cpu.")
+    if a.kind == "key_pose":
+        return f"{a.out}: {_key_poses(a, progress)}"
     sets = [open_episodes(one) for one in a.data]
     episodes = sets[0] if len(sets) == 1 else mixed(*sets, cameras=a.cameras)
     if len(sets) > 1 and not a.no_masks and not episodes.objects and any(one.objects for one in sets):
@@ -50,6 +56,23 @@ def run(a, progress):
     settings = TrainingConfig.usual(config, steps=a.steps, batch=a.batch, learning_rate=learning_rate, mirror=mirror,
                                     chunk_start_share=a.chunk_start_share, rest=not a.no_rest, seed=a.seed)  # fmt: skip
     return f"{a.out}: {train(episodes, config, settings, a.out, progress, progress.note, a.device)!r}"
+
+
+def _key_poses(a, progress) -> str:
+    """Train key poses; what they are, in words."""
+    from embodiedreamer_gym.envs.cameras import CAMERAS, load_cameras
+    from embodiedreamer_gym.policies.key_pose.training import train_key_poses
+    from embodiedreamer_gym.recordings.episodes import mixed, open_episodes
+
+    known = CAMERAS if a.camera_file is None else load_cameras(a.camera_file)
+    names = a.cameras or ["head"]
+    if len(names) != 1 or names[0] not in known:
+        raise PolicyError(
+            f"key poses look with one camera that stands still; give --cameras with one of {', '.join(known)}."
+        )
+    sets = [open_episodes(one) for one in a.data]
+    episodes = sets[0] if len(sets) == 1 else mixed(*sets, cameras=names)
+    return str(train_key_poses(episodes, a.robot, known[names[0]], a.out, a.seed, progress).skill)
 
 
 def _mirror(robot: str) -> tuple[int, ...]:

@@ -22,7 +22,8 @@ class Policy(Protocol):
     """Gives actions (B, k, m) float32, in the environment's units, for a batch of observations.
 
     A batch is {"agent_pos": (B, n) float32, "pixels": {camera: (B, H, W, 3) uint8}}. A policy with a memory has a method
-    `reset()` too, which is called before each episode; one that needs certain cameras names them in `cameras`.
+    `reset()` too, which is called before each episode; one that needs certain cameras names them in `cameras`; one whose
+    actions are joint positions to be reached, and not commands, says so by `positions = True`.
     """
 
     action_size: int
@@ -43,8 +44,11 @@ def load_policy(spec: str | Path) -> Policy:
     if folder.is_dir():
         from embodiedreamer_gym.policies.act.lerobot import is_lerobot, load_lerobot
         from embodiedreamer_gym.policies.act.policy import ActPolicy
+        from embodiedreamer_gym.policies.key_pose.training import is_key_pose, load_key_poses
 
         try:
+            if is_key_pose(folder):
+                return load_key_poses(folder)
             return load_lerobot(folder) if is_lerobot(folder) else ActPolicy.load(folder)
         except PolicyError as error:
             raise error if str(folder) in str(error) else PolicyError(f"policy {folder}: {error}") from error
@@ -109,6 +113,8 @@ def cameras_of(policy: Any) -> tuple[str, ...]:
 
 def picture_inputs(policy: Any) -> tuple[tuple[str, ...], tuple[int, int]]:
     """Cameras of a policy, and width and height of the pictures it learnt from; head and 128 x 96 else."""
+    if hasattr(policy, "picture_size"):
+        return cameras_of(policy), policy.picture_size
     config = getattr(getattr(policy, "network", None), "config", None)
     size = (128, 96) if config is None else getattr(config, "source_size", None) or config.image_size
     return cameras_of(policy) or ("head",), size

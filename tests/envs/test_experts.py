@@ -15,8 +15,6 @@ from benchmarks.experts import other_robot
 from embodiedreamer_gym.engines.table import TABLE_HEIGHT
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts import ScriptedExpert
-from embodiedreamer_gym.robot.paths import SPEED, line
-from embodiedreamer_gym.robot.paths import Path as Way
 from embodiedreamer_gym.envs.experts.plan import READY, Planner, moved
 from embodiedreamer_gym.envs.robots import home
 from embodiedreamer_gym.envs.tasks import TASKS
@@ -25,6 +23,8 @@ from embodiedreamer_gym.envs.tasks.task import SIDES, Situation
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.geometry.pose import Pose
 from embodiedreamer_gym.robot.kinematics import Kinematics
+from embodiedreamer_gym.robot.paths import SPEED, line
+from embodiedreamer_gym.robot.paths import Path as Way
 from tests.bank import robot
 from tests.envs.moves import drain, shove
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from embodiedreamer_gym.robot.paths import Path, line
 from embodiedreamer_gym.envs.tasks.task import Situation, Task
 from embodiedreamer_gym.geometry.pose import Pose
 from embodiedreamer_gym.robot.kinematics import Kinematics
+from embodiedreamer_gym.robot.paths import Path, line
 
 BACK = 0.08  # m from which a gripper approaches, and to which it retreats
 LIFT = 0.10  # m

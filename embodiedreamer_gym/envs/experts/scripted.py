@@ -8,11 +8,11 @@ import gymnasium as gym
 import numpy as np
 
 from embodiedreamer_gym.envs.aloha import AlohaEnv
-from embodiedreamer_gym.robot.paths import Path
 from embodiedreamer_gym.envs.experts.plan import Paths, Planner
 from embodiedreamer_gym.envs.tasks.task import SIDES
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.robot.kinematics import RADIUS, Kinematics, rotation_vector
+from embodiedreamer_gym.robot.paths import Path
 
 CLOSING, OPENING = 0.5, 0.4  # s
 PATIENCE = 0.8  # s to come to rest

@@ -24,14 +24,18 @@ class Arms:
         except ModelError as error:
             raise PolicyError(f"key poses need one arm, or two that mirror each other: {error}") from error
         if len(model.arms) not in (1, 2):
-            raise PolicyError(f"key poses need one arm, or two that mirror each other; {model.name} has {len(model.arms)}.")
+            raise PolicyError(
+                f"key poses need one arm, or two that mirror each other; {model.name} has {len(model.arms)}."
+            )
         self.model, self.two = model, len(model.arms) == 2
         self._of, self._sign = np.abs(signs) - 1, np.sign(signs)
         self.arm = Kinematics(model, model.arms[0])
         own = np.flatnonzero(model.tree.arm == model.tree.arm[self.arm.joints[0]])
         grippers = [int(j) for j in own if model.units[j] == "1"]
         if len(grippers) != 1:
-            raise PolicyError(f"key poses need an arm with one gripper of unit 1; {model.name} has {len(grippers)} at one arm.")
+            raise PolicyError(
+                f"key poses need an arm with one gripper of unit 1; {model.name} has {len(grippers)} at one arm."
+            )
         self.gripper = grippers[0]
 
     def mirrored(self, values: Array) -> Array:

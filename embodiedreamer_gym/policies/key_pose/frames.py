@@ -8,7 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 Array = np.ndarray
-Scene = Mapping[str, tuple[float, float, float]]  # thing -> x, y (m) and the angle (rad) of its axis, in the robot's frame
+Scene = Mapping[
+    str, tuple[float, float, float]
+]  # thing -> x, y (m) and the angle (rad) of its axis, in the robot's frame
 OUTWARD = " outward"  # after the name of a thing
 
 

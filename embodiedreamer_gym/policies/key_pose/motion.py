@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from embodiedreamer_gym.geometry.pose import Pose
 from embodiedreamer_gym.policies.key_pose.frames import Scene
@@ -14,6 +15,7 @@ from embodiedreamer_gym.robot.paths import PEAK, SHORTEST, Path, line
 
 Array = np.ndarray
 MOST_TRIED = 50  # single demonstrations whose poses are tried
+PITCHED = np.radians([5, -5, 10, -10, 15, -15, 20, -20])  # of a gripper where nothing else can be reached
 DIFFERENT = 0.05  # rad, between two postures
 AT_LEAST = 0.4  # s of rest before a change of the gripper, in which the joints settle
 
@@ -22,7 +24,7 @@ def plan(skill: Skill, scene: Scene, arm: Kinematics, start: Array, hz: float) -
     """Angles (T, m) and the gripper's opening (T,) through the key poses of a scene; None where they cannot be reached.
 
     The median of the demonstrations comes first, then with the thing gripped the other way round, then single demonstrations,
-    the one of the most similar scene first, in both ways.
+    the one of the most similar scene first, in both ways, then the median with the gripper pitched a little up or down.
     """
     for poses in _candidates(skill, scene, arm.base):
         legs = _legs(skill.keys, poses, arm, start)
@@ -37,9 +39,30 @@ def _candidates(skill: Skill, scene: Scene, base: Array) -> Iterator[list[Pose]]
     for number in skill.nearest(scene)[:MOST_TRIED]:
         for flip in (False, True):
             yield skill.poses(scene, base, number, flip)
+    for pitch in PITCHED:
+        for flip in (False, True):
+            for change in range(sum(key.event for key in skill.keys)):
+                yield pitched(skill.poses(scene, base, None, flip), skill.keys, change, pitch)
 
 
-def _legs(keys: Sequence[Key], poses: Sequence[Pose], arm: Kinematics, start: Array, number: int = 0) -> list[Path] | None:
+def pitched(poses: Sequence[Pose], keys: Sequence[Key], change: int, pitch: float) -> list[Pose]:
+    """Poses, of which those about a change of the gripper are turned about the axis on which it closes, rad.
+
+    change: its number; those about it are the key poses that are fewer steps of the sequence from it than from another. The axis
+    is y of the end effector's frame.
+    """
+    changes = [number for number, key in enumerate(keys) if key.event]
+    nearest = [int(np.argmin([abs(number - other) for other in changes])) for number in range(len(keys))]
+    turn = Rotation.from_euler("y", pitch).as_matrix()
+    return [
+        Pose.of(pose.position, pose.rotation @ turn) if of == change else pose
+        for pose, of in zip(poses, nearest, strict=True)
+    ]
+
+
+def _legs(
+    keys: Sequence[Key], poses: Sequence[Pose], arm: Kinematics, start: Array, number: int = 0
+) -> list[Path] | None:
     """A path to each key pose from `number` on: straight where the gripper changes at its beginning or end, else through the joints.
 
     Where a straight one fails, the posture before it is searched anew.

@@ -29,9 +29,10 @@ class KeyPosePolicy:
     positions = True
     chunk = CHUNK
 
-    def __init__(self, skill: Skill, model: RobotModel, look: Look, hz: float, cameras: tuple[str, ...] = ("head",)) -> None:
+    def __init__(self, skill: Skill, model: RobotModel, look: Look, hz: float, cameras: tuple[str, ...] = ("head",),
+                 picture_size: tuple[int, int] = (128, 96)) -> None:  # fmt: skip
         self.skill, self.arms, self.look, self.hz, self.cameras = skill, Arms(model), look, hz, cameras
-        self.action_size = model.n
+        self.action_size, self.picture_size = model.n, picture_size
         self._plans: list[np.ndarray] = []
         self._played = 0
 
@@ -49,7 +50,9 @@ class KeyPosePolicy:
         """
         states = np.asarray(batch["agent_pos"], float)
         if states.ndim != 2 or states.shape[1] != self.action_size:
-            raise PolicyError(f"key poses of {self.action_size} joints cannot follow observations of shape {states.shape}.")
+            raise PolicyError(
+                f"key poses of {self.action_size} joints cannot follow observations of shape {states.shape}."
+            )
         if len(self._plans) != len(states):
             pictures = [{name: x[i] for name, x in batch.get("pixels", {}).items()} for i in range(len(states))]
             self._plans = [self._planned(state, self.look(seen)) for state, seen in zip(states, pictures, strict=True)]

@@ -115,8 +115,7 @@ class Skill:
         """From JSON. Raises: PolicyError where it is no such thing."""
         try:
             keys = tuple(
-                Key(**{**key, **{name: np.array(key[name], float) for name in ARRAYS}})
-                for key in data["keys"]
+                Key(**{**key, **{name: np.array(key[name], float) for name in ARRAYS}}) for key in data["keys"]
             )
             scenes = tuple({name: tuple(map(float, one)) for name, one in scene.items()} for scene in data["scenes"])
             count = len(scenes)
@@ -153,12 +152,11 @@ def learn(demonstrations: Sequence[Demonstration], arms: Arms) -> Skill:
         )
     chosen = [k for k, keys in enumerate(cuts) if tuple(key.event for key in keys) == form]
     scenes = [dict(demonstrations[k].scene) if sides[k] == 0 else mirrored(demonstrations[k].scene) for k in chosen]
-    tips = [_tips(demonstrations[k], sides[k], arms) for k in chosen]
     rows = [[cuts[k][i] for k in chosen] for i in range(len(form))]
     starts = [[0] * len(chosen), *([key.departure for key in row] for row in rows[:-1])]
     hz = [demonstrations[k].hz for k in chosen]
-    bent = [_own(demonstrations[k].states, sides[k], arms)[:, arms.arm.joints] for k in chosen]
-    keys = tuple(_key(row, tips, bent, scenes, start, hz, arms) for row, start in zip(rows, starts, strict=True))
+    bent = [_own(demonstrations[k].states, sides[k], arms)[:, arms.arm.joints].astype(float) for k in chosen]
+    keys = tuple(_key(row, bent, scenes, start, hz, arms) for row, start in zip(rows, starts, strict=True))
     first = [float(_own(demonstrations[k].actions, sides[k], arms)[0, arms.gripper]) for k in chosen]
     return Skill(keys, tuple(scenes), _side(demonstrations, sides), float(np.median(first)))
 
@@ -172,15 +170,10 @@ def _cut(one: Demonstration, side: int, arms: Arms) -> list[KeyInstant]:
     return cut(states[:, arms.arm.joints], actions[:, arms.gripper], one.hz)
 
 
-def _tips(one: Demonstration, side: int, arms: Arms) -> list[tuple[Array, Array]]:
-    """Poses of the acting end effector, at each step."""
-    return [arms.arm.pose(angles) for angles in _own(one.states, side, arms)[:, arms.arm.joints].astype(float)]
-
-
-def _key(row: Sequence[KeyInstant], tips: Sequence[list[tuple[Array, Array]]], bent: Sequence[Array], scenes: Sequence[Scene],
-         starts: Sequence[int], hz: Sequence[float], arms: Arms) -> Key:  # fmt: skip
+def _key(row: Sequence[KeyInstant], bent: Sequence[Array], scenes: Sequence[Scene], starts: Sequence[int], hz: Sequence[float],
+         arms: Arms) -> Key:  # fmt: skip
     """One key pose, in the frame in which the demonstrations agree best."""
-    poses = [tip[instant.step] for tip, instant in zip(tips, row, strict=True)]
+    poses = [arms.arm.pose(angles[instant.step]) for angles, instant in zip(bent, row, strict=True)]
     placed = [frames(scene, arms.arm.base) for scene in scenes]
     best: tuple[float, str, Array, Array] | None = None
     for name in placed[0]:
@@ -190,8 +183,10 @@ def _key(row: Sequence[KeyInstant], tips: Sequence[list[tuple[Array, Array]]], b
         best = (wide, name, positions, rotations) if best is None or wide < best[0] else best
     if best is None:
         raise PolicyError("there is no frame to express key poses in.")
-    way = [np.linalg.norm(np.diff([p for p, _ in tip[a : i.arrival + 1]], axis=0), axis=1).sum() if i.arrival > a else 0.0
-           for tip, a, i in zip(tips, starts, row, strict=True)]  # fmt: skip
+    ends = [
+        [arms.arm.pose(angles[k])[0] for k in (a, i.arrival)] for angles, a, i in zip(bent, starts, row, strict=True)
+    ]
+    way = [float(np.linalg.norm(end - start)) for start, end in ends]
     seconds = [max(i.arrival - a, 1) / f for a, i, f in zip(starts, row, hz, strict=True)]
     before = [(i.step - i.arrival) / f for i, f in zip(row, hz, strict=True)]
     after = [(i.departure - i.step) / f for i, f in zip(row, hz, strict=True)]
@@ -206,5 +201,8 @@ def _key(row: Sequence[KeyInstant], tips: Sequence[list[tuple[Array, Array]]], b
 def _side(demonstrations: Sequence[Demonstration], sides: Sequence[int]) -> str:
     """The thing on whose side the acting arm is most often."""
     names = list(demonstrations[0].scene)
-    agree = [np.mean([(d.scene[name][1] < 0) == bool(s) for d, s in zip(demonstrations, sides, strict=True)]) for name in names]
+    agree = [
+        np.mean([(d.scene[name][1] < 0) == bool(s) for d, s in zip(demonstrations, sides, strict=True)])
+        for name in names
+    ]
     return names[int(np.argmax(agree))]

@@ -1,0 +1,140 @@
+"""Where things lie on the table, by one picture: masks from the object pose head's layers, seen by a camera whose pose is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import cv2
+import numpy as np
+import torch
+
+from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.geometry.camera import Camera
+from embodiedreamer_gym.io.progress import ProgressCallback
+from embodiedreamer_gym.policies.act.object_pose_head import ObjectPoseHead
+from embodiedreamer_gym.policies.act.statistics import PIXEL_MEAN, PIXEL_SCALE
+from embodiedreamer_gym.policies.key_pose.frames import Scene
+from embodiedreamer_gym.recordings.episodes import EpisodeSet
+
+Array = np.ndarray
+SURE = 0.5  # probability from which a pixel is a thing's
+BRIDGED = 9  # pixels of a gap within a thing, in a picture 256 wide: fingers and cables lie before it
+FEWEST = 3  # pixels of a thing
+EVERY = 4  # steps of the demonstrations whose pictures teach the head
+CROP = (96, 128)  # rows and columns of the parts of larger pictures that the head learns from
+ABOUT = 0.8  # share of these that lie about a pixel of a thing
+ENDS = (2.0, 98.0)  # percentiles of a thing's pixels along and across its axis, between which its middle lies
+
+
+class Looker:
+    """Finds things in the pictures of one camera that stands still.
+
+    things: names, in the order of the head's classes; heights: thing -> height (m) at which its outline is taken to lie.
+    Raises: PolicyError for a camera on a moving link.
+    """
+
+    def __init__(
+        self, head: ObjectPoseHead, things: Sequence[str], camera: Camera, heights: Mapping[str, float]
+    ) -> None:
+        if camera.link is not None:
+            raise PolicyError(f"key poses need a camera that stands still; {camera.name} sits on {camera.link}.")
+        self.head, self.things, self.camera, self.heights = head, tuple(things), camera, dict(heights)
+
+    def __call__(self, pictures: Mapping[str, Array]) -> Scene | None:
+        """Things of one observation; None where one is not seen.
+
+        Raises: PolicyError where the camera's picture is missing.
+        """
+        if self.camera.name not in pictures:
+            raise PolicyError(f"the observation has no picture of the camera {self.camera.name}.")
+        outlines = self.outlines(np.asarray(pictures[self.camera.name])[None])[0]
+        if any(one is None for one in outlines.values()):
+            return None
+        return {name: self.place(one, self.heights[name]) for name, one in outlines.items() if one is not None}
+
+    def outlines(self, pictures: Array) -> list[dict[str, Array | None]]:
+        """Directions (k, 3) in the world in which each thing's pixels are seen, for pictures (N, H, W, 3); None for none."""
+        size = pictures.shape[2], pictures.shape[1]
+        rays, found = self._rays(size), []
+        for picture in pictures:
+            with torch.inference_mode():
+                shares = self.head.logits(normalised(picture[None])).softmax(1)[0, 1:].cpu().numpy()
+            masks = [largest(share > SURE, size[0]) for share in shares]
+            seen = {
+                name: rays[mask] if mask.sum() >= FEWEST else None
+                for name, mask in zip(self.things, masks, strict=True)
+            }
+            found.append(seen)
+        return found
+
+    def place(self, directions: Array, height: float) -> tuple[float, float, float]:
+        """Middle x, y (m) and direction of the longest axis (rad) of a thing seen in directions (k, 3), at a height, m."""
+        start, _ = self.camera.pose()
+        points = start[:2] + directions[:, :2] * ((height - start[2]) / directions[:, 2:])
+        centre = points.mean(0)
+        _, axes = np.linalg.eigh(np.cov((points - centre).T))
+        axes = axes[:, ::-1]  # the longest first
+        low, high = np.percentile((points - centre) @ axes, ENDS, axis=0)
+        middle = centre + axes @ (0.5 * (low + high))
+        return float(middle[0]), float(middle[1]), float(np.arctan2(axes[1, 0], axes[0, 0]))
+
+    def _rays(self, size: tuple[int, int]) -> Array:
+        """Directions (H, W, 3) in the world of a picture's pixels."""
+        matrix, (_, turn) = self.camera.matrix(size), self.camera.pose()
+        u, v = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+        rays = np.stack([(u - matrix[0, 2]) / matrix[0, 0], (v - matrix[1, 2]) / matrix[1, 1], np.ones(u.shape)], -1)
+        return rays @ turn.T
+
+
+def largest(mask: Array, width: int) -> Array:
+    """The largest piece of a mask (H, W), gaps bridged."""
+    reach = max(1, round(BRIDGED * width / 256))
+    count, numbers = cv2.connectedComponents(cv2.dilate(mask.astype(np.uint8), np.ones((reach, reach), np.uint8)))
+    if count <= 1:
+        return mask
+    sizes = np.bincount(numbers[mask], minlength=count)
+    return mask & (numbers == int(np.argmax(sizes)))
+
+
+def normalised(pictures: Array) -> torch.Tensor:
+    """Pictures (N, H, W, 3) uint8 as the head takes them."""
+    x = torch.from_numpy(np.ascontiguousarray(pictures)).permute(0, 3, 1, 2).float() / 255
+    return (x - torch.tensor(PIXEL_MEAN)[:, None, None]) / torch.tensor(PIXEL_SCALE)[:, None, None]
+
+
+def taught(episodes: EpisodeSet, camera: str, seed: int, progress: ProgressCallback | None = None) -> ObjectPoseHead:
+    """A head that has learnt the masks of episodes, of all objects in their order.
+
+    Raises: PolicyError where there are no masks.
+    """
+    if not episodes.objects or camera not in episodes.cameras:
+        raise PolicyError(
+            f"{episodes.source} has no masks of objects for the camera {camera}, which key poses are learnt from."
+        )
+    numbers = np.zeros(256, np.uint8)
+    numbers[list(episodes.objects.values())] = np.arange(1, len(episodes.objects) + 1)
+    rng, pictures, masks = np.random.default_rng(seed), [], []
+    for i in range(len(episodes.episodes)):
+        seen, true = episodes.frames(i, camera)[::EVERY], numbers[episodes.masks(i, camera)[::EVERY]]
+        parts = [cropped(one, mask, rng) for one, mask in zip(seen, true, strict=True)]
+        pictures += [one for one, _ in parts]
+        masks += [mask for _, mask in parts]
+    torch.manual_seed(seed)
+    head = ObjectPoseHead(len(episodes.objects))
+    head.fit(np.stack(pictures), np.stack(masks), normalised, seed, progress, len(episodes.episodes))
+    return head.eval()
+
+
+def cropped(picture: Array, mask: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """A part of a picture (H, W, 3) and its mask (H, W), at most `CROP` large, most often about a pixel of a thing."""
+    height, width = (min(most, size) for most, size in zip(CROP, mask.shape, strict=True))
+    rows, columns = np.nonzero(mask)
+    if len(rows) and rng.random() < ABOUT:
+        k = int(rng.integers(len(rows)))
+        row, column = int(rows[k]), int(columns[k])
+    else:
+        row, column = int(rng.integers(mask.shape[0])), int(rng.integers(mask.shape[1]))
+    top = int(np.clip(row - rng.integers(height), 0, mask.shape[0] - height))
+    left = int(np.clip(column - rng.integers(width), 0, mask.shape[1] - width))
+    part = slice(top, top + height), slice(left, left + width)
+    return picture[part], mask[part]

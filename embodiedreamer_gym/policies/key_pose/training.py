@@ -1,0 +1,124 @@
+"""Key poses from a set of recorded episodes with masks; a folder on disk."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
+from embodiedreamer_gym.geometry.camera import Camera
+from embodiedreamer_gym.io.files import write_json
+from embodiedreamer_gym.io.progress import ProgressCallback
+from embodiedreamer_gym.learning.checkpoint import check_shapes, read_state, write_state
+from embodiedreamer_gym.policies.act.object_pose_head import ObjectPoseHead
+from embodiedreamer_gym.policies.act.policy import CONFIG, WEIGHTS, read_config
+from embodiedreamer_gym.policies.key_pose.arms import Arms
+from embodiedreamer_gym.policies.key_pose.frames import thing
+from embodiedreamer_gym.policies.key_pose.looking import Looker, taught
+from embodiedreamer_gym.policies.key_pose.policy import KeyPosePolicy
+from embodiedreamer_gym.policies.key_pose.skill import Demonstration, Skill, learn
+from embodiedreamer_gym.recordings.episodes import EpisodeSet
+from embodiedreamer_gym.robot import RobotModel
+
+KIND = "embodiedreamer_key_pose"
+ABOVE = np.linspace(-0.04, 0.12, 9)  # m over the first grip, of heights that a thing's outline may have
+
+
+def train_key_poses(episodes: EpisodeSet, robot: str | Path, camera: Camera, folder: str | Path, seed: int = 0,
+                    progress: ProgressCallback | None = None) -> KeyPosePolicy:  # fmt: skip
+    """Learn key poses and the look at things, and save both in a folder.
+
+    Poses of the demonstrations' things come from the same head as those of new scenes, from each episode's first picture, so
+    that what is always wrong with them cancels. The height at which a thing's outline is taken to lie is the one with which the
+    demonstrations agree best.
+
+    robot: a built-in one or a model file; camera: of the pictures, standing still.
+    Raises: PolicyError where the episodes do not allow it.
+    """
+    model = RobotModel.load(robot)
+    if episodes.state_size != model.n or episodes.action_size != model.n:
+        raise PolicyError(f"{episodes.source} has {episodes.state_size} joints, and the robot {model.name} {model.n}.")
+    arms, head = Arms(model), taught(episodes, camera.name, seed, progress)
+    looker = Looker(head, tuple(episodes.objects), camera, {})
+    count = len(episodes.episodes)
+    firsts = np.concatenate([episodes.frames(i, camera.name, 0, 1) for i in range(count)])
+    outlines = [
+        (i, one) for i, one in enumerate(looker.outlines(firsts)) if all(seen is not None for seen in one.values())
+    ]
+    numbers = {i: (episodes.states(i).astype(float), episodes.actions(i).astype(float)) for i, _ in outlines}
+
+    def demonstrations(heights: dict[str, float]) -> list[Demonstration]:
+        return [
+            Demonstration(*numbers[i], episodes.hz, {name: looker.place(one[name], heights[name]) for name in one})
+            for i, one in outlines
+        ]
+
+    looker.heights, skill = _heights(demonstrations, looker.things, arms)
+    policy = KeyPosePolicy(skill, model, looker, episodes.hz, (camera.name,), episodes.frame_size(camera.name))
+    _save(policy, looker, str(robot), Path(folder))
+    return policy
+
+
+def _heights(demonstrations: Any, things: tuple[str, ...], arms: Arms) -> tuple[dict[str, float], Skill]:
+    """The height of each thing's outline with which key poses agree best, and what is learnt with them."""
+    tall = _grip_height(demonstrations(dict.fromkeys(things, 0.0)), arms)
+    heights = dict.fromkeys(things, tall)
+    for name in things:
+        found = {}
+        for height in tall + ABOVE:
+            skill = learn(demonstrations(heights | {name: float(height)}), arms)
+            found[float(height)] = sum(key.spread for key in skill.keys if thing(key.frame) == name or key.event)
+        heights[name] = min(found, key=found.__getitem__)
+    return heights, learn(demonstrations(heights), arms)
+
+
+def _grip_height(demonstrations: list[Demonstration], arms: Arms) -> float:
+    """Median height of the end effector at the first change of the gripper, m."""
+    skill = learn(demonstrations, arms)
+    return float(np.median(next(key.positions[:, 2] for key in skill.keys if key.event)))
+
+
+def _save(policy: KeyPosePolicy, looker: Looker, robot: str, folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    write_state(looker.head.state_dict(), folder / WEIGHTS, PolicyError)
+    given = str(Path(robot).resolve()) if Path(robot).is_file() else robot
+    config = {
+        "type": KIND, "robot": given, "hz": policy.hz, "picture_size": list(policy.picture_size), "things": list(looker.things), "heights": looker.heights,
+        "camera": asdict(looker.camera), "skill": policy.skill.as_dict(),
+    }  # fmt: skip
+    write_json(config, folder / CONFIG, PolicyError)
+
+
+def is_key_pose(folder: str | Path) -> bool:
+    """Whether a folder holds key poses. Raises: PolicyError where its config.json cannot be read."""
+    return read_config(Path(folder)).get("type") == KIND
+
+
+def load_key_poses(folder: str | Path) -> KeyPosePolicy:
+    """The policy that `train_key_poses` wrote.
+
+    Raises: PolicyError where there is none, or it is damaged.
+    """
+    folder = Path(folder)
+    data = read_config(folder)
+    damaged = PolicyError(f"{folder} holds no key poses: damaged, or of another policy.")
+    try:
+        things = tuple(str(name) for name in data["things"])
+        camera = Camera(**data["camera"])
+        heights = {name: float(data["heights"][name]) for name in things}
+        robot, hz, skill = str(data["robot"]), float(data["hz"]), Skill.of(data["skill"])
+        width, height = (int(x) for x in data["picture_size"])
+        size = width, height
+        head = ObjectPoseHead(len(things))
+        state = read_state(folder / WEIGHTS, damaged)
+        check_shapes(state, head.state_dict())
+        head.load_state_dict(state)
+    except EmbodieDreamerError:
+        raise
+    except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+        raise damaged from error
+    looker = Looker(head.eval(), things, camera, heights)
+    return KeyPosePolicy(skill, RobotModel.load(robot), looker, hz, (camera.name,), size)
