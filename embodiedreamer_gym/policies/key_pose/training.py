@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -45,9 +45,10 @@ def train_key_poses(episodes: EpisodeSet, robot: str | Path, camera: Camera, fol
     looker = Looker(head, tuple(episodes.objects), camera, {})
     count = len(episodes.episodes)
     firsts = np.concatenate([episodes.frames(i, camera.name, 0, 1) for i in range(count)])
-    outlines = [
-        (i, one) for i, one in enumerate(looker.outlines(firsts)) if all(seen is not None for seen in one.values())
-    ]
+    outlines: list[tuple[int, dict[str, np.ndarray]]] = []
+    for i, one in enumerate(looker.outlines(firsts)):
+        seen = {name: outline for name, outline in one.items() if outline is not None}
+        outlines += [(i, seen)] if len(seen) == len(one) else []
     numbers = {i: (episodes.states(i).astype(float), episodes.actions(i).astype(float)) for i, _ in outlines}
 
     def demonstrations(heights: dict[str, float]) -> list[Demonstration]:
@@ -62,7 +63,9 @@ def train_key_poses(episodes: EpisodeSet, robot: str | Path, camera: Camera, fol
     return policy
 
 
-def _heights(demonstrations: Any, things: tuple[str, ...], arms: Arms) -> tuple[dict[str, float], Skill]:
+def _heights(
+    demonstrations: Callable[[dict[str, float]], list[Demonstration]], things: tuple[str, ...], arms: Arms
+) -> tuple[dict[str, float], Skill]:
     """The height of each thing's outline with which key poses agree best, and what is learnt with them."""
     tall = _grip_height(demonstrations(dict.fromkeys(things, 0.0)), arms)
     heights = dict.fromkeys(things, tall)
