@@ -17,10 +17,12 @@ from embodiedreamer_gym.policies.key_pose.frames import Scene
 from embodiedreamer_gym.recordings.episodes import EpisodeSet
 
 Array = np.ndarray
+Area = tuple[float, float, float, float]
 SURE = 0.5  # probability from which a pixel is a thing's
 BRIDGED = 9  # pixels of a gap within a thing, in a picture 256 wide: fingers and cables lie before it
 FEWEST = 3  # pixels of a thing
 EVERY = 4  # steps of the demonstrations whose pictures teach the head
+WIDER = 0.05  # of a picture, by which things may lie outside of where demonstrations had them
 CROP = (96, 128)  # rows and columns of the parts of larger pictures that the head learns from
 ABOUT = 0.8  # share of these that lie about a pixel of a thing
 ENDS = (2.0, 98.0)  # percentiles of a thing's pixels along and across its axis, between which its middle lies
@@ -29,16 +31,19 @@ ENDS = (2.0, 98.0)  # percentiles of a thing's pixels along and across its axis,
 class Looker:
     """Finds things in the pictures of one camera that stands still.
 
-    things: names, in the order of the head's classes; heights: thing -> height (m) at which its outline is taken to lie.
+    things: names, in the order of the head's classes; heights: thing -> height (m) at which its outline is taken to lie;
+    areas: thing -> left, top, right and bottom end, as shares of the picture, of where it may be, see `areas`.
     Raises: PolicyError for a camera on a moving link.
     """
 
     def __init__(
-        self, head: ObjectPoseHead, things: Sequence[str], camera: Camera, heights: Mapping[str, float]
-    ) -> None:
+        self, head: ObjectPoseHead, things: Sequence[str], camera: Camera, heights: Mapping[str, float],
+        areas: Mapping[str, Area] | None = None,
+    ) -> None:  # fmt: skip
         if camera.link is not None:
             raise PolicyError(f"key poses need a camera that stands still; {camera.name} sits on {camera.link}.")
         self.head, self.things, self.camera, self.heights = head, tuple(things), camera, dict(heights)
+        self.areas = dict(areas or {})
 
     def __call__(self, pictures: Mapping[str, Array]) -> Scene | None:
         """Things of one observation; None where one is not seen.
@@ -59,7 +64,10 @@ class Looker:
         for picture in pictures:
             with torch.inference_mode():
                 shares = self.head.logits(normalised(picture[None])).softmax(1)[0, 1:].cpu().numpy()
-            masks = [largest(share > SURE, size[0]) for share in shares]
+            masks = [
+                largest(np.where(self._inside(name, size), share, 0.0), size[0])
+                for name, share in zip(self.things, shares, strict=True)
+            ]
             seen = {
                 name: rays[mask] if mask.sum() >= FEWEST else None
                 for name, mask in zip(self.things, masks, strict=True)
@@ -78,6 +86,12 @@ class Looker:
         middle = centre + axes @ (0.5 * (low + high))
         return float(middle[0]), float(middle[1]), float(np.arctan2(axes[1, 0], axes[0, 0]))
 
+    def _inside(self, name: str, size: tuple[int, int]) -> Array:
+        """Where (H, W) in a picture a thing may be."""
+        left, top, right, bottom = self.areas.get(name, (0.0, 0.0, 1.0, 1.0))
+        u, v = ((np.arange(count) + 0.5) / count for count in size)
+        return ((v >= top) & (v <= bottom))[:, None] & ((u >= left) & (u <= right))
+
     def _rays(self, size: tuple[int, int]) -> Array:
         """Directions (H, W, 3) in the world of a picture's pixels."""
         matrix, (_, turn) = self.camera.matrix(size), self.camera.pose()
@@ -86,14 +100,31 @@ class Looker:
         return rays @ turn.T
 
 
-def largest(mask: Array, width: int) -> Array:
-    """The largest piece of a mask (H, W), gaps bridged."""
-    reach = max(1, round(BRIDGED * width / 256))
+def largest(shares: Array, width: int) -> Array:
+    """The piece (H, W) of probabilities (H, W) above `SURE` whose sum is the largest, gaps bridged."""
+    mask, reach = shares > SURE, max(1, round(BRIDGED * width / 256))
     count, numbers = cv2.connectedComponents(cv2.dilate(mask.astype(np.uint8), np.ones((reach, reach), np.uint8)))
     if count <= 1:
         return mask
-    sizes = np.bincount(numbers[mask], minlength=count)
-    return mask & (numbers == int(np.argmax(sizes)))
+    sums = np.bincount(numbers[mask], shares[mask], minlength=count)
+    return mask & (numbers == int(np.argmax(sums)))
+
+
+def areas(episodes: EpisodeSet, camera: str) -> dict[str, Area]:
+    """Where in the pictures each thing is at the beginning of episodes, widened by `WIDER` of the picture to each side."""
+    found: dict[str, Area] = {}
+    firsts = np.concatenate([episodes.masks(i, camera, 0, 1) for i in range(len(episodes.episodes))])
+    size = np.array(firsts.shape[:0:-1])
+    for name, number in episodes.objects.items():
+        rows, columns = np.nonzero((firsts == number).any(0))
+        ends = (
+            np.array([[columns.min(), rows.min()], [columns.max() + 1, rows.max() + 1]])
+            if len(rows)
+            else [[0, 0], size]
+        )
+        low, high = np.asarray(ends) / size + [[-WIDER], [WIDER]]
+        found[name] = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+    return found
 
 
 def normalised(pictures: Array) -> torch.Tensor:

@@ -17,7 +17,7 @@ from embodiedreamer_gym.policies.act.object_pose_head import ObjectPoseHead
 from embodiedreamer_gym.policies.act.policy import CONFIG, WEIGHTS, read_config
 from embodiedreamer_gym.policies.key_pose.arms import Arms
 from embodiedreamer_gym.policies.key_pose.frames import thing
-from embodiedreamer_gym.policies.key_pose.looking import Looker, taught
+from embodiedreamer_gym.policies.key_pose.looking import Looker, areas, taught
 from embodiedreamer_gym.policies.key_pose.policy import KeyPosePolicy
 from embodiedreamer_gym.policies.key_pose.skill import Demonstration, Skill, learn
 from embodiedreamer_gym.recordings.episodes import EpisodeSet
@@ -41,8 +41,15 @@ def train_key_poses(episodes: EpisodeSet, robot: str | Path, camera: Camera, fol
     model = RobotModel.load(robot)
     if episodes.state_size != model.n or episodes.action_size != model.n:
         raise PolicyError(f"{episodes.source} has {episodes.state_size} joints, and the robot {model.name} {model.n}.")
-    arms, head = Arms(model), taught(episodes, camera.name, seed, progress)
-    looker = Looker(head, tuple(episodes.objects), camera, {})
+    head = taught(episodes, camera.name, seed, progress)
+    return learnt_with(head, episodes, model, str(robot), camera, Path(folder))
+
+
+def learnt_with(
+    head: ObjectPoseHead, episodes: EpisodeSet, model: RobotModel, robot: str, camera: Camera, folder: Path
+) -> KeyPosePolicy:
+    """Key poses of episodes by a head that knows their objects, saved in a folder."""
+    arms, looker = Arms(model), Looker(head, tuple(episodes.objects), camera, {}, areas(episodes, camera.name))
     count = len(episodes.episodes)
     firsts = np.concatenate([episodes.frames(i, camera.name, 0, 1) for i in range(count)])
     outlines: list[tuple[int, dict[str, np.ndarray]]] = []
@@ -59,7 +66,7 @@ def train_key_poses(episodes: EpisodeSet, robot: str | Path, camera: Camera, fol
 
     looker.heights, skill = _heights(demonstrations, looker.things, arms)
     policy = KeyPosePolicy(skill, model, looker, episodes.hz, (camera.name,), episodes.frame_size(camera.name))
-    _save(policy, looker, str(robot), Path(folder))
+    _save(policy, looker, robot, folder)
     return policy
 
 
@@ -90,6 +97,7 @@ def _save(policy: KeyPosePolicy, looker: Looker, robot: str, folder: Path) -> No
     given = str(Path(robot).resolve()) if Path(robot).is_file() else robot
     config = {
         "type": KIND, "robot": given, "hz": policy.hz, "picture_size": list(policy.picture_size), "things": list(looker.things), "heights": looker.heights,
+        "areas": {name: list(area) for name, area in looker.areas.items()},
         "camera": asdict(looker.camera), "skill": policy.skill.as_dict(),
     }  # fmt: skip
     write_json(config, folder / CONFIG, PolicyError)
@@ -112,6 +120,7 @@ def load_key_poses(folder: str | Path) -> KeyPosePolicy:
         things = tuple(str(name) for name in data["things"])
         camera = Camera(**data["camera"])
         heights = {name: float(data["heights"][name]) for name in things}
+        where = {name: tuple(float(x) for x in data["areas"][name]) for name in things}
         robot, hz, skill = str(data["robot"]), float(data["hz"]), Skill.of(data["skill"])
         width, height = (int(x) for x in data["picture_size"])
         size = width, height
@@ -123,5 +132,5 @@ def load_key_poses(folder: str | Path) -> KeyPosePolicy:
         raise
     except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
         raise damaged from error
-    looker = Looker(head.eval(), things, camera, heights)
+    looker = Looker(head.eval(), things, camera, heights, where)  # pyright: ignore[reportArgumentType]
     return KeyPosePolicy(skill, RobotModel.load(robot), looker, hz, (camera.name,), size)

@@ -13,7 +13,7 @@ from embodiedreamer_gym.policies import load_policy
 from embodiedreamer_gym.policies.act import object_pose_head
 from embodiedreamer_gym.policies.key_pose import KeyPosePolicy, looking
 from embodiedreamer_gym.policies.key_pose.frames import folded
-from embodiedreamer_gym.policies.key_pose.looking import Looker, cropped, largest
+from embodiedreamer_gym.policies.key_pose.looking import Looker, areas, cropped, largest
 from embodiedreamer_gym.policies.key_pose.skill import Demonstration
 from embodiedreamer_gym.policies.key_pose.training import train_key_poses
 from embodiedreamer_gym.recordings.episodes import open_episodes, write_aloha_episode
@@ -111,9 +111,21 @@ def test_a_place_is_the_middle_of_the_outline() -> None:
 def test_gaps_are_bridged_and_specks_left_out() -> None:
     mask = np.zeros((96, 128), bool)
     mask[40:44, 20:60], mask[40:44, 35:38], mask[80:82, 100:103] = True, False, True
-    kept = largest(mask, 128)
+    kept = largest(0.9 * mask, 128)
     assert kept[41, 25] and kept[41, 55] and not kept[81, 101] and not kept[41, 36]
-    assert not largest(np.zeros((4, 4), bool), 4).any()
+    assert not largest(np.zeros((4, 4)), 4).any()
+
+
+def test_things_are_sought_where_demonstrations_had_them(folder: Path) -> None:
+    episodes = open_episodes(folder)
+    where = areas(episodes, "head")
+    for number, name in ((3, "bar"), (4, "plate")):
+        left, top, right, bottom = where[name]
+        for i in range(len(episodes.episodes)):
+            rows, columns = np.nonzero(episodes.masks(i, "head", 0, 1)[0] == number)
+            assert left < columns.min() / 128 and columns.max() / 128 < right
+            assert top < rows.min() / 96 and rows.max() / 96 < bottom
+    assert where["bar"][1] > 0.05  # not the whole picture
 
 
 def test_large_pictures_are_learnt_from_in_parts() -> None:
