@@ -3,7 +3,7 @@
 python -m benchmarks tracking [--seeds 5] [--first-seed 0] [--named] [--out FILE.json] [--add FILE.json ...]
 
 Each seed draws a stand-in arm (MuJoCo, six joints) with dry friction, a load at its tip, a delay of the commands and a limit of
-the drives' torque, beside errors of masses and gains. `diagnose` finds its effects from four logs of 4 s; --named: the
+the drives' torque, which suffices to carry the load, beside errors of masses and gains. `diagnose` finds its effects from four logs of 4 s; --named: the
 effects are named to `calibrate`, not their sizes. Then the arm is to follow motions that are not in the logs, at 50 commands per
 second, encoders with noise; once as it is and once with 0.3 kg more at its tip, of which the model does not know.
 The error is the root mean square of a joint's position minus the wanted one.
@@ -28,6 +28,7 @@ EFFECTS = ("coulomb_friction", "payload", "command_delay", "torque_saturation")
 LEARNT, HELD_OUT = ("multisine", "point_to_point"), ("teleoperation", "slow_ramps")
 FOLLOWED, SECONDS = ("teleoperation", "point_to_point"), 5.0
 REACH, SPEED = 0.6, 0.6
+SPARE = 1.2  # of the torque that holds the load in any pose, which the drives can give at least
 FREE, LOADED = "free motion", f"{LOAD} kg more"
 
 
@@ -49,6 +50,10 @@ class Arm:
         shown = [MOTIONS[kind](self.span, rng, 4.0) for kind in LEARNT]
         every = list(range(len(self.joints)))
         self.effects = {name: draw_values(name, nominal, shown, self.span, rng, 1.0, every, [0]) for name in EFFECTS}
+        poses = self.span.centre + self.span.reach * rng.uniform(-1, 1, (200, len(self.joints)))
+        needed = np.abs(self.robot(LOAD).gravity_torque(poses)).max(0) + self.effects["coulomb_friction"]["torque"]
+        limit = self.effects["torque_saturation"]["limit"]
+        self.effects["torque_saturation"]["limit"] = np.where(limit > 0, np.maximum(limit, SPARE * needed), 0.0)
 
     def robot(self, more: float = 0.0, timestep: float = 5e-4) -> Any:
         """The arm, with more mass at its tip."""

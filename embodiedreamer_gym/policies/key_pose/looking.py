@@ -19,7 +19,7 @@ from embodiedreamer_gym.recordings.episodes import EpisodeSet
 Array = np.ndarray
 Area = tuple[float, float, float, float]
 SURE = 0.5  # probability from which a pixel is a thing's
-BRIDGED = 9  # pixels of a gap within a thing, in a picture 256 wide: fingers and cables lie before it
+BRIDGED = 15  # pixels of a gap within a thing, in a picture 256 wide: where it is as bright as the table, or something lies before it
 FEWEST = 3  # pixels of a thing
 EVERY = 4  # steps of the demonstrations whose pictures teach the head
 WIDER = 0.05  # of a picture, by which things may lie outside of where demonstrations had them
