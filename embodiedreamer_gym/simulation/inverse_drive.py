@@ -114,9 +114,8 @@ class InverseDrive(Drive):
             before = self._pulled
 
             def given(x: Array, keep: bool = False) -> Array:
-                turned = (
-                    x - before if before is not None else np.zeros_like(x)
-                )  # the command moves as the motor and the error
+                turned = x - before if before is not None else np.zeros_like(x)
+                # the command moves as the motor and the error do
                 slope = np.divide(turned, stiffness * self.dt, out=np.zeros_like(x), where=stiffness > 0.0)
                 return self._asked.given(x, measured, motor, motor.velocity + slope, keep)
 
