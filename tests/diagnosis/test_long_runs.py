@@ -54,7 +54,7 @@ def test_a_cluster_gives_the_same_answer(question, answer) -> None:
     """Dask, its scheduler and workers on this machine."""
     distributed = pytest.importorskip("distributed")
     model, train, test, catalogue = question
-    options = {"n_workers": 2, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": False, "dashboard_address": ":0"}
     with distributed.Client(**options), parallel_config(backend="dask"):
         found = diagnose(model, train, test, catalogue, jobs=-1)
     assert without_cost(found) == without_cost(answer)

@@ -170,7 +170,7 @@ def test_other_backends_run_the_cases(backend: str, tmp_path: Path) -> None:
     path = tmp_path / "rows.jsonl"
     if backend == "dask":
         distributed = pytest.importorskip("distributed")
-        options = {"n_workers": 2, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+        options = {"n_workers": 2, "threads_per_worker": 1, "processes": False, "dashboard_address": ":0"}
         with distributed.Client(**options), parallel_config(backend="dask"):
             all_of(CASES, path, jobs=-1)
     else:

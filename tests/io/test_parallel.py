@@ -33,7 +33,7 @@ def test_no_more_processes_than_calls(jobs: int, used: int, monkeypatch: pytest.
 
 def test_a_cluster_gives_the_results_in_order() -> None:
     distributed = pytest.importorskip("distributed")
-    options = {"n_workers": 2, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": False, "dashboard_address": ":0"}
     with distributed.Client(**options), parallel_config(backend="dask"):
         assert many(fake_refit, CALLS, -1) == [divmod(*call) for call in CALLS]
 
