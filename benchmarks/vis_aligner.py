@@ -21,7 +21,7 @@ import torch
 from embodiedreamer_gym.cli.command import main as embodiedreamer
 from embodiedreamer_gym.io.video import save_picture
 from embodiedreamer_gym.vis_aligner import Aligner, Episode, load_aligner, load_bank, load_episodes, metrics
-from embodiedreamer_gym.vis_aligner.clip import Bench, Condition
+from embodiedreamer_gym.vis_aligner.clip import Bench
 from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, HeldOutResult, evaluate_aligner, tables
 
 CUP = "PutCupOnMat"
@@ -80,9 +80,8 @@ def report(title: str, episodes: Sequence[Episode], aligner: Aligner, bench: Ben
 def there_and_back(episode: Episode) -> Episode:
     """An episode, and then the same backwards: long enough to see what a closed loop comes to."""
     order = [*range(len(episode)), *range(len(episode) - 2, -1, -1)]
-    condition = Condition(*(None if x is None else x[order] for x in vars(episode.condition).values()))  # pyright: ignore[reportArgumentType]
     clean = None if episode.clean is None else episode.clean[order]
-    return replace(episode, frames=episode.frames[order], condition=condition, clean=clean)
+    return replace(episode, frames=episode.frames[order], condition=episode.condition.at(order), clean=clean)
 
 
 def drift(judged: Sequence[HeldOutResult]) -> None:

@@ -18,6 +18,7 @@ class Frame:
     parts: (H, W) uint8, number of the rigid part, from 1; 0 elsewhere.
     projections: (L, 3, 4) float32 of the L parts: (u, v, 1) depth = projection (x, y, z, 1), from m in the part's frame
     to pixels.
+    hulls: (L, P, 3) float32, points of each part's convex hull, m in its frame; all zero for a part without a shape.
     """
 
     rgb: np.ndarray
@@ -25,6 +26,7 @@ class Frame:
     segmentation: np.ndarray
     parts: np.ndarray
     projections: np.ndarray
+    hulls: np.ndarray
 
     def __repr__(self) -> str:
         return f"Frame({self.rgb.shape[1]} x {self.rgb.shape[0]})"
@@ -32,13 +34,13 @@ class Frame:
     def as_dict(self) -> dict[str, np.ndarray]:
         """The arrays by the names that files, `info["clip"]` and a `Condition` use."""
         return {"rgb": self.rgb, "classes": self.segmentation, "depth": self.depth, "parts": self.parts,
-                "projections": self.projections}  # fmt: skip
+                "projections": self.projections, "hulls": self.hulls}  # fmt: skip
 
 
 def stacked(frames: Sequence[Frame]) -> dict[str, np.ndarray]:
-    """Stack frames (at least one): arrays (T, ...) by the names of `Frame.as_dict`."""
+    """Stack frames (at least one) of one world: arrays (T, ...) by the names of `Frame.as_dict`, the hulls (L, P, 3) once."""
     rows = [frame.as_dict() for frame in frames]
-    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
+    return {key: one if key == "hulls" else np.stack([row[key] for row in rows]) for key, one in rows[0].items()}
 
 
 def projections(matrix: np.ndarray, camera_position: np.ndarray, camera_axes: np.ndarray,

@@ -16,7 +16,8 @@ from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.recordings.hdf5 import new_hdf5
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.vis_aligner.clip import ROBOT, Condition, Episode
+from embodiedreamer_gym.vis_aligner.clip import Episode
+from embodiedreamer_gym.vis_aligner.condition import ROBOT, Condition
 from embodiedreamer_gym.vis_aligner.masks import MaskSource, no_masks
 
 

@@ -140,9 +140,7 @@ def play(source: Source, size: tuple[int, int], camera: str = "head") -> Played:
         *_, info = film.step(source.actions[:-1])
         seen, error = conditions(info), float(np.abs(env.joint_positions() - source.states[-1]).max())
         success = bool(env.step(source.actions[-1])[4]["is_success"])
-        columns = zip(vars(begun).values(), vars(seen).values(), strict=True)
-        condition = Condition(*(np.concatenate([a, b]) for a, b in columns))
-        return Played(condition, env.segmentation_classes, success, error)
+        return Played(Condition.joined([begun, seen]), env.segmentation_classes, success, error)
     finally:
         env.close()
 

@@ -7,7 +7,8 @@ from embodiedreamer_gym.vis_aligner.aligner import Aligner, generate
 from embodiedreamer_gym.vis_aligner.bank import Bank, make_bank
 from embodiedreamer_gym.vis_aligner.bank_files import save_bank
 from embodiedreamer_gym.vis_aligner.checkpoint import load_aligner, load_bank
-from embodiedreamer_gym.vis_aligner.clip import Condition, Episode, References
+from embodiedreamer_gym.vis_aligner.clip import Episode, References
+from embodiedreamer_gym.vis_aligner.condition import Condition
 from embodiedreamer_gym.vis_aligner.episodes import load_episode, load_episodes
 
 __all__ = [

@@ -9,7 +9,8 @@ import numpy as np
 from torch import Generator, Tensor, nn
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.clip import Condition, References
+from embodiedreamer_gym.vis_aligner.clip import References
+from embodiedreamer_gym.vis_aligner.condition import Condition
 
 MOST_FRAMES = 1000  # of a chunk in a model file
 Made = Callable[[], list[np.ndarray]]  # frames (T, H, W, 3) uint8 of each clip, once they are wanted
@@ -59,7 +60,7 @@ def generate(
     """Frames (T, H, W, 3) of whole episodes chunk by chunk, the last frame the next reference; and the references after."""
     references, done = list(references), []
     for start in range(0, len(conditions[0]), aligner.chunk):
-        parts = [c.part(start, start + aligner.chunk) for c in conditions]
+        parts = [r.lit(c.part(start, start + aligner.chunk)) for r, c in zip(references, conditions, strict=True)]
         frames = aligner.render(references, parts)
         references = [r.after(f, c) for r, f, c in zip(references, frames, parts, strict=True)]
         done.append(frames)

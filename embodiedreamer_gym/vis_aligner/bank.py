@@ -12,7 +12,8 @@ import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.bench import make_bench
-from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, OBJECT, ROBOT, Bench, Condition, Episode
+from embodiedreamer_gym.vis_aligner.clip import Bench, Episode
+from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, OBJECT, ROBOT, Condition
 
 MARGIN = 0.06  # of the width: how far around an object its shadow is copied with it
 SLENDER = 1.5  # ratio of an outline's axes from which it is turned, not only stretched

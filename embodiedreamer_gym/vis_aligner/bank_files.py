@@ -14,8 +14,13 @@ import numpy as np
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.io.files import atomic_file, check_regular
 from embodiedreamer_gym.vis_aligner.bank import Array, Bank, Entry
-from embodiedreamer_gym.vis_aligner.clip import Bench, Condition, Gallery
+from embodiedreamer_gym.vis_aligner.clip import Bench, Gallery
+from embodiedreamer_gym.vis_aligner.condition import Condition
+from embodiedreamer_gym.vis_aligner.light import Light
+from embodiedreamer_gym.vis_aligner.shadows import Plane
 
+VERSION = 2  # of the files; since 2 a bench may have a light, and then its picture shows no shadow on the table
+MOST_LIGHTS = 1000
 MOST_BYTES = 1_500_000_000  # of a bank's arrays
 
 
@@ -25,7 +30,7 @@ def save_bank(bank: Bank, path: str | Path) -> None:
     Raises: VisionError where it cannot be written.
     """
     data: dict[str, Array] = {
-        "plate": bank.plate, "frames": np.stack([e.frame for e in bank.entries]),
+        "version": np.array(VERSION), "plate": bank.plate, "frames": np.stack([e.frame for e in bank.entries]),
         "classes": np.stack([e.classes for e in bank.entries]), "props": np.array(["\n".join(e.props) for e in bank.entries]),
     }  # fmt: skip
     if bank.bench is not None:
@@ -34,6 +39,9 @@ def save_bank(bank: Bank, path: str | Path) -> None:
             seen = vars(bank.bench.gallery.condition)
             data["gallery"] = bank.bench.gallery.frames
             data |= {f"gallery.{key}": array for key, array in seen.items() if array is not None}
+        if (light := bank.bench.light) is not None:
+            data |= {f"light.{key}": getattr(light, key) for key in ("positions", "strengths", "receivers", "matrix")}
+            data["light.plane"] = np.append(light.plane.normal, light.plane.offset)
     if all(e.joints is not None for e in bank.entries):
         data["joints"] = np.stack([np.asarray(e.joints) for e in bank.entries])
     for name in sorted({n for e in bank.entries for n in (e.poses or {})}):
@@ -50,6 +58,8 @@ def load_bank(path: str | Path) -> Bank:
     """
     try:
         arrays = _arrays(path)
+        if int(version := arrays.get("version", np.array(1))) > VERSION:
+            raise ValueError(f"it is of version {int(version)}, and this package reads versions up to {VERSION}")
         frames, plate = arrays["frames"], arrays["plate"]
         if frames.ndim != 4 or plate.shape != frames.shape[1:] or {frames.dtype, plate.dtype} != {np.dtype(np.uint8)}:
             raise ValueError("its photos are not (N, H, W, 3) uint8 beside a plate of their size")
@@ -96,4 +106,20 @@ def _bench(arrays: Mapping[str, Array]) -> Bench | None:
         raise ValueError("the bench's picture has another size than the plate")
     seen = {key.removeprefix("gallery."): data for key, data in arrays.items() if key.startswith("gallery.")}
     gallery = Gallery(arrays["gallery"], Condition(**seen)) if "gallery" in arrays else None
-    return Bench(arrays["bench"], arrays["bench.seen"].astype(bool), gallery)
+    return Bench(arrays["bench"], arrays["bench.seen"].astype(bool), gallery, _light(arrays))
+
+
+def _light(arrays: Mapping[str, Array]) -> Light | None:
+    """The light of a file's bench; None in files without."""
+    if "light.positions" not in arrays:
+        return None
+    positions, strengths, matrix, plane = (
+        arrays[f"light.{key}"].astype(float) for key in ("positions", "strengths", "matrix", "plane")
+    )
+    if len(positions) > MOST_LIGHTS or plane.shape != (4,):
+        raise ValueError(
+            f"its light has {len(positions)} points and a plane {plane.shape}, not up to {MOST_LIGHTS} and (4,)"
+        )
+    return Light(
+        positions, strengths, Plane(plane[:3], float(plane[3])), arrays["light.receivers"].astype(bool), matrix
+    )

@@ -10,8 +10,11 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Bench, Condition, Episode, Gallery, facings
+from embodiedreamer_gym.vis_aligner.clip import Bench, Episode, Gallery
+from embodiedreamer_gym.vis_aligner.condition import OBJECT, ROBOT, Condition, facings
 from embodiedreamer_gym.vis_aligner.farthest_points import spread
+from embodiedreamer_gym.vis_aligner.light import Light, unshaded
+from embodiedreamer_gym.vis_aligner.light_fit import fit_light
 
 PICTURES = 240  # of which a pixel's median is taken; more do not change it
 EDGE = 1.0 / 128  # of the width: how near to a thing a pixel may be partly that thing
@@ -22,29 +25,42 @@ def make_bench(episodes: Sequence[Episode]) -> Bench:
     """The background and gallery of episodes before one bench.
 
     Each pixel of the picture is the median over those in which neither robot nor object is there: the median, because
-    shadows pass over every place now and then. The gallery, where the robot's parts are known, has poses that differ.
+    shadows pass over every place now and then; where the light is found, of the table without shadows. The gallery, where the robot's parts are known, has poses that differ.
     Raises: VisionError without an episode, or where sizes differ.
     """
     if len({e.condition.size for e in episodes}) != 1:
         raise VisionError("a bench is known from at least one episode, and from episodes of one size.")
-    return Bench(*_behind(episodes), make_gallery(episodes))
+    frames, views, links = _photos(episodes)
+    light = fit_light(frames, views)
+    return Bench(*_behind(episodes, light), _gallery(frames, views, links), light)
 
 
-def _behind(episodes: Sequence[Episode]) -> tuple[np.ndarray, np.ndarray]:
-    """Picture (H, W, 3) of what is behind robot and objects, and where (H, W) that was ever seen."""
-    frames = np.concatenate([e.frames for e in episodes])
+def _behind(episodes: Sequence[Episode], light: Light | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Picture (H, W, 3) of what is behind robot and objects, in no shadow where the light is known, and where (H, W) that was
+    ever seen.
+    """
+    where = [(e, at) for e in episodes for at in range(len(e))]
     free = np.concatenate([_free(e) for e in episodes])
-    some = np.unique(np.linspace(0, len(frames) - 1, PICTURES).round().astype(int))
-    picture = np.zeros(frames.shape[1:], np.uint8)
+    some = np.unique(np.linspace(0, len(where) - 1, PICTURES).round().astype(int))
+    rare = free.any(axis=0) & ~free[some].any(axis=0)  # only in pictures that were left out
+    first = free.argmax(axis=0)
+    frames = {k: _unshaded(where[k][0], where[k][1], light) for k in {*some.tolist(), *first[rare].tolist()}}
+    picture = np.zeros(frames[0].shape, np.uint8)
+    taken = np.stack([frames[k] for k in some])
     for row in range(len(picture)):
-        pixels, background = frames[some, row].astype(np.float32), free[some, row]
+        pixels, background = taken[:, row].astype(np.float32), free[some, row]
         pixels[~background] = np.nan
         covered = background.any(axis=0)
         picture[row, covered] = np.nanmedian(pixels[:, covered], axis=0).round().astype(np.uint8)
-    rare = free.any(axis=0) & ~free[some].any(axis=0)  # only in pictures that were left out
-    rows, columns = np.nonzero(rare)
-    picture[rare] = frames[free.argmax(axis=0)[rare], rows, columns]
+    for row, column in np.argwhere(rare):
+        picture[row, column] = frames[first[row, column]][row, column]
     return picture, np.asarray(free.any(axis=0))
+
+
+def _unshaded(episode: Episode, at: int, light: Light | None) -> np.ndarray:
+    """A frame (H, W, 3) with the shadows on the table removed, where the light is known."""
+    view = episode.condition.part(at, at + 1)
+    return unshaded(episode.frames[at], view if light is None else light.on(view))
 
 
 def make_gallery(episodes: Sequence[Episode], photos: int = PHOTOS) -> Gallery | None:
@@ -52,17 +68,28 @@ def make_gallery(episodes: Sequence[Episode], photos: int = PHOTOS) -> Gallery |
 
     Objects are left out: their numbers mean other things in other tasks.
     """
+    return _gallery(*_photos(episodes, photos))
+
+
+def _photos(episodes: Sequence[Episode], photos: int = PHOTOS) -> tuple[list[np.ndarray], list[Condition], int]:
+    """Photos (H, W, 3) that show the robot's parts from sides that differ most, the simulator's views, and the robot's links."""
     with_parts = [e for e in episodes if e.condition.parts is not None and (e.condition.classes == ROBOT).any()]
     if not with_parts:
-        return None
+        return [], [], 0
     links = max(int(np.max(e.condition.parts[e.condition.classes == ROBOT])) for e in with_parts)  # pyright: ignore[reportOptionalSubscript]
     where = [(e, at) for e in with_parts for at in range(len(e))]
     facing = np.concatenate([facings(e.condition)[:, :links] for e in with_parts])
     taken = [where[k] for k in spread(facing, photos, np.ones(len(where)))]
-    views = [e.condition.part(at, at + 1).without_parts(OBJECT) for e, at in taken]
+    return [e.frames[at] for e, at in taken], [e.condition.part(at, at + 1) for e, at in taken], links
+
+
+def _gallery(frames: Sequence[np.ndarray], views: Sequence[Condition], links: int) -> Gallery | None:
+    """Photos as a gallery of the robot's links."""
+    if not frames:
+        return None
+    views = [replace(view.without_parts(OBJECT), hulls=None) for view in views]
     views = [replace(view, projections=view.projections[:, :links]) for view in views]  # pyright: ignore[reportOptionalSubscript]
-    columns = zip(*(vars(view).values() for view in views), strict=True)
-    return Gallery(np.stack([e.frames[at] for e, at in taken]), Condition(*map(np.concatenate, columns)))
+    return Gallery(np.stack(frames), Condition.joined(views))
 
 
 def with_benches(episodes: Sequence[Episode]) -> list[Episode]:

@@ -1,4 +1,4 @@
-"""What the models see and make: conditions, references and episodes, as arrays."""
+"""What the models see and make: references and episodes, as arrays."""
 
 from __future__ import annotations
 
@@ -11,82 +11,8 @@ import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
-
-TABLE, ROBOT, OBJECT, GOAL = 1, 2, 3, 4  # classes; 0 is the background, further props count as goals
-CLASS_NAMES = ("background", "table", "robot", "object", "goal")
-Array = np.ndarray
-Window = tuple[slice, slice]  # rows and columns of a picture
-
-
-@dataclass(frozen=True, eq=False)
-class Condition:
-    """What the simulator shows of T frames.
-
-    rgb (T, H, W, 3) uint8; classes (T, H, W) uint8: 0 background, 1 table, 2 robot, 3 object, 4 goal; depth (T, H, W)
-    float32, m, or None. Where an object is, a network is not shown rgb and depth: of real clips only its mask is known.
-    parts (T, H, W) uint8: which rigid part is seen, from 1, 0 where none is or it is not known; projections (T, L, 3, 4) of
-    the L parts: (u, v, 1) depth = projection (x, y, z, 1), m to pixels; both or none, and only with depth.
-    Raises: VisionError where shapes or types differ.
-    """
-
-    rgb: Array
-    classes: Array
-    depth: Array | None = None
-    parts: Array | None = None
-    projections: Array | None = None
-
-    def __post_init__(self) -> None:
-        if self.rgb.ndim != 4 or self.rgb.shape[3] != 3 or self.rgb.dtype != np.uint8:
-            raise VisionError(f"simulated frames must be (T, H, W, 3) uint8, not {self.rgb.shape} {self.rgb.dtype}.")
-        for name, array in (("classes", self.classes), ("depth", self.depth), ("parts", self.parts)):
-            if array is not None and array.shape != self.rgb.shape[:3]:
-                raise VisionError(f"{name} must be {self.rgb.shape[:3]} as the simulated frames, not {array.shape}.")
-
-        if (self.parts is None) != (self.projections is None) or (self.parts is not None and self.depth is None):
-            raise VisionError("rigid parts need their projections and depth; give all three, or depth alone, or none.")
-        if self.projections is not None and (
-            self.projections.shape[2:] != (3, 4) or len(self.projections) != len(self.rgb)
-        ):
-            raise VisionError(f"projections must be ({len(self.rgb)}, L, 3, 4), not {self.projections.shape}.")
-
-    def __len__(self) -> int:
-        return len(self.rgb)
-
-    def __repr__(self) -> str:
-        return f"Condition({len(self)} frames of {self.size[0]} x {self.size[1]})"
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height."""
-        return self.rgb.shape[2], self.rgb.shape[1]
-
-    def part(self, start: int, end: int) -> Condition:
-        """Frames start .. end - 1."""
-        return self._cut(slice(start, end), (slice(None), slice(None)), self.projections)
-
-    def crop(self, window: Window) -> Condition:
-        """The part of all frames in a window."""
-        corner = np.array([[1, 0, -(window[1].start or 0)], [0, 1, -(window[0].start or 0)], [0, 0, 1]], np.float32)
-        return self._cut(slice(None), window, None if self.projections is None else corner @ self.projections)
-
-    def _cut(self, times: slice, window: Window, projections: Array | None) -> Condition:
-        where = (times, *window)
-        return Condition(
-            self.rgb[where], self.classes[where], None if self.depth is None else self.depth[where],
-            None if self.parts is None else self.parts[where], None if projections is None else projections[times],
-        )  # fmt: skip
-
-    def without_parts(self, smallest: int = 0) -> Condition:
-        """The condition with nothing known of the rigid parts of this class and those above it."""
-        if self.parts is None or smallest == 0:
-            return replace(self, parts=None, projections=None)
-        return replace(self, parts=np.where(self.classes >= smallest, 0, self.parts))
-
-
-def facings(condition: Condition) -> Array:
-    """The camera's axis (T, L, 3) in the frame of each part: which side of it is seen."""
-    axes = np.asarray(condition.projections, np.float32)[:, :, 2, :3]
-    return axes / np.linalg.norm(axes, axis=2, keepdims=True)
+from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, ROBOT, Array, Condition, Window, facings
+from embodiedreamer_gym.vis_aligner.light import Light, relit, unshaded
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +52,7 @@ class Bench:
     """What is known of a bench before an episode begins.
 
     picture (H, W, 3) uint8: what is behind robot and objects; seen (H, W) bool: where that is known; gallery: photos of the
-    robot in other poses.
+    robot in other poses; light: where it comes from, and then the picture shows no shadow on the table.
 
     Raises: VisionError where the sizes differ.
     """
@@ -134,8 +60,13 @@ class Bench:
     picture: Array
     seen: Array
     gallery: Gallery | None = None
+    light: Light | None = None
 
     def __post_init__(self) -> None:
+        if self.light is not None and self.light.receivers.shape != self.seen.shape:
+            raise VisionError(
+                f"a bench of {self.seen.shape} needs light of that size, not {self.light.receivers.shape}."
+            )
         if self.picture.dtype != np.uint8 or self.picture.shape != (*self.seen.shape, 3):
             raise VisionError(
                 f"a bench's picture must be (H, W, 3) uint8 with (H, W) of where it is known, not {self.picture.shape} "
@@ -151,6 +82,10 @@ class Bench:
             raise VisionError(f"the bench's picture is {self.seen.shape}, the frames {seen.shape}; they must agree.")
         return np.where(self.seen[..., None], self.picture, plate), self.seen | seen
 
+    def lit(self, condition: Condition) -> Condition:
+        """A condition with its shade, where the light is known."""
+        return condition if self.light is None else self.light.on(condition)
+
 
 @dataclass(frozen=True, eq=False)
 class References:
@@ -158,7 +93,8 @@ class References:
 
     last, anchor (H, W, 3) uint8; last_condition, anchor_condition: the simulator's view at those instants (T = 1); plate
     (H, W, 3) uint8: the newest picture of table and background, where they were ever seen; seen (H, W) bool: where;
-    gallery: true pictures of the robot in other poses.
+    gallery: true pictures of the robot in other poses; light: of the bench, and then the plate shows no shadow on the table,
+    and the views have their shade.
     The anchor is the true first frame and is never replaced.
     """
 
@@ -169,6 +105,7 @@ class References:
     plate: Array
     seen: Array
     gallery: Gallery | None = None
+    light: Light | None = None
 
     @staticmethod
     def start(frame: Array, condition: Condition, bench: Bench | None = None) -> References:
@@ -184,25 +121,27 @@ class References:
             )
         free = condition.classes[-1] < ROBOT
         first = condition.part(len(condition) - 1, len(condition))
-        plate = np.where(free[..., None], frame, 0).astype(np.uint8)
-        if bench is not None:
-            plate, free = bench.over(plate, free)
-        return References(frame, first, frame, first, plate, free, None if bench is None else bench.gallery)
+        if bench is None:
+            return References(frame, first, frame, first, np.where(free[..., None], frame, 0).astype(np.uint8), free)
+        first = bench.lit(first)
+        plate = np.where(free[..., None], unshaded(frame, first), 0).astype(np.uint8)
+        plate, seen = bench.over(plate, free)
+        return References(frame, first, frame, first, plate, seen, bench.gallery, bench.light)
+
+    def lit(self, condition: Condition) -> Condition:
+        """A condition with its shade, where the light is known."""
+        return condition if self.light is None else self.light.on(condition)
 
     def after(self, frames: Array, condition: Condition) -> References:
         """References once frames (T, H, W, 3) have been shown: what they uncovered is kept, what was seen is not redrawn."""
         plate, seen = self.plate, self.seen
-        for frame, classes in zip(frames, condition.classes, strict=True):
+        for number, (frame, classes) in enumerate(zip(frames, condition.classes, strict=True)):
             new = ~seen & (classes < ROBOT)
             if new.any():
-                plate, seen = np.where(new[..., None], frame, plate), seen | new
-        return replace(
-            self,
-            last=frames[-1],
-            last_condition=condition.part(len(condition) - 1, len(condition)),
-            plate=plate,
-            seen=seen,
-        )
+                shown = unshaded(frame, self.lit(condition.part(number, number + 1)))
+                plate, seen = np.where(new[..., None], shown, plate), seen | new
+        last = self.lit(condition.part(len(condition) - 1, len(condition)))
+        return replace(self, last=frames[-1], last_condition=last, plate=plate, seen=seen)
 
     def viewed(self, change: Callable[[Condition], Condition]) -> References:
         """The references with the simulator's views changed."""
@@ -213,7 +152,7 @@ class References:
         """The part of everything in a window."""
         pictures = (self.last[window], self.last_condition.crop(window), self.anchor[window])
         anchored = self.anchor_condition.crop(window)
-        return References(*pictures, anchored, self.plate[window], self.seen[window], self.gallery)
+        return References(*pictures, anchored, self.plate[window], self.seen[window], self.gallery, self.light)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -264,16 +203,26 @@ class Episode:
         free = self.condition.classes < ROBOT
         return np.where(free.any(axis=0), free.argmax(axis=0), len(self))
 
+    def lit(self, bench: Bench | None) -> Episode:
+        """The episode with the shade of all its frames in the light of a bench; itself where that is not known."""
+        condition = self.condition if bench is None else bench.lit(self.condition)
+        return self if condition is self.condition else replace(self, condition=condition)
+
     def references(self, at: int, bench: Bench | None = None) -> References:
         """References of a chunk that follows frame `at`, as if all frames up to there had been shown; bench: what is
-        known of it beforehand.
+        known of it beforehand. With its light it takes long, unless the episode is `lit`.
         """
+        if (lit := self.lit(bench)) is not self:
+            return lit.references(at, bench)
         seen = self.first_seen <= at
         rows, columns = np.indices(seen.shape)
-        plate = self.frames[np.minimum(self.first_seen, len(self) - 1), rows, columns]
+        first = np.minimum(self.first_seen, len(self) - 1)
+        plate = self.frames[first, rows, columns]
+        if self.condition.shade is not None:
+            plate = relit(plate, self.condition.shade[first, rows, columns], 1.0)
         plate = np.where(seen[..., None], plate, 0).astype(np.uint8)
         if bench is not None:
             plate, seen = bench.over(plate, seen)
         part = self.condition.part
-        gallery = None if bench is None else bench.gallery
-        return References(self.frames[at], part(at, at + 1), self.frames[0], part(0, 1), plate, seen, gallery)
+        known = (None, None) if bench is None else (bench.gallery, bench.light)
+        return References(self.frames[at], part(at, at + 1), self.frames[0], part(0, 1), plate, seen, *known)

@@ -11,7 +11,8 @@ import numpy as np
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.recordings.frames import MAX_EDGE
 from embodiedreamer_gym.recordings.hdf5 import POSITION, open_hdf5
-from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, Condition, Episode
+from embodiedreamer_gym.vis_aligner.clip import Episode
+from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, Condition
 
 ADVICE = "film or copy it again"
 
@@ -19,7 +20,7 @@ ADVICE = "film or copy it again"
 def load_episode(path: str | Path, camera: str = "head") -> Episode:
     """An episode of an HDF5 file as `standin film` and `vis prepare` write it.
 
-    `/observations/images/<camera>` are the real frames, `/observations/sim/<camera>/rgb|classes|depth|parts|projections` the
+    `/observations/images/<camera>` are the real frames, `/observations/sim/<camera>/rgb|classes|depth|parts|projections|hulls` the
     simulator's (all after classes optional);
     of a real clip, `/observations/masks/<camera>` are the objects' masks, which count instead of the simulator's.
     Raises: VisionError where something is missing or does not fit.
@@ -38,17 +39,20 @@ def load_episode(path: str | Path, camera: str = "head") -> Episode:
                 raise VisionError(f"/{key} has shape {file.dataset(key).shape}, the images {shape}; they must agree.")
         rgb, classes, frames = (file.read(key) for key in (f"{simulated}/rgb", f"{simulated}/classes", images))
         optional = (
-            *(f"{simulated}/{name}" for name in ("depth", "parts", "projections")),
+            *(f"{simulated}/{name}" for name in ("depth", "parts", "projections", "hulls")),
             f"observations/clean/{camera}",
         )
-        depth, parts, projections, clean = (file.read(key) if key in file else None for key in optional)
+        depth, parts, projections, hulls, clean = (file.read(key) if key in file else None for key in optional)
         depth = None if depth is None else depth.astype(np.float32)
         if classes.dtype != np.uint8 or (parts is not None and parts.dtype != np.uint8):
             raise VisionError("classes and parts must be uint8.")
+        if hulls is not None and not np.isfinite(hulls).all():
+            raise VisionError("hulls must be finite numbers, m.")
         filmed = file.json("look", {})  # the attribute that `standin film` writes
         names = file.strings("class_names") or CLASS_NAMES
         appearance = str(filmed.get("name", "")) if isinstance(filmed, dict) else ""
-        return Episode(path.stem, frames, Condition(rgb, classes, depth, parts, projections), clean, names, appearance)
+        condition = Condition(rgb, classes, depth, parts, projections, hulls)
+        return Episode(path.stem, frames, condition, clean, names, appearance)
 
 
 def load_episodes(patterns: Sequence[str | Path], camera: str = "head") -> list[Episode]:

@@ -41,6 +41,7 @@ def evaluate_aligner(
     if most < 1:
         raise VisionError(f"{episode.name} has {len(episode)} frames; a reference and one chunk are {k + 1}.")
     count = k * (most if chunks is None else min(chunks, most))
+    episode = episode.lit(bench)
     part = episode.condition.part
     after = [aligner.render([episode.references(s, bench)], [part(s + 1, s + 1 + k)])[0] for s in range(0, count, k)]
     closed, _ = generate(aligner, [episode.references(0, bench)], [part(1, count + 1)])

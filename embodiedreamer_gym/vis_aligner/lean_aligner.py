@@ -11,9 +11,11 @@ import torch.nn.functional as F
 from torch import Generator, Tensor
 
 from embodiedreamer_gym.vis_aligner.aligner import Made, check_batch
-from embodiedreamer_gym.vis_aligner.clip import ROBOT, Condition, References, Window
+from embodiedreamer_gym.vis_aligner.clip import References
+from embodiedreamer_gym.vis_aligner.condition import ROBOT, WHOLE, Condition, Window
 from embodiedreamer_gym.vis_aligner.diffusion import add_noise, draw_times, sample
 from embodiedreamer_gym.vis_aligner.lean import Lean
+from embodiedreamer_gym.vis_aligner.light import carried_light
 from embodiedreamer_gym.vis_aligner.motion_window import windows
 from embodiedreamer_gym.vis_aligner.network_inputs import (
     allowed,
@@ -26,7 +28,6 @@ from embodiedreamer_gym.vis_aligner.network_inputs import (
 
 THINGS = 4.0  # weight of a pixel of robot or object, beside 1
 EDGES = 0.5  # weight of the pictures' gradients
-WHOLE = (slice(None), slice(None))
 ROUND = 0.01  # below which an error counts squared (of 2 from black to white)
 
 
@@ -80,9 +81,10 @@ class LeanAligner:
     def _allowed(
         self, references: Sequence[References], conditions: Sequence[Condition]
     ) -> tuple[list[References], list[Condition]]:
-        """What the network's inputs let it see."""
+        """What the network's inputs let it see, with the shadows of every instant where the light is known."""
         see = partial(allowed, inputs=self.inputs)
-        return [r.viewed(see) for r in references], [see(c) for c in conditions]
+        lit = [r.lit(c) for r, c in zip(references, conditions, strict=True)]
+        return [r.viewed(see) for r in references], [see(c) for c in lit]
 
     def _stack(
         self, references: Sequence[References], conditions: Sequence[Condition], places: Sequence[Window]
@@ -99,8 +101,8 @@ class LeanAligner:
 
 
 def _lasting(references: Sequence[References], conditions: Sequence[Condition]) -> list[np.ndarray]:
-    """The last frame of each, as often as its clip is long: beyond the windows nothing happens."""
-    return [np.repeat(r.last[None], len(c), axis=0) for r, c in zip(references, conditions, strict=True)]
+    """The last frame of each, as often as its clip is long: beyond the windows nothing happens, but shadows move."""
+    return [carried_light(r.last, r.last_condition, c) for r, c in zip(references, conditions, strict=True)]
 
 
 def _pasted(whole: list[np.ndarray], clips: Tensor, places: Sequence[Window]) -> list[np.ndarray]:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.clip import OBJECT
+from embodiedreamer_gym.vis_aligner.condition import OBJECT
 
 LARGEST = 9  # class number of a mask
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from embodiedreamer_gym.vis_aligner.clip import Condition, References, Window
+from embodiedreamer_gym.vis_aligner.clip import References
+from embodiedreamer_gym.vis_aligner.condition import Condition, Window
 from embodiedreamer_gym.vis_aligner.reprojection import Change
 
 MARGIN = 0.12  # of the picture's width around what moves, for its shadow

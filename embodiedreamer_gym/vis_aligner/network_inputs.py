@@ -13,7 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, TABLE, Condition, References
+from embodiedreamer_gym.vis_aligner.clip import References
+from embodiedreamer_gym.vis_aligner.condition import OBJECT, ROBOT, TABLE, Condition
+from embodiedreamer_gym.vis_aligner.light import carried_light, relit
 from embodiedreamer_gym.vis_aligner.reprojection import Change, reproject_gallery
 
 NEAR, REACH = 1.0, 0.5  # m; a depth of NEAR +- REACH is -1 .. 1
@@ -138,12 +140,13 @@ def reprojected_pixels(references: References, condition: Condition, inputs: Inp
     where it has moved to, from the last frame, else from the anchor, else from the gallery. sources are plate, anchor and
     gallery, as far as each goes, so that a copy of a copy never has to be made; elsewhere still.
     """
-    before, count = references.last_condition, len(condition)
+    before = references.last_condition
     thing = condition.classes >= ROBOT
-    still = np.repeat(references.last[None], count, axis=0)
+    still = carried_light(references.last, before, condition)
+    plate = references.plate if condition.shade is None else relit(references.plate, 1.0, condition.shade)
     if inputs.plate:
         left = references.seen & _left(before.classes[0] >= ROBOT, thing)
-        _put(still, references.plate, left)
+        _put(still, plate, left)
     since = Change(before, condition)
     colours, valid = since.reproject(references.last)
     _put(still, colours, valid)
@@ -153,7 +156,7 @@ def reprojected_pixels(references: References, condition: Condition, inputs: Inp
         since = Change(references.anchor_condition, condition)
         colours, valid = since.reproject(references.anchor)
         same = ~since.differs
-        _put(colours, references.anchor, same)
+        _put(colours, carried_light(references.anchor, references.anchor_condition, condition), same)
         others.append((colours, valid | same))
     if inputs.gallery:
         others.append(reproject_gallery(references.gallery, condition))
@@ -161,7 +164,7 @@ def reprojected_pixels(references: References, condition: Condition, inputs: Inp
         _put(still, colours, stale & valid)
         stale &= ~valid
     if inputs.plate:
-        others.insert(0, (references.plate, references.seen & ~thing))
+        others.insert(0, (plate, references.seen & ~thing))
     sources = [still.copy() for _ in others]
     for one, (colours, valid) in zip(sources, others, strict=True):
         _put(one, colours, valid)

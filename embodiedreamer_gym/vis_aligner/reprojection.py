@@ -8,7 +8,8 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from embodiedreamer_gym.vis_aligner.clip import Condition, Gallery, facings
+from embodiedreamer_gym.vis_aligner.clip import Gallery
+from embodiedreamer_gym.vis_aligner.condition import Condition, facings
 
 LEVELS = 2  # of 255, up to which a simulated colour counts as the same
 STILL = 0.05  # pixels by which a part may move and still count as standing

@@ -20,7 +20,8 @@ from torch import Generator, Tensor
 from embodiedreamer_gym.errors import MissingExtraError, VisionError
 from embodiedreamer_gym.io.files import read_json, write_json
 from embodiedreamer_gym.vis_aligner.aligner import MOST_FRAMES, Made, check_batch
-from embodiedreamer_gym.vis_aligner.clip import OBJECT, Condition, References
+from embodiedreamer_gym.vis_aligner.clip import References
+from embodiedreamer_gym.vis_aligner.condition import OBJECT, Condition
 from embodiedreamer_gym.vis_aligner.diffusion import add_noise, draw_times, sample
 from embodiedreamer_gym.vis_aligner.network_inputs import to_frames, to_tensor
 

@@ -17,7 +17,8 @@ from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.learning.training import CHECKPOINT, Training, TrainingSettings, train_in_folder
 from embodiedreamer_gym.vis_aligner.aligner import Trainable
 from embodiedreamer_gym.vis_aligner.bench import with_benches
-from embodiedreamer_gym.vis_aligner.clip import OBJECT, Condition, Episode, References
+from embodiedreamer_gym.vis_aligner.clip import Episode, References
+from embodiedreamer_gym.vis_aligner.condition import OBJECT, Condition
 
 RENAMED = {"rate": "learning_rate", "told": "bench_share", "own": "own_reference_share"}  # settings of version 0.1
 

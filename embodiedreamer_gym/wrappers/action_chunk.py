@@ -28,8 +28,8 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
     info["successes"]: (k,) whether the task was done after each action.
     info["steps"]: how many actions were played, less than k where the episode was cut, 0 after a reset.
     info["clip"]: with a camera, what it saw after every n-th action and the last, F = ceil(k / every) times, padded with
-    the last: rgb (F, H, W, 3) uint8, depth (F, H, W) m, classes (F, H, W), parts (F, H, W), projections (F, L, 3, 4), see
-    `Frame`.
+    the last: rgb (F, H, W, 3) uint8, depth (F, H, W) m, classes (F, H, W), parts (F, H, W), projections (F, L, 3, 4), hulls
+    (L, P, 3), see `Frame`.
     info["filmed"]: how many of the F frames are new, 0 after a reset.
 
     k: actions of a chunk.

@@ -50,8 +50,10 @@ class _Frames:
                 frames[i][:] = self.last(i)
         for start in range(0, int(max(counts, default=0)), self.aligner.chunk):
             going = [i for i, count in enumerate(counts) if count > start]
-            parts = [views[i].part(start, start + self.aligner.chunk) for i in going]
             references = [self._reference(i) for i in going]
+            parts = [
+                r.lit(views[i].part(start, start + self.aligner.chunk)) for i, r in zip(going, references, strict=True)
+            ]
             clips = self.aligner.render(references, parts)
             for i, reference, part, clip in zip(going, references, parts, clips, strict=True):
                 count = min(int(counts[i]) - start, len(part))

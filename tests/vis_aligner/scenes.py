@@ -5,7 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from embodiedreamer_gym.vis_aligner.clip import Condition, Episode
+from embodiedreamer_gym.vis_aligner.clip import Episode
+from embodiedreamer_gym.vis_aligner.condition import Condition
 
 WIDTH, HEIGHT = 64, 48
 NAMES = ("background", "table", "robot", "cup", "mat")

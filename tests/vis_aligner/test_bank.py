@@ -13,6 +13,7 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.bank import UNNAMED, Bank, Entry, make_bank
 from embodiedreamer_gym.vis_aligner.bank_files import load_bank, save_bank
 from embodiedreamer_gym.vis_aligner.clip import Episode
+from tests.vis_aligner.lamps import lamps
 from tests.vis_aligner.scenes import episode, texture
 from tests.vis_aligner.test_reprojection import board
 
@@ -117,3 +118,53 @@ def test_files_that_are_no_bank_are_refused(bank: Bank, tmp_path, damage: str) -
         np.savez(path, **arrays)
     with pytest.raises(VisionError, match="no reference bank"):
         load_bank(path)
+
+
+@pytest.fixture
+def lit_bank(bank: Bank) -> Bank:
+    """A bank whose bench has a light."""
+    light = replace(lamps(), receivers=np.ones(bank.plate.shape[:2], bool))
+    assert bank.bench is not None
+    return replace(bank, bench=replace(bank.bench, light=light))
+
+
+def test_a_light_survives_its_file(lit_bank: Bank, tmp_path) -> None:
+    """And a file of an earlier version, which has none, loads as before."""
+    save_bank(lit_bank, tmp_path / "bank.npz")
+    found, light = load_bank(tmp_path / "bank.npz").bench, lit_bank.bench.light
+    assert found is not None and found.light is not None and light is not None
+    for key in ("positions", "strengths", "receivers", "matrix"):
+        assert np.array_equal(getattr(found.light, key), getattr(light, key)), key
+    assert np.allclose(found.light.plane.normal, light.plane.normal) and found.light.plane.offset == light.plane.offset
+    rewrite(
+        tmp_path / "bank.npz", lambda arrays: {k: v for k, v in arrays.items() if "light" not in k and k != "version"}
+    )
+    again = load_bank(tmp_path / "bank.npz").bench
+    assert again is not None and again.light is None
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"version": np.array(99)}, "version 99"),
+        ({"light.plane": np.zeros(3)}, "plane"),
+        ({"light.strengths": np.array([-1.0, 1.0])}, "negative"),
+        ({"light.positions": np.full((2, 3), np.nan)}, "finite"),
+        ({"light.positions": np.zeros((5000, 3))}, "5000 points"),
+        ({"light.receivers": np.ones((3, 3), bool)}, "light of that size"),
+        ({"light.matrix": np.array(["a"])}, "no reference bank"),
+    ],
+)
+def test_a_light_that_cannot_be_is_refused(lit_bank: Bank, tmp_path, change, sentence: str) -> None:
+    save_bank(lit_bank, tmp_path / "bank.npz")
+    rewrite(tmp_path / "bank.npz", lambda arrays: arrays | change)
+    with pytest.raises(VisionError, match=sentence) as error:
+        load_bank(tmp_path / "bank.npz")
+    assert "\n" not in str(error.value)
+
+
+def rewrite(path, change) -> None:
+    """Change the arrays of a file."""
+    with np.load(path) as data:
+        arrays = {key: data[key] for key in data.files}
+    np.savez_compressed(path, **change(arrays))

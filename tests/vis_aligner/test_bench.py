@@ -9,7 +9,8 @@ import pytest
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.bench import PICTURES, make_bench, make_gallery, with_benches
-from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, Episode, facings
+from embodiedreamer_gym.vis_aligner.clip import Episode
+from embodiedreamer_gym.vis_aligner.condition import OBJECT, ROBOT, Condition, facings
 from tests.vis_aligner.scenes import episode, texture
 from tests.vis_aligner.test_reprojection import board
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.clip import ROBOT, Bench, Condition, Episode, References
+from embodiedreamer_gym.vis_aligner.clip import Bench, Episode, References
+from embodiedreamer_gym.vis_aligner.condition import ROBOT, Condition
 from tests.vis_aligner.scenes import episode
 
 

@@ -10,7 +10,7 @@ import torch
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.aligner import generate
-from embodiedreamer_gym.vis_aligner.clip import Condition
+from embodiedreamer_gym.vis_aligner.condition import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
 from embodiedreamer_gym.vis_aligner.motion_window import moving, windows

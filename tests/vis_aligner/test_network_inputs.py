@@ -9,7 +9,7 @@ import pytest
 import torch
 from scipy.ndimage import binary_dilation
 
-from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition
+from embodiedreamer_gym.vis_aligner.condition import OBJECT, ROBOT, Condition
 from embodiedreamer_gym.vis_aligner.network_inputs import (
     Inputs,
     allowed,

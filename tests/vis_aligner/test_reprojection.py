@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.clip import OBJECT, ROBOT, Condition, Gallery, References
+from embodiedreamer_gym.vis_aligner.clip import Gallery, References
+from embodiedreamer_gym.vis_aligner.condition import OBJECT, ROBOT, Condition
 from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, allowed, reprojected_pixels, to_frames
 from embodiedreamer_gym.vis_aligner.reprojection import Change, reproject_gallery
 

@@ -11,7 +11,7 @@ import torch
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner import load_aligner
-from embodiedreamer_gym.vis_aligner.clip import Condition
+from embodiedreamer_gym.vis_aligner.condition import Condition
 from embodiedreamer_gym.vis_aligner.svd import load_svd, save_svd, with_mask_colours
 from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train
 from tests.vis_aligner.scenes import episode

@@ -16,7 +16,7 @@ from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.vis_aligner.bank import Bank, Entry
 from embodiedreamer_gym.vis_aligner.bank_files import save_bank
 from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner
-from embodiedreamer_gym.vis_aligner.clip import Condition
+from embodiedreamer_gym.vis_aligner.condition import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
 from embodiedreamer_gym.wrappers import ActionChunk, VisAlignerObservationWrapper, VisAlignerVectorWrapper
@@ -88,10 +88,10 @@ def test_a_long_chunk_is_dreamed_in_pieces(files) -> None:
     short.reset(seed=5)
     seen, *_, info = long.step(played)
     views = [short.env.step(one[None])[4]["clip"] for one in played]
-    whole = {key: np.concatenate([view[key] for view in views]) for key in views[0]}
+    whole = Condition.joined([Condition(**view) for view in views])
     references, frames = short.references, []
     for start in (0, 3, 6):
-        part = Condition(**{key: seen_[start : start + 3] for key, seen_ in whole.items()})
+        part = whole.part(start, start + 3)
         frames.append(short.aligner.render([references], [part])[0])
         references = references.after(frames[-1], part)
     assert np.array_equal(info["frames"], np.concatenate(frames))
@@ -106,11 +106,10 @@ def test_frames_between_which_nobody_looks_are_not_dreamed(files) -> None:
     few.reset(seed=5)
     every.reset(seed=5)
     seen, *_, info = few.step(played)
-    view = every.env.step(played)[4]["clip"]
-    instants = {key: values[[1, 3, 5, 6]] for key, values in view.items()}
+    instants = Condition(**every.env.step(played)[4]["clip"]).at([1, 3, 5, 6])
     references, frames = every.references, []
     for start in (0, 3):
-        part = Condition(**{key: values[start : start + 3] for key, values in instants.items()})
+        part = instants.part(start, start + 3)
         frames.append(every.aligner.render([references], [part])[0])
         references = references.after(frames[-1], part)
     assert info["filmed"] == 4 and info["steps"] == 7

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from embodiedreamer_gym.engines.engine import (
     PlantEngine,
 )
 from embodiedreamer_gym.engines.frame import Frame
+from embodiedreamer_gym.engines.hulls import part_hulls
 from embodiedreamer_gym.engines.prop import Prop
 from embodiedreamer_gym.engines.table import TABLE, TABLE_CENTRE
 from embodiedreamer_gym.geometry.camera import Camera
@@ -155,7 +157,13 @@ class BulletEngine(PlantEngine):
 
     def capture(self, camera: Camera, size: tuple[int, int]) -> Frame:
         """A picture of a size (width, height) with its ground truth."""
-        return self.renderer.capture(camera, size, self.mount(camera), self._classes, self._parts)
+        return self.renderer.capture(camera, size, self.mount(camera), self._classes, self._parts, self.hulls)
+
+    @cached_property
+    def hulls(self) -> np.ndarray:
+        """Hulls of the parts; PyBullet has a prop's frame at its centre of mass."""
+        centres = {name: prop.centre for name, prop in self._props.items()}
+        return part_hulls(self.model, self.settings.props, self.part_names, centres)
 
     def close(self) -> None:
         """Disconnect; twice does no harm."""

@@ -34,6 +34,7 @@ LIGHTS: dict[str, dict[str, Any]] = {  # of OpenGL: what its shader does, which 
 }  # fmt: skip
 IDENTITY = tuple(np.eye(4).ravel())
 PAPER = np.array([*BACKGROUND, 255], np.uint8).view(np.uint32)[0]
+NO_HULLS = np.zeros((0, 0, 3), np.float32)
 ONE_TEXEL = (*([0.0] * 12), 0.5, 0.5, 1.0, 0.0)  # a projection that maps all the world to one point of a texture
 
 
@@ -101,11 +102,13 @@ class Renderer:
         return self._draw(camera, size, pose_of_link, pybullet.ER_NO_SEGMENTATION_MASK)[0]
 
     def capture(self, camera: Camera, size: tuple[int, int], pose_of_link: Pose | None = None,
-                classes: Mapping[int, int] | None = None, parts: Sequence[Part] = ()) -> Frame:  # fmt: skip
+                classes: Mapping[int, int] | None = None, parts: Sequence[Part] = (),
+                hulls: np.ndarray = NO_HULLS) -> Frame:  # fmt: skip
         """Colours, depth and classes of a picture of a size (width, height).
 
         pose_of_link: position (3,), m, and quaternion (4,) xyzw of the frame of the camera's link; classes: PyBullet's
-        body -> class number, 0 for those left out; parts: PyBullet's body and link (-1: the base) of those to be told apart.
+        body -> class number, 0 for those left out; parts: PyBullet's body and link (-1: the base) of those to be told apart;
+        hulls: of these parts, see `Frame`.
         Raises: SimulationError when the camera's link has no pose, the picture is too large or a class is not 0 .. 255.
         """
         numbers = _lookup(classes or {})
@@ -116,7 +119,7 @@ class Renderer:
         for number, (body, link) in enumerate(parts, 1):
             found[drawn == body + (link + 1 << LINK)] = number
         return Frame(rgb, camera.depth(buffer), numbers[np.clip(bodies, -1, len(numbers) - 2) + 1], found,
-                     self._projections(camera, size, pose_of_link, parts))  # fmt: skip
+                     self._projections(camera, size, pose_of_link, parts), hulls)  # fmt: skip
 
     def _projections(self, camera: Camera, size: tuple[int, int], pose_of_link: Pose | None,
                      parts: Sequence[Part]) -> np.ndarray:  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 
 from embodiedreamer_gym.engines.engine import EngineSettings, PlantEngine
 from embodiedreamer_gym.engines.frame import Frame
+from embodiedreamer_gym.engines.hulls import part_hulls
 from embodiedreamer_gym.engines.mujoco.bodies import MujocoBodies
 from embodiedreamer_gym.engines.mujoco.furniture import LINKS, THINGS, Furniture, parked
 from embodiedreamer_gym.engines.mujoco.library import mujoco
@@ -99,7 +100,12 @@ class MujocoEngine(MujocoWorld, PlantEngine):
 
     def capture(self, camera: Camera, size: tuple[int, int]) -> Frame:
         """A picture of a size (width, height) with its ground truth."""
-        return self.renderer.capture(self._data, camera, size, self.mount(camera))
+        return self.renderer.capture(self._data, camera, size, self.mount(camera), self.hulls)
+
+    @cached_property
+    def hulls(self) -> np.ndarray:
+        """Hulls of the parts."""
+        return part_hulls(self.model, self.settings.props, self.part_names)
 
     def close(self) -> None:
         """Free the renderer; twice does no harm."""

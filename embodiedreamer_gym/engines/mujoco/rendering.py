@@ -103,8 +103,8 @@ class Renderer:
         rgb[depth >= 1.0] = BACKGROUND
         return rgb
 
-    def capture(self, data: Any, camera: Camera, size: tuple[int, int], mount: Pose | None = None) -> Frame:
-        """A picture with its ground truth; arguments as for `rgb`."""
+    def capture(self, data: Any, camera: Camera, size: tuple[int, int], mount: Pose | None, hulls: np.ndarray) -> Frame:
+        """A picture with its ground truth; arguments as for `rgb`; hulls: of the parts, see `Frame`."""
         self._prepare(data, camera, size, mount)
         rgb, depth = self._draw(size)
         rgb[depth >= 1.0] = BACKGROUND
@@ -121,7 +121,7 @@ class Renderer:
         position, axes = camera.pose(mount)
         poses = [(data.xpos[body], data.xmat[body].reshape(3, 3)) for body in self._part_bodies]
         return Frame(rgb, camera.depth(depth), self._class_of_geom[geoms], self._part_of_geom[geoms],
-                     projections(camera.matrix(size), position, axes, poses))  # fmt: skip
+                     projections(camera.matrix(size), position, axes, poses), hulls)  # fmt: skip
 
     def close(self) -> None:
         """Free OpenGL; twice does no harm."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,11 +42,14 @@ def write_episode(path: Path, signals: Mapping[str, np.ndarray], pictures: Itera
     signals: arrays (T, ...) by dataset; attributes: mappings and lists are stored as JSON.
     Raises: RecordingError when it cannot be written.
     """
-    rows = (_datasets(*pair) for pair in pictures)
+    pictures = iter(pictures)
+    camera, simulated = next(pictures)
+    rows = (_datasets(*pair) for pair in itertools.chain([(camera, simulated)], pictures))
     packing = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
     with new_hdf5(path) as file:
         for key, array in signals.items():
             file[key] = array
+        file[f"{SIMULATED}/hulls"] = simulated.frame.hulls
         write_rows(file, len(signals["action"]), rows, lambda key: {} if key == IMAGES else packing)
         file.attrs.update(LAYOUT_FLAGS)
         write_attributes(file, attributes, ("joint_names", "units"))
@@ -64,6 +68,6 @@ def is_filmed(path: Path, settings: Mapping[str, Any]) -> bool:
 
 def _datasets(camera: CameraFrame, simulator: SimulatorFrame) -> dict[str, np.ndarray]:
     """Pictures by dataset; depth to a millimetre."""
-    simulated = {f"{SIMULATED}/{key}": array for key, array in simulator.frame.as_dict().items()}
+    simulated = {f"{SIMULATED}/{key}": array for key, array in simulator.frame.as_dict().items() if key != "hulls"}
     simulated[f"{SIMULATED}/depth"] = simulator.frame.depth.astype(np.float16)
     return {IMAGES: camera.noisy, CLEAN: camera.clean, MASKS: simulator.masks, **simulated}

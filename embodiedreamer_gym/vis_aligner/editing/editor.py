@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, ROBOT
+from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, ROBOT
 
 Masks = Mapping[str, np.ndarray]  # name -> (H, W) bool; background, table, robot, then the objects
 ReferenceEditor = Callable[[np.ndarray, Masks, np.random.Generator, str | None], np.ndarray]

@@ -8,7 +8,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from embodiedreamer_gym.vis_aligner.clip import CLASS_NAMES, ROBOT, TABLE, Condition, References
+from embodiedreamer_gym.vis_aligner.clip import References
+from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, ROBOT, TABLE, Condition
 from embodiedreamer_gym.vis_aligner.editing.editor import Masks, ReferenceEditor, apply
 
 ALIKE, NEARLY = 0.3, 3.0  # of the change, and levels, by which two pictures of one edit may differ

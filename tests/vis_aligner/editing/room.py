@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from embodiedreamer_gym.vis_aligner.clip import Condition, References
+from embodiedreamer_gym.vis_aligner.clip import References
+from embodiedreamer_gym.vis_aligner.condition import Condition
 from tests.vis_aligner.scenes import HEIGHT, NAMES, WIDTH, texture
 
 CUP, MAT, ARM = ((26, 32), (20, 26)), ((34, 40), (8, 18)), ((22, 30), (48, 64))  # rows, columns
