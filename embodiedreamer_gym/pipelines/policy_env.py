@@ -31,19 +31,26 @@ def policy_world(
     bank: photos that the aligner starts from.
     every: actions from one generated picture to the next; the last action of a chunk always has one.
     envs: 1, or the number of environments of a vector.
-    size: width and height of the simulator's pictures, None for those that the policy learnt from.
+    size: width and height of the pictures, None for those that the policy learnt from, or the bank's.
     chunks: False for one environment with the simulator's pictures that takes single actions.
     tracking, tracking_mode: calibrated model and mode of a `CalibratedTracking`, None for none; that of a policy whose actions are
         `positions` is the robot's own by default.
     learnt_on: robot whose commands the policy gives, where they are no positions.
-    Raises: PolicyError for a policy with other cameras than `head` where an aligner is given, or too many actions.
+    Raises: PolicyError for a policy with other cameras than `head` where an aligner is given, or larger pictures than the
+    bank's, or too many actions.
     """
     (cameras, learnt), filmed = picture_inputs(policy), {}
-    size = size or learnt
+    wanted, size = size, size or learnt
     if vis_aligner is not None:
         if cameras != ("head",):
             raise PolicyError(f"the policy needs {', '.join(cameras)}, and VisAligner generates the head camera only.")
-        size = load_bank(bank).size
+        photos = load_bank(bank).size
+        if wanted not in (None, photos) or size[0] > photos[0] or size[1] > photos[1]:
+            raise PolicyError(
+                f"pictures of {size[0]} x {size[1]} are wanted, and the bank's photos are {photos[0]} x {photos[1]}; give a bank "
+                "of that size, which `embodiedreamer vis bank` makes of episodes of that size."
+            )
+        size = photos
         filmed = {"camera": "head", "size": size, "every": every}
     count = executed(policy, execute)
 

@@ -39,6 +39,8 @@ def save_bank(bank: Bank, path: str | Path) -> None:
             seen = vars(bank.bench.gallery.condition)
             data["gallery"] = bank.bench.gallery.frames
             data |= {f"gallery.{key}": array for key, array in seen.items() if array is not None}
+        if bank.bench.grain is not None:
+            data["bench.grain"] = np.array(bank.bench.grain)
         if (light := bank.bench.light) is not None:
             data |= {f"light.{key}": getattr(light, key) for key in ("positions", "strengths", "receivers", "matrix")}
             data["light.plane"] = np.append(light.plane.normal, light.plane.offset)
@@ -106,7 +108,8 @@ def _bench(arrays: Mapping[str, Array]) -> Bench | None:
         raise ValueError("the bench's picture has another size than the plate")
     seen = {key.removeprefix("gallery."): data for key, data in arrays.items() if key.startswith("gallery.")}
     gallery = Gallery(arrays["gallery"], Condition(**seen)) if "gallery" in arrays else None
-    return Bench(arrays["bench"], arrays["bench.seen"].astype(bool), gallery, _light(arrays))
+    grain = float(arrays["bench.grain"]) if "bench.grain" in arrays else None
+    return Bench(arrays["bench"], arrays["bench.seen"].astype(bool), gallery, _light(arrays), grain)
 
 
 def _light(arrays: Mapping[str, Array]) -> Light | None:

@@ -18,6 +18,8 @@ from embodiedreamer_gym.vis_aligner.light_fit import fit_light
 
 PICTURES = 240  # of which a pixel's median is taken; more do not change it
 EDGE = 1.0 / 128  # of the width: how near to a thing a pixel may be partly that thing
+PAIRS = 8  # of frames of an episode, of which the grain is taken
+MOVING = 5.0  # times the median difference of two frames, above which something has moved
 PHOTOS = 40  # of the robot in different poses
 
 
@@ -32,7 +34,24 @@ def make_bench(episodes: Sequence[Episode]) -> Bench:
         raise VisionError("a bench is known from at least one episode, and from episodes of one size.")
     frames, views, links = _photos(episodes)
     light = fit_light(frames, views)
-    return Bench(*_behind(episodes, light), _gallery(frames, views, links), light)
+    return Bench(*_behind(episodes, light), _gallery(frames, views, links), light, grain_of(episodes))
+
+
+def grain_of(episodes: Sequence[Episode]) -> float | None:
+    """Standard deviation of the sensor's noise, of 255: of differences between frames that follow each other, where neither
+    shows a thing; what moves, such as shadows, is left out. None where no two frames show the background.
+    """
+    found = []
+    for episode in episodes:
+        for at in np.unique(np.linspace(0, max(len(episode) - 2, 0), PAIRS).astype(int))[: len(episode) - 1]:
+            free = _free(episode.condition.part(at, at + 2))
+            first, second = episode.frames[at : at + 2].astype(np.int16)
+            found.append((second - first)[free.all(axis=0)].ravel())
+    apart = np.concatenate(found) if found else np.zeros(0)
+    if not len(apart):
+        return None
+    usual = np.abs(apart) <= MOVING * max(float(np.median(np.abs(apart))), 1.0)
+    return float(apart[usual].std() / np.sqrt(2))
 
 
 def _behind(episodes: Sequence[Episode], light: Light | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -40,7 +59,7 @@ def _behind(episodes: Sequence[Episode], light: Light | None = None) -> tuple[np
     ever seen.
     """
     where = [(e, at) for e in episodes for at in range(len(e))]
-    free = np.concatenate([_free(e) for e in episodes])
+    free = np.concatenate([_free(e.condition) for e in episodes])
     some = np.unique(np.linspace(0, len(where) - 1, PICTURES).round().astype(int))
     rare = free.any(axis=0) & ~free[some].any(axis=0)  # only in pictures that were left out
     first = free.argmax(axis=0)
@@ -104,9 +123,9 @@ def with_benches(episodes: Sequence[Episode]) -> list[Episode]:
     return [replace(e, bench=next(made[e.appearance])) for e in episodes]
 
 
-def _free(episode: Episode) -> np.ndarray:
+def _free(condition: Condition) -> np.ndarray:
     """Pixels (T, H, W) that show table or background, and no edge of a thing."""
-    side = 2 * max(1, round(EDGE * episode.condition.size[0])) + 1
+    side = 2 * max(1, round(EDGE * condition.size[0])) + 1
     kernel = np.ones((side, side), np.uint8)
-    things = (episode.condition.classes >= ROBOT).astype(np.uint8)
+    things = (condition.classes >= ROBOT).astype(np.uint8)
     return np.stack([cv2.dilate(t, kernel) == 0 for t in things])

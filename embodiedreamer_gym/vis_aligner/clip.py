@@ -14,6 +14,8 @@ from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, ROBOT, Array, Condition, Window, facings
 from embodiedreamer_gym.vis_aligner.light import Light, relit, unshaded
 
+MOST_GRAIN = 64.0  # of 255
+
 
 @dataclass(frozen=True, eq=False)
 class Gallery:
@@ -52,7 +54,8 @@ class Bench:
     """What is known of a bench before an episode begins.
 
     picture (H, W, 3) uint8: what is behind robot and objects; seen (H, W) bool: where that is known; gallery: photos of the
-    robot in other poses; light: where it comes from, and then the picture shows no shadow on the table.
+    robot in other poses; light: where it comes from, and then the picture shows no shadow on the table; grain: standard
+    deviation of the sensor's noise, of 255.
 
     Raises: VisionError where the sizes differ.
     """
@@ -61,8 +64,11 @@ class Bench:
     seen: Array
     gallery: Gallery | None = None
     light: Light | None = None
+    grain: float | None = None
 
     def __post_init__(self) -> None:
+        if self.grain is not None and not 0 <= self.grain <= MOST_GRAIN:
+            raise VisionError(f"a sensor's grain is 0 to {MOST_GRAIN:.0f} of 255, not {self.grain:.4g}.")
         if self.light is not None and self.light.receivers.shape != self.seen.shape:
             raise VisionError(
                 f"a bench of {self.seen.shape} needs light of that size, not {self.light.receivers.shape}."

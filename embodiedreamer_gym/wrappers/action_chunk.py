@@ -22,7 +22,8 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     The reward is the sum of the k rewards; observation and info are those after the last action. Pictures are drawn after
     the last action only, unless a wrapper between this one and `gym.make`'s own may use the observations on the way;
-    `CalibratedTracking`, which does not, is told the whole chunk.
+    `CalibratedTracking`, which does not, is told the whole chunk. Around an environment whose actions are chunks of k already,
+    it changes nothing.
 
     info["rewards"]: (k,) reward of each action; 0 where the episode was over.
     info["successes"]: (k,) whether the task was done after each action.
@@ -36,7 +37,8 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
     camera: name of a camera, or None.
     size: its picture's width and height, pixels; the environment's own where None.
     every: n.
-    Raises: SimulationError for k or n below 1, an action space that is no box, or a camera without an ALOHA environment.
+    Raises: SimulationError for k or n below 1, an action space that is no box, a camera without an ALOHA environment, or
+    chunks of another length inside.
     """
 
     def __init__(
@@ -52,8 +54,16 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         if camera is not None and not isinstance(env.unwrapped, AlohaEnv):
             raise SimulationError(f"only ALOHA environments have a camera '{camera}'; leave it out.")
         self.k, self.every, self.camera = int(k), int(every), camera
+        inner = chunks_inside(env)
+        self._chunked = inner is not None
+        if inner is not None and (inner.k != self.k or camera is not None):
+            raise SimulationError(
+                f"the actions are chunks of {inner.k} already; leave this ActionChunk out, or give k={inner.k} and no camera."
+            )
         self.size = None if size is None else check_size("size", size)
         gym.utils.RecordConstructorArgs.__init__(self, k=self.k, camera=camera, size=self.size, every=self.every)
+        if self._chunked:
+            return
         low, high = (np.repeat(bound[None], self.k, axis=0) for bound in (one.low, one.high))
         self.action_space = spaces.Box(low, high, dtype=one.dtype.type)  # pyright: ignore[reportArgumentType, reportOptionalMemberAccess]
 
@@ -62,9 +72,26 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self._limit = env.spec.max_episode_steps if self._inner is not None and env.spec is not None else None
         self._played = 0
 
+    def film(self, camera: str, size: tuple[int, int], every: int | None = None) -> None:
+        """Film with a camera from the next reset on, at a size (width, height), after each n-th action (None: as it is).
+
+        Raises: SimulationError where this chunk films something else already.
+        """
+        own = self.size or getattr(self.unwrapped, "image_size", None)
+        if self.camera is not None and (self.camera, own, every or self.every) != (camera, tuple(size), self.every):
+            raise SimulationError(
+                f"ActionChunk films {self.camera} at {_text(own)} after every {self.every}, and wanted is {camera} at "
+                f"{_text(size)} after every {every or self.every}; leave camera, size and every of ActionChunk out."
+            )
+        if self.camera is None:
+            self.camera, self.size, self.every = camera, check_size("size", size), every or self.every
+            gym.utils.RecordConstructorArgs.__init__(self, k=self.k, camera=camera, size=self.size, every=self.every)
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; with a camera, info["clip"] is its view of this instant."""
         observation, info = self.env.reset(seed=seed, options=options)
+        if self._chunked:
+            return observation, info
         self._played = 0
         return observation, info | self._chunk_info([], [], [self._frame()])
 
@@ -73,6 +100,9 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
         Raises: SimulationError for another shape, or numbers that are not real or not finite.
         """
+        if self._chunked:
+            observation, reward, terminated, truncated, info = self.env.step(action)
+            return observation, float(reward), terminated, truncated, info
         action = real_numbers("a chunk", action, self.action_space.shape or ())
         if self._tracking is not None:
             self._tracking.preview(action)
@@ -126,6 +156,19 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
             entries["clip"] = stacked(seen + seen[-1:] * (-(-self.k // self.every) - len(seen)))
             entries["filmed"] = len(seen) if rewards else 0
         return entries
+
+
+def chunks_inside(env: gym.Env) -> ActionChunk | None:
+    """The ActionChunk among an environment's wrappers; None where there is none."""
+    while isinstance(env, gym.Wrapper):
+        if isinstance(env, ActionChunk):
+            return env
+        env = env.env
+    return None
+
+
+def _text(size: Any) -> str:
+    return "no size" if size is None else f"{size[0]} x {size[1]}"
 
 
 def plain_aloha(env: gym.Env) -> AlohaEnv | None:

@@ -15,20 +15,36 @@ from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, Condition, References, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.bank import Entry
 from embodiedreamer_gym.vis_aligner.editing import ReferenceEditor, edited
-from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
+from embodiedreamer_gym.wrappers.action_chunk import ActionChunk, chunks_inside
 
+GRAIN_SEED = 1  # beside the seed of a reset
 SHOWING = ("pixels", "pixels_agent_pos")
 
 
 class _Frames:
     """Generated frames of n environments, chunk by chunk; `references` holds what each next chunk follows.
 
-    Raises: VisionError for weights or photos that cannot be read.
+    grain: whether to add the sensor's noise to what is shown; references have none added.
+    Raises: VisionError where the bank does not know the grain that is asked for.
     """
 
-    def __init__(self, aligner: Aligner, bank: Bank, count: int) -> None:
+    def __init__(self, aligner: Aligner, bank: Bank, count: int, grain: bool = False) -> None:
         self.aligner, self.bank = aligner, bank
         self.references: list[References | None] = [None] * count
+        self.shown: list[np.ndarray | None] = [None] * count
+        known = None if bank.bench is None else bank.bench.grain
+        if grain and known is None:
+            raise VisionError(
+                "the bank does not know its sensor's grain; make it again with `embodiedreamer vis bank`."
+            )
+        self._grain = float(known or 0.0) if grain else 0.0
+        self._rngs = [np.random.default_rng() for _ in range(count)]
+
+    def seed(self, seeds: Sequence[int | None]) -> None:
+        """Seed the grain of each environment; None leaves it as it is."""
+        for i, seed in enumerate(seeds):
+            if seed is not None:
+                self._rngs[i] = np.random.default_rng([seed, GRAIN_SEED])
 
     def begin(
         self, views: Sequence[Condition], entry: Entry | None, edit: Callable[[References], References] | None = None
@@ -36,7 +52,9 @@ class _Frames:
         """Start an episode in each environment; return its first frame (n, F, H, W, 3) for all F of each view."""
         starts = [first(self.bank, view, entry) for view in views]
         self.references = [one if edit is None else edit(one) for one in starts]
-        return np.stack([np.repeat(self.last(i)[None], len(view), axis=0) for i, view in enumerate(views)])
+        return self._as_seen(
+            [np.repeat(self.last(i)[None], len(view), axis=0) for i, view in enumerate(views)], [0] * len(views)
+        )
 
     def render(self, views: Sequence[Condition], counts: Sequence[int]) -> np.ndarray:
         """Generate the frames (n, F, H, W, 3) of each view of F, piece by piece as the aligner was trained.
@@ -60,7 +78,19 @@ class _Frames:
                 self.references[i] = reference.after(clip[:count], part.part(0, count))
                 frames[i][start : start + count] = clip[:count]
                 frames[i][start + count :] = clip[count - 1]
-        return np.stack(frames)
+        return self._as_seen(frames, counts)
+
+    def _as_seen(self, frames: Sequence[np.ndarray], counts: Sequence[int]) -> np.ndarray:
+        """The frames (n, F, H, W, 3) with the grain, those that repeat one with the same."""
+        seen = np.stack(frames)
+        for i, (clip, count) in enumerate(zip(seen, counts, strict=True)):
+            new = max(int(count), 1)
+            if self._grain:
+                grainy = clip[:new] + self._rngs[i].normal(0.0, self._grain, clip[:new].shape)
+                clip[:new] = np.clip(np.round(grainy), 0, 255).astype(np.uint8)
+                clip[new:] = clip[new - 1]
+            self.shown[i] = clip[-1]
+        return seen
 
     def last(self, i: int) -> np.ndarray:
         """Return the last frame (H, W, 3) of an environment."""
@@ -76,8 +106,8 @@ class _Frames:
 class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """Replaces the head camera's pictures by those of a video model; reward and physics stay as they are.
 
-    The wrapped environment is an `ActionChunk(env, k, camera="head")`; another one is wrapped in an `ActionChunk` of the
-    aligner's chunk, so that the action is (k, 14). The observation shows the last frame of a chunk, which is the reference
+    The wrapped environment may be an `ActionChunk(env, k)`; another one is wrapped in an `ActionChunk` of the aligner's
+    chunk, so that the action is (k, 14). The observation shows the last frame of a chunk, which is the reference
     of the next chunk, beside the anchor, the first frame of the episode. At a reset the reference is composed from photos
     of a bench, an empty plate with the objects where the simulator has them; or, with `reset(options={"reference": i})`, it
     is photo i itself, and the simulator is set to its joints and objects. Wrist cameras are left out of the observation.
@@ -87,25 +117,27 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
 
     aligner: "lean" (the shipped weights), or a path.
     bank: "lab" (the shipped photos), or a path.
-    chunk: actions of a chunk; None for the aligner's own.
+    chunk: actions of a chunk; None for those of ActionChunk, else for the aligner's own.
     editor: changes each episode's bench and objects, with draws of the reset's seed.
     every: a frame after each n-th action of a chunk, and after its last; generation takes as much less time.
+    grain: add the noise of the bench's sensor, the same for the same seed of the reset; what follows a frame follows it
+    without.
     Raises: VisionError where weights, photos and picture size do not fit; SimulationError for observations without
     pictures.
     """
 
     def __init__(
         self, env: gym.Env, aligner: str = "lean", bank: str = "lab", chunk: int | None = None,
-        editor: ReferenceEditor | None = None, every: int = 1,
+        editor: ReferenceEditor | None = None, every: int = 1, grain: bool = False,
     ) -> None:  # fmt: skip
         gym.utils.RecordConstructorArgs.__init__(
-            self, aligner=aligner, bank=bank, chunk=chunk, editor=editor, every=every
+            self, aligner=aligner, bank=bank, chunk=chunk, editor=editor, every=every, grain=grain
         )
         self.aligner, photos = load_aligner(aligner), load_bank(bank)
-        gym.Wrapper.__init__(self, filmed(env, photos, chunk or self.aligner.chunk, every))
+        gym.Wrapper.__init__(self, filmed(env, photos, self.aligner.chunk, chunk, every))
         self.bank = photos.of(_props(env.unwrapped.task))  # pyright: ignore[reportAttributeAccessIssue]
         self.observation_space = _with_picture(self.env.observation_space, picture(self.bank))
-        self._frames = _Frames(self.aligner, self.bank, 1)
+        self._frames = _Frames(self.aligner, self.bank, 1, grain)
         self.editor, self._rng = editor, np.random.default_rng()
 
     @property
@@ -118,20 +150,21 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
         options, entry = _chosen(self.bank, options)
         observation, info = self.env.reset(seed=seed, options=options)
         self._rng = self._rng if seed is None else np.random.default_rng(seed)
+        self._frames.seed([seed])
         (frames,) = self._frames.begin([conditions(info)], entry, self._edit)
-        return _shown(observation, self._frames.last(0)), _with_frames(info, frames)
+        return _shown(observation, frames[-1]), _with_frames(info, frames)
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Play a chunk of actions and generate the frames of the camera."""
         self._frames.last(0)  # raises before the environment moves
         observation, reward, terminated, truncated, info = self.env.step(action)
         (frames,) = self._frames.render([conditions(info)], [info["filmed"]])
-        observation = _shown(observation, self._frames.last(0))
+        observation = _shown(observation, frames[-1])
         return observation, float(reward), terminated, truncated, _with_frames(info, frames)
 
     def render(self) -> Any:
         """The last generated frame (H, W, 3), where the environment renders at all."""
-        return None if self.render_mode is None or self.references is None else self._frames.last(0)
+        return None if self.render_mode is None else self._frames.shown[0]
 
     def _edit(self, references: References) -> References:
         names = self.env.unwrapped.segmentation_classes  # pyright: ignore[reportAttributeAccessIssue]
@@ -145,14 +178,14 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
 class VisAlignerVectorWrapper(VectorWrapper):
     """The same for a vector of environments: all their chunks go through the network at once.
 
-    Each environment must be an `ActionChunk` with the head camera, see `filmed`; for instance
-    `gym.make_vec(id, 8, wrappers=[lambda env: ActionChunk(env, 8, camera="head")])`.
+    Each environment must be an `ActionChunk`, which is told to film with the head camera; for instance
+    `gym.make_vec(id, 8, wrappers=[lambda env: ActionChunk(env, 8)])`.
     info["frames"] is (environments, F, H, W, 3) uint8.
 
     Raises: VisionError where weights, photos and picture size do not fit; SimulationError for other environments.
     """
 
-    def __init__(self, env: VectorEnv, aligner: str = "lean", bank: str = "lab") -> None:
+    def __init__(self, env: VectorEnv, aligner: str = "lean", bank: str = "lab", grain: bool = False) -> None:
         super().__init__(env)
         self.aligner: Aligner = load_aligner(aligner)
         photos = load_bank(bank)
@@ -161,8 +194,12 @@ class VisAlignerVectorWrapper(VectorWrapper):
         if pixels is None or pixels.shape != one.shape:
             raise VisionError(f"the environments must show pictures {one.shape}, as the bank's photos; make them with "
                               f"image_size={photos.size} and obs_type='pixels_agent_pos'.")  # fmt: skip
+        try:
+            env.call("film", "head", photos.size)  # pyright: ignore[reportAttributeAccessIssue]
+        except AttributeError as error:
+            raise SimulationError("each environment must be wrapped in ActionChunk(env, k).") from error
         self.bank: Bank = photos.of(_props(env.get_attr("task")[0]))  # pyright: ignore[reportAttributeAccessIssue]
-        self._frames = _Frames(self.aligner, self.bank, env.num_envs)
+        self._frames = _Frames(self.aligner, self.bank, env.num_envs, grain)
 
     @property
     def references(self) -> list[References | None]:
@@ -175,29 +212,28 @@ class VisAlignerVectorWrapper(VectorWrapper):
         """Start an episode in each; options: those of the environment, and reference: number of a photo of the bank."""
         options, entry = _chosen(self.bank, options)
         observation, info = self.env.reset(seed=seed, options=options)  # pyright: ignore[reportArgumentType]
+        whole = isinstance(seed, int | np.integer)
+        self._frames.seed([seed + i for i in range(self.num_envs)] if whole else seed or [None] * self.num_envs)  # pyright: ignore
         frames = self._frames.begin(self._views(info), entry)
-        return self._with_last(observation), _with_frames(info, frames)
+        return _shown(observation, frames[:, -1]), _with_frames(info, frames)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Play a chunk of actions in each environment and generate the frames of their cameras."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
         frames = self._frames.render(self._views(info), info["filmed"])
-        return self._with_last(observation), reward, terminated, truncated, _with_frames(info, frames)
+        return _shown(observation, frames[:, -1]), reward, terminated, truncated, _with_frames(info, frames)
 
     def _views(self, info: Mapping[str, Any]) -> list[Condition]:
-        if "clip" not in info:
-            raise SimulationError('each environment must be wrapped in ActionChunk(env, k, camera="head").')
         clip = {key: values for key, values in info["clip"].items() if not key.startswith("_")}  # masks of the vector
         return [Condition(**{key: values[i] for key, values in clip.items()}) for i in range(self.num_envs)]
 
-    def _with_last(self, observation: Any) -> Any:
-        return _shown(observation, np.stack([self._frames.last(i) for i in range(self.num_envs)]))
 
-
-def filmed(env: gym.Env, bank: Bank, chunk: int, every: int = 1) -> gym.Env:
+def filmed(env: gym.Env, bank: Bank, own: int, chunk: int | None = None, every: int = 1) -> gym.Env:
     """The environment, in an `ActionChunk` that films with the head camera at the bank's size.
 
-    Raises: SimulationError for observations without pictures, VisionError for an ActionChunk that films something else.
+    An ActionChunk that is there already is told to film; else there is one of `chunk` actions, `own` where that is None.
+    Raises: SimulationError for observations without pictures, or an ActionChunk of another length or that films something
+    else; VisionError for pictures of another size than the bank's.
     """
     kind = getattr(env.unwrapped, "obs_type", None)
     if kind not in SHOWING:
@@ -205,18 +241,26 @@ def filmed(env: gym.Env, bank: Bank, chunk: int, every: int = 1) -> gym.Env:
             f"VisAlignerObservationWrapper replaces pictures, and obs_type {kind!r} has none; "
             f"make the environment with obs_type={SHOWING[1]!r} or {SHOWING[0]!r}."
         )
-    inner = env
-    while isinstance(inner, gym.Wrapper) and not isinstance(inner, ActionChunk):
-        inner = inner.env
-    if not isinstance(inner, ActionChunk):
-        return ActionChunk(env, chunk, camera="head", size=bank.size, every=every)
-    if inner.camera != "head" or (inner.size or getattr(env.unwrapped, "image_size", None)) != bank.size:
-        width, height = bank.size
-        raise VisionError(
-            f"the bank's photos are {width} x {height} of the head camera; "
-            f'wrap with ActionChunk(env, k, camera="head", size=({width}, {height})), or leave ActionChunk out.'
+    check_size(getattr(env.unwrapped, "image_size", bank.size), bank)
+    inner = chunks_inside(env)
+    if inner is None:
+        return ActionChunk(env, chunk or own, camera="head", size=bank.size, every=every)
+    if chunk not in (None, inner.k):
+        raise SimulationError(
+            f"chunk is {chunk}, and ActionChunk takes {inner.k} actions at once; leave one of the two out."
         )
+    inner.film("head", bank.size, None if every == 1 else every)
     return env
+
+
+def check_size(size: tuple[int, int], bank: Bank) -> None:
+    """Raises: VisionError where pictures of a size (width, height) are asked for, and the bank's photos are of another."""
+    if tuple(size) != bank.size:
+        asked, known = (f"{width} x {height}" for width, height in (size, bank.size))
+        raise VisionError(
+            f"the environment's pictures are {asked}, and the bank's photos {known}; make the environment with "
+            f"image_size={bank.size}, or give a bank of {asked}: `embodiedreamer vis bank` makes one of episodes of that size."
+        )
 
 
 def picture(bank: Bank) -> spaces.Box:

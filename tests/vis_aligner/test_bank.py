@@ -125,7 +125,7 @@ def lit_bank(bank: Bank) -> Bank:
     """A bank whose bench has a light."""
     light = replace(lamps(), receivers=np.ones(bank.plate.shape[:2], bool))
     assert bank.bench is not None
-    return replace(bank, bench=replace(bank.bench, light=light))
+    return replace(bank, bench=replace(bank.bench, light=light, grain=2.5))
 
 
 def test_a_light_survives_its_file(lit_bank: Bank, tmp_path) -> None:
@@ -135,6 +135,7 @@ def test_a_light_survives_its_file(lit_bank: Bank, tmp_path) -> None:
     assert found is not None and found.light is not None and light is not None
     for key in ("positions", "strengths", "receivers", "matrix"):
         assert np.array_equal(getattr(found.light, key), getattr(light, key)), key
+    assert found.grain == 2.5
     assert np.allclose(found.light.plane.normal, light.plane.normal) and found.light.plane.offset == light.plane.offset
     rewrite(
         tmp_path / "bank.npz", lambda arrays: {k: v for k, v in arrays.items() if "light" not in k and k != "version"}
@@ -148,6 +149,7 @@ def test_a_light_survives_its_file(lit_bank: Bank, tmp_path) -> None:
     [
         ({"version": np.array(99)}, "version 99"),
         ({"light.plane": np.zeros(3)}, "plane"),
+        ({"bench.grain": np.array(np.nan)}, "grain"),
         ({"light.strengths": np.array([-1.0, 1.0])}, "negative"),
         ({"light.positions": np.full((2, 3), np.nan)}, "finite"),
         ({"light.positions": np.zeros((5000, 3))}, "5000 points"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.bench import PICTURES, make_bench, make_gallery, with_benches
+from embodiedreamer_gym.vis_aligner.bench import PICTURES, grain_of, make_bench, make_gallery, with_benches
 from embodiedreamer_gym.vis_aligner.clip import Episode
 from embodiedreamer_gym.vis_aligner.condition import OBJECT, ROBOT, Condition, facings
 from tests.vis_aligner.scenes import episode, texture
@@ -75,3 +75,9 @@ def tilted(clip: Condition, angles) -> Condition:
 def test_nothing_gives_no_backdrop() -> None:
     with pytest.raises(VisionError, match="at least one episode"):
         make_bench([])
+
+
+def test_the_sensors_grain_is_that_of_frames_that_follow_each_other() -> None:
+    for noise in (1.0, 2.0, 5.0):
+        assert grain_of([episode(seed, noise=noise) for seed in range(3)]) == pytest.approx(noise, rel=0.1)
+    assert grain_of([]) is None

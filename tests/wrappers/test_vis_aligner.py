@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -14,8 +15,9 @@ from gymnasium.utils.env_checker import check_env
 
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.vis_aligner.bank import Bank, Entry
-from embodiedreamer_gym.vis_aligner.bank_files import save_bank
+from embodiedreamer_gym.vis_aligner.bank_files import load_bank, save_bank
 from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner
+from embodiedreamer_gym.vis_aligner.clip import Bench
 from embodiedreamer_gym.vis_aligner.condition import Condition
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
@@ -160,7 +162,7 @@ def test_a_photo_sets_the_simulator(files) -> None:
 def test_it_can_be_made_by_its_spec_and_drawn(files) -> None:
     env = make(files, render_mode="rgb_array")
     kwargs = env.spec.additional_wrappers[-1].kwargs
-    assert kwargs == {**files, "chunk": None, "editor": None, "every": 1}
+    assert kwargs == {**files, "chunk": None, "editor": None, "every": 1, "grain": False}
     env.reset(seed=0)
     assert np.array_equal(env.render(), env.references.last)
     again = gym.make(env.spec)
@@ -254,3 +256,75 @@ def test_a_vector_of_other_environments_is_refused(files) -> None:
         VisAlignerVectorWrapper(envs, **files).reset()
     envs.close()
     plain.close()
+
+
+def test_a_chunk_is_told_to_film(files) -> None:
+    """In any order that can mean only one thing, and in a vector: the same frames as with camera and size stated."""
+    played, clips = actions(6).reshape(2, 3, 14), []
+    for compose in (
+        lambda env: VisAlignerObservationWrapper(ActionChunk(env, 3, camera="head", size=SIZE), **files),
+        lambda env: VisAlignerObservationWrapper(ActionChunk(env, 3), **files),
+        lambda env: VisAlignerObservationWrapper(gym.wrappers.TimeLimit(ActionChunk(env, 3), 9), **files, chunk=3),
+        lambda env: ActionChunk(VisAlignerObservationWrapper(env, **files), 3),
+    ):
+        env = compose(gym.make(ID, image_size=SIZE, disable_env_checker=True))
+        assert env.action_space.shape == (3, 14)
+        env.reset(seed=5)
+        clips.append([env.step(part)[4]["frames"] for part in played])
+        env.close()
+    assert all(np.array_equal(clip, clips[0]) for clip in clips[1:])
+    plain = gym.vector.SyncVectorEnv(
+        [lambda: ActionChunk(gym.make(ID, image_size=SIZE, obs_type="pixels", disable_env_checker=True), 3)]
+    )
+    envs = VisAlignerVectorWrapper(plain, **files)
+    envs.reset(seed=5)
+    found = [envs.step(part[None])[4]["frames"][0] for part in played]
+    assert np.abs(np.subtract(found, clips[0], dtype=int)).max() <= 1
+    envs.close()
+
+
+def test_what_could_mean_two_things_is_refused(files) -> None:
+    env = gym.make(ID, image_size=SIZE, disable_env_checker=True)
+    with pytest.raises(SimulationError, match="chunk is 4, and ActionChunk takes 3"):
+        VisAlignerObservationWrapper(ActionChunk(env, 3), **files, chunk=4)
+    with pytest.raises(SimulationError, match="chunks of 3 already"):
+        ActionChunk(VisAlignerObservationWrapper(env, **files), 4)
+    with pytest.raises(SimulationError, match="films head at 32 x 24"):
+        VisAlignerObservationWrapper(ActionChunk(env, 3, camera="head", size=(32, 24)), **files)
+    env.close()
+
+
+def test_another_size_than_the_banks_is_refused(files) -> None:
+    """Never silently the bank's."""
+    env = gym.make(ID, image_size=(128, 96), disable_env_checker=True)
+    for wrapped in (env, ActionChunk(env, 3)):
+        with pytest.raises(
+            VisionError, match=r"128 x 96, and the bank's photos 64 x 48; make .* image_size=\(64, 48\)"
+        ):
+            VisAlignerObservationWrapper(wrapped, **files)
+    env.close()
+
+
+def test_the_sensors_grain_is_added_on_request(files, tmp_path: Path) -> None:
+    """The same for the same seed, of the bench's size, and not in what the next chunk follows."""
+    with pytest.raises(VisionError, match="grain"):
+        VisAlignerObservationWrapper(gym.make(ID, image_size=SIZE, disable_env_checker=True), **files, grain=True)
+    bank = load_bank(files["bank"])
+    bench = Bench(bank.plate, np.ones(bank.plate.shape[:2], bool), grain=3.0)
+    save_bank(replace(bank, bench=bench), tmp_path / "grainy.npz")
+    options = {"aligner": files["aligner"], "bank": str(tmp_path / "grainy.npz")}
+    shown = {}
+    for name, grain in (("clean", False), ("one", True), ("again", True)):
+        env = VisAlignerObservationWrapper(
+            gym.make(ID, image_size=SIZE, disable_env_checker=True), **options, grain=grain
+        )
+        first = env.reset(seed=2)[0]["pixels"]
+        seen, *_, info = env.step(actions(3))
+        assert np.array_equal(seen["pixels"], info["frames"][-1])
+        shown[name] = np.concatenate([first[None], info["frames"]]), env.references.last
+        env.close()
+    assert np.array_equal(shown["one"][0], shown["again"][0])
+    assert np.array_equal(shown["one"][1], shown["clean"][1])
+    middle = (shown["clean"][0] > 20) & (shown["clean"][0] < 235)
+    apart = (shown["one"][0].astype(float) - shown["clean"][0])[middle]
+    assert apart.std() == pytest.approx(3.0, abs=0.15) and abs(apart.mean()) < 0.1
