@@ -15,7 +15,7 @@ from embodiedreamer_gym.vis_aligner import load_aligner, load_bank, load_episode
 from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, evaluate_aligner
 from embodiedreamer_gym.wrappers import VisAlignerObservationWrapper
 
-CLIP = Path(__file__).with_name("lab.hdf5")  # held out: of `cup_full`, in no training set
+CLIP = Path(__file__).with_name("lab.hdf5")  # held out: the first 17 frames of `cup_test`, in no training set
 
 COLD = """
 import gymnasium as gym, numpy as np, time
