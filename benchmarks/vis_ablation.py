@@ -41,9 +41,9 @@ def variants(steps: int) -> dict[str, tuple[LeanConfig, TrainingConfig]]:
     found = {FULL: (config, training)}
     for name, label in without.items():
         found[label] = replace(config, inputs=replace(Inputs(), **{name: False})), training
-    found["nothing known of the bench in training"] = config, replace(training, told=0.0)
+    found["nothing known of the bench in training"] = config, replace(training, bench_share=0.0)
     found["no gate"] = replace(config, gate=False), training
-    found["no own outputs in training"] = config, replace(training, own=0.0)
+    found["no own outputs in training"] = config, replace(training, own_reference_share=0.0)
     return found
 
 

@@ -12,15 +12,19 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
 
+from benchmarks.common import pin_threads
 from embodiedreamer_gym.engines.frame import stacked
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.vis_aligner import Condition, Episode, References, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.bench import make_bench
+from embodiedreamer_gym.vis_aligner.clip import Bench
+from embodiedreamer_gym.vis_aligner.light import Light
 
 FRAMES, REPEATS, STEPS = 8, 9, 201
 
@@ -29,7 +33,7 @@ def on_processor() -> None:
     """Print the table."""
     torch.set_num_threads(1)
     print(f"{FRAMES} frames of an expert's episode, ms of one core\n{'':<12}{'physics':>10}{'and render':>12}{'video, median':>15}"
-          f"{'mean':>8}{'slowest':>10}")  # fmt: skip
+          f"{'mean':>8}{'slowest':>10}{'of it light':>12}")  # fmt: skip
     for size in ((128, 96), (320, 240)):
         physics, _ = episode(None)
         both, condition = episode(size)
@@ -38,15 +42,28 @@ def on_processor() -> None:
         bench = load_bank("lab").bench
         if bench is None or bench.seen.shape != size[::-1]:  # any will do
             bench = make_bench([Episode("any", condition.rgb, condition)])
+        light = bench.light or scaled(load_bank("lab").bench, size)
+        bench, shades = replace(bench, light=light), []
         references, times = [References.start(condition.rgb[0], condition.part(0, 1), bench)], []
         for start in range(1, len(condition) - FRAMES, FRAMES):
             part = condition.part(start, start + FRAMES)
             begun = time.process_time()
+            part = references[0].lit(part)
+            shades.append(1e3 * (time.process_time() - begun))
             frames = aligner.render(references, [part])
             references = [references[0].after(frames[0], part)]
             times.append(1e3 * (time.process_time() - begun))
         print(f"{size[0]} x {size[1]:<6}{physics:>10.1f}{both:>12.1f}{np.median(times):>15.1f}{np.mean(times):>8.1f}"
-              f"{max(times[1:]):>10.1f}")  # fmt: skip
+              f"{max(times[1:]):>10.1f}{np.median(shades):>10.1f}")  # fmt: skip
+
+
+def scaled(bench: Bench | None, size: tuple[int, int]) -> Light | None:
+    """The light of a bench for pictures of another size (width, height)."""
+    if bench is None or bench.light is None:
+        return None
+    x, y = size[0] / bench.light.size[0], size[1] / bench.light.size[1]
+    matrix = np.array([[x, 0, 0.5 * x - 0.5], [0, y, 0.5 * y - 0.5], [0, 0, 1.0]]) @ bench.light.matrix
+    return replace(bench.light, receivers=np.ones(size[::-1], bool), matrix=matrix)
 
 
 def episode(size: tuple[int, int] | None) -> tuple[float, Condition | None]:
@@ -105,6 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.vis_speed", description=str(__doc__).splitlines()[0])
     parser.add_argument("--gpu", action="store_true")
     a = parser.parse_args(arguments)
+    pin_threads()
     on_processor()
     if a.gpu:
         on_gpu()
