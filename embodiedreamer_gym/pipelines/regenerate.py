@@ -20,7 +20,7 @@ from embodiedreamer_gym.recordings.episodes.aloha import AlohaEpisodes
 from embodiedreamer_gym.recordings.hdf5 import read_settings
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, References, generate, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.editing import ReferenceEditor, describe, draws_of, edited, masks_of
-from embodiedreamer_gym.wrappers.vis_aligner import first
+from embodiedreamer_gym.wrappers.generated_frames import first
 
 RECIPE = 2  # to be raised with whatever changes the episodes of the same settings
 ABOUT = "augmentation"  # the attribute that tells how an episode was made

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -16,91 +16,9 @@ from embodiedreamer_gym.vis_aligner import Aligner, Bank, Condition, References,
 from embodiedreamer_gym.vis_aligner.bank import Entry
 from embodiedreamer_gym.vis_aligner.editing import ReferenceEditor, edited
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk, chunks_inside
+from embodiedreamer_gym.wrappers.generated_frames import GeneratedFrames
 
-GRAIN_SEED = 1  # beside the seed of a reset
 SHOWING = ("pixels", "pixels_agent_pos")
-
-
-class _Frames:
-    """Generated frames of n environments, chunk by chunk; `references` holds what each next chunk follows.
-
-    grain: whether to add the sensor's noise to what is shown; references have none added.
-    Raises: VisionError where the bank does not know the grain that is asked for.
-    """
-
-    def __init__(self, aligner: Aligner, bank: Bank, count: int, grain: bool = False) -> None:
-        self.aligner, self.bank = aligner, bank
-        self.references: list[References | None] = [None] * count
-        self.shown: list[np.ndarray | None] = [None] * count
-        known = None if bank.bench is None else bank.bench.grain
-        if grain and known is None:
-            raise VisionError(
-                "the bank does not know its sensor's grain; make it again with `embodiedreamer vis bank`."
-            )
-        self._grain = float(known or 0.0) if grain else 0.0
-        self._rngs = [np.random.default_rng() for _ in range(count)]
-
-    def seed(self, seeds: Sequence[int | None]) -> None:
-        """Seed the grain of each environment; None leaves it as it is."""
-        for i, seed in enumerate(seeds):
-            if seed is not None:
-                self._rngs[i] = np.random.default_rng([seed, GRAIN_SEED])
-
-    def begin(
-        self, views: Sequence[Condition], entry: Entry | None, edit: Callable[[References], References] | None = None
-    ) -> np.ndarray:
-        """Start an episode in each environment; return its first frame (n, F, H, W, 3) for all F of each view."""
-        starts = [first(self.bank, view, entry) for view in views]
-        self.references = [one if edit is None else edit(one) for one in starts]
-        return self._as_seen(
-            [np.repeat(self.last(i)[None], len(view), axis=0) for i, view in enumerate(views)], [0] * len(views)
-        )
-
-    def render(self, views: Sequence[Condition], counts: Sequence[int]) -> np.ndarray:
-        """Generate the frames (n, F, H, W, 3) of each view of F, piece by piece as the aligner was trained.
-
-        counts: how many frames of each are new; later ones repeat the last. An environment without any has been reset.
-        """
-        frames = [np.repeat(self.last(i)[None], len(view), axis=0) for i, view in enumerate(views)]
-        for i, count in enumerate(counts):
-            if count == 0:
-                self.references[i] = first(self.bank, views[i], None)
-                frames[i][:] = self.last(i)
-        for start in range(0, int(max(counts, default=0)), self.aligner.chunk):
-            going = [i for i, count in enumerate(counts) if count > start]
-            references = [self._reference(i) for i in going]
-            parts = [
-                r.lit(views[i].part(start, start + self.aligner.chunk)) for i, r in zip(going, references, strict=True)
-            ]
-            clips = self.aligner.render(references, parts)
-            for i, reference, part, clip in zip(going, references, parts, clips, strict=True):
-                count = min(int(counts[i]) - start, len(part))
-                self.references[i] = reference.after(clip[:count], part.part(0, count))
-                frames[i][start : start + count] = clip[:count]
-                frames[i][start + count :] = clip[count - 1]
-        return self._as_seen(frames, counts)
-
-    def _as_seen(self, frames: Sequence[np.ndarray], counts: Sequence[int]) -> np.ndarray:
-        """The frames (n, F, H, W, 3) with the grain, those that repeat one with the same."""
-        seen = np.stack(frames)
-        for i, (clip, count) in enumerate(zip(seen, counts, strict=True)):
-            new = max(int(count), 1)
-            if self._grain:
-                grainy = clip[:new] + self._rngs[i].normal(0.0, self._grain, clip[:new].shape)
-                clip[:new] = np.clip(np.round(grainy), 0, 255).astype(np.uint8)
-                clip[new:] = clip[new - 1]
-            self.shown[i] = clip[-1]
-        return seen
-
-    def last(self, i: int) -> np.ndarray:
-        """Return the last frame (H, W, 3) of an environment."""
-        return self._reference(i).last
-
-    def _reference(self, i: int) -> References:
-        reference = self.references[i]
-        if reference is None:
-            raise gym.error.ResetNeeded("call reset before the first step.")
-        return reference
 
 
 class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs):
@@ -137,7 +55,7 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
         gym.Wrapper.__init__(self, filmed(env, photos, self.aligner.chunk, chunk, every))
         self.bank = photos.of(_props(env.unwrapped.task))  # pyright: ignore[reportAttributeAccessIssue]
         self.observation_space = _with_picture(self.env.observation_space, picture(self.bank))
-        self._frames = _Frames(self.aligner, self.bank, 1, grain)
+        self._frames = GeneratedFrames(self.aligner, self.bank, 1, grain)
         self.editor, self._rng = editor, np.random.default_rng()
 
     @property
@@ -199,7 +117,7 @@ class VisAlignerVectorWrapper(VectorWrapper):
         except AttributeError as error:
             raise SimulationError("each environment must be wrapped in ActionChunk(env, k).") from error
         self.bank: Bank = photos.of(_props(env.get_attr("task")[0]))  # pyright: ignore[reportAttributeAccessIssue]
-        self._frames = _Frames(self.aligner, self.bank, env.num_envs, grain)
+        self._frames = GeneratedFrames(self.aligner, self.bank, env.num_envs, grain)
 
     @property
     def references(self) -> list[References | None]:
@@ -272,12 +190,6 @@ def picture(bank: Bank) -> spaces.Box:
 def conditions(info: Mapping[str, Any]) -> Condition:
     """Return the simulator's view of a chunk."""
     return Condition(**info["clip"])
-
-
-def first(bank: Bank, condition: Condition, entry: Entry | None) -> References:
-    """Return the references of an episode's beginning: a photo, or a picture composed from photos."""
-    frame = entry.frame if entry is not None else bank.compose(condition)
-    return References.start(frame, condition.part(0, 1), bank.bench)
 
 
 def _chosen(bank: Bank, options: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, Entry | None]:
