@@ -42,14 +42,14 @@ def write_episode(path: Path, signals: Mapping[str, np.ndarray], pictures: Itera
     signals: arrays (T, ...) by dataset; attributes: mappings and lists are stored as JSON.
     Raises: RecordingError when it cannot be written.
     """
-    pictures = iter(pictures)
-    camera, simulated = next(pictures)
-    rows = (_datasets(*pair) for pair in itertools.chain([(camera, simulated)], pictures))
     packing = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
     with new_hdf5(path) as file:
         for key, array in signals.items():
             file[key] = array
-        file[f"{SIMULATED}/hulls"] = simulated.frame.hulls
+        pictures = iter(pictures)
+        first = next(pictures)
+        file[f"{SIMULATED}/hulls"] = first[1].frame.hulls
+        rows = (_datasets(*pair) for pair in itertools.chain([first], pictures))
         write_rows(file, len(signals["action"]), rows, lambda key: {} if key == IMAGES else packing)
         file.attrs.update(LAYOUT_FLAGS)
         write_attributes(file, attributes, ("joint_names", "units"))

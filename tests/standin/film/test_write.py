@@ -25,6 +25,7 @@ ATTRIBUTES = {
     "side": "left",
 }
 COUNT = 12
+HULLS = np.random.default_rng(2).uniform(-0.1, 0.1, (4, 5, 3)).astype(np.float32)
 PLACES = {
     "observations/images/head": (np.uint8, (6, 8, 3)), "observations/clean/head": (np.uint8, (6, 8, 3)),
     "observations/masks/head": (np.uint8, (6, 8)), "observations/sim/head/rgb": (np.uint8, (6, 8, 3)),
@@ -44,7 +45,8 @@ def pictures(count: int = COUNT) -> Iterator[tuple[CameraFrame, SimulatorFrame]]
         colour = [rng.integers(0, 255, (6, 8, 3)).astype(np.uint8) for _ in range(3)]
         classes, masks, parts = (rng.integers(0, 5, (6, 8)).astype(np.uint8) for _ in range(3))
         depth, projections = (rng.uniform(0.3, 2.0, shape).astype(np.float32) for shape in ((6, 8), (4, 3, 4)))
-        yield CameraFrame(*colour[:2]), SimulatorFrame(Frame(colour[2], depth, classes, parts, projections), masks)
+        seen = Frame(colour[2], depth, classes, parts, projections, HULLS)
+        yield CameraFrame(*colour[:2]), SimulatorFrame(seen, masks)
 
 
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
@@ -54,6 +56,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     with h5py.File(path) as file:
         for place, (kind, shape) in PLACES.items():
             assert file[place].dtype == kind and file[place].shape == (COUNT, *shape)
+        np.testing.assert_array_equal(file["observations/sim/head/hulls"][:], HULLS)
         for k in range(COUNT):
             real, simulated = given[k]
             np.testing.assert_array_equal(file["observations/images/head"][k], real.noisy)
