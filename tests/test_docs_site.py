@@ -16,6 +16,7 @@ from tests.workbench.browser import CHROMIUM, browser
 
 ROOT = Path(__file__).parents[1]
 MOST_PICTURES = 6_000_000  # bytes
+PATIENCE = 120_000  # ms, on a busy machine
 SHOWN = (
     "index.html",
     "results.html",
@@ -55,6 +56,7 @@ def test_pages_fit_and_ask_no_server(site: Path) -> None:
     with browser() as chromium:
         for width in (1200, 400):
             page = chromium.new_page(viewport={"width": width, "height": 900})
+            page.set_default_timeout(PATIENCE)
             asked: list[str] = []
             page.on("request", lambda request, asked=asked: asked.append(request.url))
             for name in SHOWN:
