@@ -39,7 +39,7 @@ def policy_world(
     Raises: PolicyError for a policy with other cameras than `head` where an aligner is given, or larger pictures than the
     bank's, or too many actions.
     """
-    (cameras, learnt), filmed = picture_inputs(policy), {}
+    count, (cameras, learnt), filmed = executed(policy, execute), picture_inputs(policy), {}
     wanted, size = size, size or learnt
     if vis_aligner is not None:
         if cameras != ("head",):
@@ -52,7 +52,6 @@ def policy_world(
             )
         size = photos
         filmed = {"camera": "head", "size": size, "every": every}
-    count = executed(policy, execute)
 
     positions = bool(getattr(policy, "positions", False))
     model = robot if tracking is None and positions else tracking
