@@ -40,14 +40,14 @@ def policy_world(
     bank's, or too many actions.
     """
     count, (cameras, learnt), filmed = executed(policy, execute), picture_inputs(policy), {}
-    wanted, size = size, size or learnt
     if vis_aligner is not None:
         if cameras != ("head",):
             raise PolicyError(f"the policy needs {', '.join(cameras)}, and VisAligner generates the head camera only.")
         photos = load_bank(bank).size
-        if wanted not in (None, photos) or size[0] > photos[0] or size[1] > photos[1]:
+        needed = size or learnt or photos
+        if size not in (None, photos) or needed[0] > photos[0] or needed[1] > photos[1]:
             raise PolicyError(
-                f"pictures of {size[0]} x {size[1]} are wanted, and the bank's photos are {photos[0]} x {photos[1]}; give a bank "
+                f"pictures of {needed[0]} x {needed[1]} are wanted, and the bank's photos are {photos[0]} x {photos[1]}; give a bank "
                 "of that size, which `embodiedreamer vis bank` makes of episodes of that size."
             )
         size = photos
@@ -62,7 +62,7 @@ def policy_world(
     def chunked(env: Any) -> Any:
         return ActionChunk(tracked(env), count, **filmed)
 
-    options = {"cameras": cameras, "image_size": size, "robot": robot}
+    options = {"cameras": cameras, "image_size": size or learnt or (128, 96), "robot": robot}
     if envs == 1:
         env = gymnasium.make(task_id(task), **options)
         env = chunked(env) if chunks else tracked(env)

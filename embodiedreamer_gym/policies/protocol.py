@@ -111,10 +111,10 @@ def cameras_of(policy: Any) -> tuple[str, ...]:
     return tuple(getattr(policy, "cameras", None) or ())
 
 
-def picture_inputs(policy: Any) -> tuple[tuple[str, ...], tuple[int, int]]:
-    """Cameras of a policy, and width and height of the pictures it learnt from; head and 128 x 96 else."""
+def picture_inputs(policy: Any) -> tuple[tuple[str, ...], tuple[int, int] | None]:
+    """Cameras of a policy, head if it names none, and width and height of the pictures it learnt from, None if it does not say."""
     if hasattr(policy, "picture_size"):
         return cameras_of(policy), policy.picture_size
     config = getattr(getattr(policy, "network", None), "config", None)
-    size = (128, 96) if config is None else getattr(config, "source_size", None) or config.image_size
+    size = None if config is None else getattr(config, "source_size", None) or config.image_size
     return cameras_of(policy) or ("head",), size
