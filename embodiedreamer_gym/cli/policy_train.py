@@ -13,8 +13,8 @@ WIDEST = 160  # pixels
 @o.verb(
     o.option("--data", "DIR", "ALOHA/AgileX HDF5 files or a LeRobot set; several are joined", o.REQUIRED, Path, nargs="+"),
     o.out_folder("policy, checkpoint and curves"),
-    o.option("--steps", "N", "of the optimiser (default 8000 with masks, else 4000)", None, o.COUNT),
-    o.option("--batch", "B", "training examples per step (default 64 with masks, else 32)", None, o.COUNT),
+    o.option("--steps", "N", "of the optimiser (default: object_pose 8000, act 4000)", None, o.COUNT),
+    o.option("--batch", "B", "training examples per step (default: object_pose 64, act 32)", None, o.COUNT),
     o.option("--learning-rate", "R", "peak (default: small 1e-3, paper 1e-5)", None, o.number(float, 0.0, 1e3, above=True)),
     o.option("--chunk", "K", "actions predicted", 100, o.COUNT),
     o.option("--cameras", "NAME", "one to three (default: all of the data)", nargs="+"),
@@ -25,8 +25,9 @@ WIDEST = 160  # pixels
            " 0 for a policy that is queried more often", None, o.number(float, 0.0)),
     o.option("--no-rest", None, "do not learn to rest after an episode's end"),
     o.option("--preset", None, "sizes of the network", "small", choices=PRESETS),
-    o.option("--kind", None, "key_pose: key poses in the frames of the objects, by their masks; of the options above, it uses --cameras (one)",
-             "network", choices=("network", "key_pose")),
+    o.option("--kind", None, "act: the transformer, with the objects' poses as a further input where the data have masks; object_pose: an"
+             " MLP on these poses; key_pose: key poses in the frames of the objects, uses --cameras (one) of the options above"
+             " (default: object_pose where the data have masks, else act)", choices=("act", "object_pose", "key_pose")),
     o.option("--robot", "M", f"key_pose: robot of the episodes: {o.MODELS}", "aloha"),
     o.option("--camera-file", "FILE", "key_pose: calibrated cameras (default: the built-in ones)"),
     o.option("--device", "D", "cpu or cuda", "cpu"),
@@ -34,7 +35,7 @@ WIDEST = 160  # pixels
     o.QUIET,
 )  # fmt: skip
 def run(a, progress):
-    """Train ACT, the action chunking transformer, on episodes; an interrupted training goes on."""
+    """Train a policy on episodes; an interrupted training goes on."""
     import torch
 
     from embodiedreamer_gym.policies.act import TrainingConfig, train
@@ -51,6 +52,8 @@ def run(a, progress):
     if len(sets) > 1 and not a.no_masks and not episodes.objects and any(one.objects for one in sets):
         progress.note("the sets do not have masks of the same objects; learning without masks")
     config = network_config(a, episodes, progress.note)
+    if a.kind is None:
+        progress.note(f"training a policy of kind {config.kind}; --kind chooses another")
     learning_rate = PRESETS[a.preset] if a.learning_rate is None else a.learning_rate
     mirror = () if a.mirror is None else _mirror(a.mirror)
     settings = TrainingConfig.usual(config, steps=a.steps, batch=a.batch, learning_rate=learning_rate, mirror=mirror,
@@ -90,13 +93,23 @@ def network_config(a, episodes, note) -> Any:
     cameras = tuple(a.cameras or episodes.cameras)
     check_cameras(episodes, cameras)
     if not cameras:
-        raise PolicyError(f"the episodes in {a.data[0]} have no pictures, and ACT needs those of one camera at least.")
+        raise PolicyError(
+            f"the episodes in {a.data[0]} have no pictures, and a policy needs those of one camera at least."
+        )
     source = picture_size(episodes, cameras[0])
     size = default_size(source, a.preset) if a.size is None else read_size(a.size)
     if a.size is None and size != source:
         note(f"pictures of {source[0]}x{source[1]} are scaled to {size[0]}x{size[1]}; give --size for another size")
     config = ActConfig(episodes.state_size, episodes.action_size, cameras, size)
-    config = config.paper() if a.preset == "paper" else config if a.no_masks else with_object_poses(config, episodes)
+    objects = () if a.no_masks else tuple(getattr(episodes, "objects", ()))
+    if a.kind == "object_pose" and (a.preset == "paper" or not objects):
+        raise PolicyError("a policy of kind object_pose learns from masks, and has no preset paper; use --kind act.")
+    if a.preset == "paper":
+        config = config.paper()
+    elif objects and a.kind != "act":
+        config = with_object_poses(config, episodes)
+    else:
+        config = config.small(objects)
     return config.with_(chunk=a.chunk, source_size=None if source == size else source)
 
 

@@ -38,7 +38,10 @@ class ActConfig:
     keypoints: int = 16
     """Key points in each picture, together one token beside the ResNet's; 0 for none."""
     objects: tuple[str, ...] = ()
-    """Objects whose masks the object pose heads learn: their poses go to an MLP, without ResNet and transformer."""
+    """Objects whose masks the object pose heads learn."""
+    transformer: bool = False
+    """With objects: whether their poses are a token of the transformer, beside the pictures (kind `act`), or the only input beside
+    the state, of an MLP without ResNet and transformer (kind `object_pose`)."""
     width: int = 128
     """Width of the transformer, or of the MLP."""
     heads: int = 8
@@ -94,6 +97,11 @@ class ActConfig:
             )
 
     @property
+    def kind(self) -> str:
+        """`object_pose` for an MLP on the objects' poses, else `act`."""
+        return "object_pose" if self.objects and not self.transformer else "act"
+
+    @property
     def numbers(self) -> int:
         """About how many numbers the network holds, and one batch's feature maps."""
         c, count = self, 1 + len(self.objects)
@@ -101,13 +109,20 @@ class ActConfig:
         cells = c.image_size[0] * c.image_size[1]
         residual = sum(49 * (before + after) * after for before, after in zip((3, *c.widths), c.widths, strict=False))
         ends = (c.state_size + c.action_size + c.latent + 3 * c.chunk + count * 6 * len(c.cameras)) * c.width
-        direct = c.width * c.chunk * c.action_size if c.objects else 0
+        direct = c.width * c.chunk * c.action_size if c.kind == "object_pose" else 0
         return (layers * (4 * c.width + 2 * c.feedforward) * c.width + residual + ends + direct
                 + cells * (16 * count + c.keypoints) + cells * c.width // 4 ** (len(c.widths) + 1))  # fmt: skip
 
     def with_(self, **changes: Any) -> ActConfig:
         """The same with some fields changed."""
         return replace(self, **changes)
+
+    def small(self, objects: tuple[str, ...] = ()) -> ActConfig:
+        """The same inputs with the paper's parts at sizes that a laptop's processor trains: ResNet, transformer, CVAE.
+
+        objects: whose poses, found by their masks, are a further input.
+        """
+        return self.with_(objects=objects, transformer=True, keypoints=0 if objects else self.keypoints, latent=32)
 
     def paper(self) -> ActConfig:
         """The same inputs with the paper's sizes, about 52 million weights; chunk 100.

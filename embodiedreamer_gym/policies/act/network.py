@@ -70,7 +70,7 @@ class Act(nn.Module):
             self.latent_token = nn.Embedding(1, c.width)
             self.latent_state, self.latent_action = nn.Linear(c.state_size, c.width), nn.Linear(c.action_size, c.width)
             self.latent_head = nn.Linear(c.width, 2 * c.latent)
-        if c.objects:
+        if c.kind == "object_pose":
             self.mlp_head = MlpHead(c.state_size + c.latent + POSE_SIZE * len(c.objects) * len(c.cameras), c)
         else:
             self._build_transformer(c)
@@ -82,8 +82,9 @@ class Act(nn.Module):
         self.keypoints = nn.ModuleList([Keypoints(c.keypoints) for _ in c.cameras]) if c.keypoints else None
         self.places = nn.Linear(2 * c.keypoints * len(c.cameras), c.width) if c.keypoints else None
         self.state = nn.Linear(c.state_size, c.width)
+        self.poses = nn.Linear(POSE_SIZE * len(c.objects) * len(c.cameras), c.width) if c.objects else None
         self.latent = nn.Linear(c.latent, c.width) if c.latent else None
-        self.own_positions = nn.Embedding(1 + bool(c.latent) + bool(c.keypoints), c.width)
+        self.own_positions = nn.Embedding(1 + bool(c.latent) + bool(c.keypoints) + bool(c.objects), c.width)
         self.encoder, self.decoder = Encoder(c, c.encoders), Decoder(c)
         self.queries = nn.Embedding(c.chunk, c.width)
         self.head = nn.Linear(c.width, c.action_size)
@@ -140,10 +141,11 @@ class Act(nn.Module):
         return torch.cat([head(one) for head, one in pairs], 1)
 
     def precompute(self, batch: Batch) -> Batch:
-        """The batch with object poses in place of pictures, where the network uses them: they do not change any more."""
+        """The batch with object poses, where the network uses them: they do not change any more. Kind `object_pose` needs no pictures then."""
         if self.object_pose_heads is None or "object_poses" in batch:
             return batch
-        return {"agent_pos": batch["agent_pos"], "object_poses": self.object_poses(batch.get("pixels", {})).cpu()}
+        poses = {"agent_pos": batch["agent_pos"], "object_poses": self.object_poses(batch.get("pixels", {})).cpu()}
+        return poses if self.config.kind == "object_pose" else {**poses, "pixels": batch["pixels"]}
 
     def load_state_dict(self, state_dict: Mapping[str, Any], *args: Any, **options: Any) -> Any:
         """Load weights, also those of version 0.1; see `torch.nn.Module.load_state_dict`."""
@@ -214,19 +216,25 @@ class Act(nn.Module):
         state = self._state(batch)
         if self.config.latent and z is None:
             z = torch.zeros(len(state), self.config.latent, device=state.device)
-        if self.object_pose_heads is None:
-            return self._attend(state, self._pictures(batch.get("pixels", {})), z)
-        poses = self.precompute(batch)["object_poses"].to(state.device)
-        return self.mlp_head(torch.cat([state, poses] if z is None else [state, poses, z], 1))
+        poses = None
+        if self.object_pose_heads is not None:
+            poses = self.precompute(batch)["object_poses"].to(state.device)
+        if self.config.kind == "act":
+            return self._attend(state, self._pictures(batch.get("pixels", {})), poses, z)
+        return self.mlp_head(torch.cat([one for one in (state, poses, z) if one is not None], 1))
 
-    def _attend(self, state: torch.Tensor, pictures: list[torch.Tensor], z: torch.Tensor | None) -> torch.Tensor:
-        """Normalised actions (B, k, m) of states (B, n), pictures (B, 3, H, W) and latents, by the transformer."""
+    def _attend(
+        self, state: torch.Tensor, pictures: list[torch.Tensor], poses: torch.Tensor | None, z: torch.Tensor | None
+    ) -> torch.Tensor:
+        """Normalised actions (B, k, m) of states (B, n), pictures (B, 3, H, W), object poses and latents, by the transformer."""
         tokens = [self.state(state)[:, None]]
         if self.latent is not None and z is not None:
             tokens.insert(0, self.latent(z)[:, None])
         if self.keypoints is not None and self.places is not None:
             found = [points(one) for points, one in zip(self.keypoints, pictures, strict=True)]
             tokens.append(self.places(torch.cat(found, 1))[:, None])
+        if self.poses is not None and poses is not None:
+            tokens.append(self.poses(poses)[:, None])
         features = self.picture(self.backbone(torch.cat(pictures))).flatten(2).transpose(1, 2)
         if self.config.placed:
             features = features + self.positions

@@ -131,6 +131,6 @@ def _moments(shares: torch.Tensor, x: torch.Tensor, y: torch.Tensor) -> tuple[to
 
 
 def with_object_poses(config: ActConfig, episodes: EpisodeSet) -> ActConfig:
-    """A configuration with object pose heads, and layers of their size, for the objects in a set's masks, if it has any."""
+    """A configuration of kind `object_pose`, for the objects in a set's masks, if it has any."""
     names = tuple(getattr(episodes, "objects", {}))
     return config.with_(objects=names, keypoints=0, width=256, feedforward=512, encoders=2) if names else config

@@ -73,7 +73,7 @@ class Samples:
         self._object_poses: torch.Tensor | None = None
         steps = np.concatenate([np.arange(length) for length in episodes.lengths])
         self._chunk_starts = np.flatnonzero(steps % config.chunk < NEAR)
-        if size <= memory and not config.objects:  # the object poses are kept instead
+        if size <= memory and config.kind == "act":  # else the object poses are kept instead
             self._kept = {
                 (i, camera): self._read(i, camera, 0, episodes.lengths[i])
                 for i in range(len(episodes)) for camera in config.cameras
@@ -110,19 +110,21 @@ class Samples:
         last = np.array(self._episodes.lengths)[which, None] - 1
         actions = [self.actions[i][row] for i, row in zip(which, np.minimum(ahead, last), strict=True)]
         states = np.stack([self.states[i][s] for i, s in zip(which, starts, strict=True)])
+        batch: dict[str, Any] = {"agent_pos": states}
         if self._object_poses is not None:
-            batch = {"agent_pos": states, "object_poses": self._object_poses[steps]}
-            return Sample(batch, np.stack(actions), ahead > last)
-        pixels = {
+            batch["object_poses"] = self._object_poses[steps]
+            if self.config.kind == "object_pose":
+                return Sample(batch, np.stack(actions), ahead > last)
+        batch["pixels"] = {
             camera: np.stack([self._picture(int(i), camera, int(s)) for i, s in zip(which, starts, strict=True)])
             for camera in self.config.cameras
         }
-        return Sample({"agent_pos": states, "pixels": pixels}, np.stack(actions), ahead > last)
+        return Sample(batch, np.stack(actions), ahead > last)
 
     def keep_object_poses(
         self, poses: Callable[[Mapping[str, np.ndarray]], torch.Tensor], progress: ProgressCallback | None = None
     ) -> None:
-        """Keep the poses (B, numbers) of the objects in each step's pictures {camera: (B, H, W, 3)}, and no pictures."""
+        """Keep the poses (B, numbers) of the objects in each step's pictures {camera: (B, H, W, 3)}."""
         rows, shown = [], progress_or_silence(progress)
         for i, length in enumerate(self._episodes.lengths):
             for at in range(0, length, POSES_AT_ONCE):

@@ -50,8 +50,8 @@ class TrainingConfig(TrainingSettings):
 
     @staticmethod
     def usual(config: ActConfig, **settings: Any) -> TrainingConfig:
-        """Settings, where None or not given, of a network: one with object pose heads has cheaper steps, so more."""
-        wanted = {"steps": 8000, "batch": 64} if config.objects else {}
+        """Settings, where None or not given, of a network: one of kind `object_pose` has cheaper steps, so more."""
+        wanted = {"steps": 8000, "batch": 64} if config.kind == "object_pose" else {}
         return TrainingConfig(**{**wanted, **{name: value for name, value in settings.items() if value is not None}})
 
 
