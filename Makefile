@@ -17,7 +17,7 @@ export NUMBA_CACHE_DIR := $(CURDIR)/.cache/numba
 # One test process per logical CPU; TESTS="tests/envs -k reset" runs some of them.
 PYTEST := -m pytest -n logical --dist worksteal
 
-.PHONY: install demo docs test test-slow lint bench bench-diagnosis format test-lowest test-newest release-check clean
+.PHONY: install demo docs results test test-slow lint bench bench-diagnosis format test-lowest test-newest release-check clean
 
 install: $(INSTALLED)
 
@@ -44,6 +44,10 @@ lint: $(INSTALLED)
 # The documentation as a site that opens offline: build/site/index.html.
 docs: $(INSTALLED)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+# docs/results.md from the results that the benchmarks wrote; python -m benchmarks results KEY NAME ... measures one again.
+results: $(INSTALLED)
+	$(BIN)/python -m benchmarks results
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

@@ -66,8 +66,10 @@ def run_cases(a: argparse.Namespace, cases: Cases, work: Work, path: Path | None
     return rows
 
 
-def save_results(a: argparse.Namespace, cases: Cases, rows: list[Row], seeds: Any, result: dict[str, Any]) -> None:
-    """Write the files of --results; result: without times."""
+def save_results(
+    a: argparse.Namespace, cases: Cases, rows: list[Row], seeds: Any, result: dict[str, Any], **times: float
+) -> None:
+    """Write the files of --results; result: without times; times: what run.json keeps beside the sum of seconds."""
     if a.results is not None:
         whole = {
             "settings": dict(cases.settings),
@@ -75,4 +77,4 @@ def save_results(a: argparse.Namespace, cases: Cases, rows: list[Row], seeds: An
             "of": len(cases.keys),
             "cases_sha256": cases.sha256,
         }
-        write_results(a.results, {**whole, **result}, {**run_of(rows), "seeds": seeds})
+        write_results(a.results, {**whole, **result}, {**run_of(rows), "seeds": seeds, "times": times})

@@ -124,7 +124,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(f"{out} holds no finished case.")
     print(f"\n{report(rows, a.set, beside, brute)}")
     print(f"\nseconds are of one diagnosis on one thread; --jobs {a.jobs} of them ran side by side.")
-    save_results(a, cases, rows, a.seeds, outcome(rows, a.set))
+    times = {figure.key: figure.value for figure in figures(rows, a.set) if "seconds" in figure.key}
+    save_results(a, cases, rows, a.seeds, outcome(rows, a.set), **times)
 
 
 if __name__ == "__main__":

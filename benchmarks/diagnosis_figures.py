@@ -86,10 +86,15 @@ class Figure:
         line += count.ljust(12)
         if self.target is None:
             return line.rstrip()
-        low, high = self.target
-        wanted = f"<= {number(high)}" if low == 0 else f">= {number(low)}"
-        wanted = f"{number(low)} to {number(high)}" if low > 0 and high < 1 else wanted
-        return f"{line}target {wanted:<14}{'met' if self.met else 'missed'}"
+        return f"{line}target {wanted(self.key, self.target):<14}{'met' if self.met else 'missed'}"
+
+
+def wanted(key: str, target: tuple[float, float]) -> str:
+    """A target as text."""
+    (low, high), number = target, _number if "seconds" in key else _percent
+    if low > 0 and high < 1:
+        return f"{number(low)} to {number(high)}"
+    return f"<= {number(high)}" if low == 0 else f">= {number(low)}"
 
 
 def share(key: str, answers: Iterable[bool], targets: Mapping[str, tuple[float, float]]) -> list[Figure]:

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.common import save
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.motions import Motion, Span, multisine, point_to_point, teleoperation
 from embodiedreamer_gym.recordings import Recording
@@ -174,8 +175,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
     parser.add_argument("--seconds", type=float, default=SECONDS)
+    parser.add_argument("--out", type=Path)
     chosen = parser.parse_args(arguments)
-    missed = 0
+    rows: list[dict[str, Any]] = []
     print(f"{'robot':<7} {'motion':<15} {'':<44} {'mrad':>8} {'torque':>8}")
     for table in (
         *(engines(r, chosen.seconds) for r in chosen.robots),
@@ -184,8 +186,10 @@ def main(arguments: list[str] | None = None) -> int:
     ):
         for row in table:
             print(row, flush=True)
-            missed += not row.met
+            rows.append({**asdict(row), "met": row.met})
+    missed = sum(not row["met"] for row in rows)
     print(f"{missed} targets missed")
+    save(rows, chosen.out)
     return int(missed > 0)
 
 

@@ -14,9 +14,11 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from benchmarks.common import save
 from embodiedreamer_gym.diagnosis import compare, diagnose
 from embodiedreamer_gym.engines.bullet.plant import BulletPlant
 from embodiedreamer_gym.engines.plant import replay
@@ -98,10 +100,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--arm", default="arm6")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path)
     chosen = parser.parse_args(arguments)
     cases = ((chosen.effect, chosen.arm),) if chosen.effect else CASES
     print(f"{'hidden':<18} {'arm':<6} {'named':<32} {'error':>8} {'gap':>9} {'without':>9}   mrad, worst joint")
-    failed = 0
+    rows: list[dict[str, Any]] = []
     for effect, arm in cases:
         result = run(effect, arm, chosen.seed, chosen.jobs)
         worst = 1e3 * result.compared.max()
@@ -110,8 +113,18 @@ def main(arguments: list[str] | None = None) -> int:
         print(
             f"{effect:<18} {arm:<6} {named:<32} {worst:>8.3f} {gaps}   {'ok' if result.holds else 'FAILED'}", flush=True
         )
-        failed += not result.holds
-    return int(failed > 0)
+        rows.append(
+            {
+                "hidden": effect,
+                "arm": arm,
+                "named": result.effects,
+                "gap": result.gap,
+                "gap_without": result.gap_without,
+                "holds": result.holds,
+            }
+        )
+        save(rows, chosen.out)
+    return int(not all(row["holds"] for row in rows))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,144 @@
+"""The page of results: each figure from the JSON that its command wrote.
+
+python -m benchmarks results                        writes docs/results.md from results.md.j2 and results/KEY/*.json
+python -m benchmarks results KEY NAME [OPTION ...]  runs the benchmark NAME first, and keeps its results in results/KEY
+
+`result.json` has no times, so that the same code, seeds and machine write the same bytes; `run.json` has the times, the
+command, the commit, the machine and the date. In the template, `r.KEY` holds both.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import re
+import shlex
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from benchmarks.diagnosis_figures import TARGETS, TEXTS, wanted
+from embodiedreamer_gym.io.files import atomic_file
+from embodiedreamer_gym.io.results import run_stamp, write_results
+
+HOME = Path(__file__).parents[1]
+FOLDER, TEMPLATE, PAGE = HOME / "results", Path(__file__).with_name("results.md.j2"), HOME / "docs" / "results.md"
+FILES = r" ?--(?:out|rows|add|figures-only)(?: [^-]\S*)*"  # where rows are kept, which the page does not show
+TIME = re.compile(r"(?:.*_)?(?:s|ms|seconds|mb)")  # keys of what differs between two runs
+
+
+def split_times(data: Any) -> tuple[Any, Any]:
+    """Data fit for JSON in two parts of the same structure: without times (numbers that are not finite are None), and times alone."""
+    if isinstance(data, Mapping):
+        parts = {key: split_times(value) for key, value in data.items() if not TIME.fullmatch(key)}
+        times = {key: value for key, value in data.items() if TIME.fullmatch(key)}
+        times |= {key: part[1] for key, part in parts.items() if part[1]}
+        return {key: part[0] for key, part in parts.items()}, times
+    if isinstance(data, list):
+        both = [split_times(value) for value in data]
+        return [one[0] for one in both], [one[1] for one in both] if any(one[1] for one in both) else []
+    return (None if isinstance(data, float) and not np.isfinite(data) else data), None
+
+
+def joined(result: Any, times: Any) -> Any:
+    """The data that `split_times` split."""
+    if isinstance(result, Mapping):
+        times = times or {}
+        return {**times, **{key: joined(value, times.get(key)) for key, value in result.items()}}
+    if isinstance(result, list) and times:
+        return [joined(one, other) for one, other in zip(result, times, strict=True)]
+    return result
+
+
+def record(key: str, name: str, options: Sequence[str]) -> None:
+    """Run a benchmark that has the option --results, or --out for JSON, and keep what it wrote in results/KEY."""
+    source = (Path(__file__).parent / f"{name}.py").read_text()
+    folder, begun = FOLDER / key, time.perf_counter()
+    with tempfile.TemporaryDirectory() as scratch:
+        cases = "case_options(" in source
+        given = ["--results", scratch] if cases else ["--out", f"{scratch}/rows.json"]
+        before, sys.argv = sys.argv, [name, *options, *given]
+        try:
+            importlib.import_module(f"benchmarks.{name}").main()
+        finally:
+            sys.argv = before
+        if cases:
+            result, run = (json.loads(Path(scratch, f"{part}.json").read_text()) for part in ("result", "run"))
+        else:
+            result, times = split_times(json.loads(Path(scratch, "rows.json").read_text()))
+            result = result if isinstance(result, dict) else {"rows": result}
+            run = {**run_stamp(), "seconds": round(time.perf_counter() - begun, 1),
+                   "times": times if isinstance(times, dict) else {"rows": times}}  # fmt: skip
+    shown = re.sub(FILES, "", shlex.join(options))
+    write_results(folder, result, {**run, "command": f"python -m benchmarks {name} {shown}".strip()})
+
+
+def kept() -> dict[str, Any]:
+    """What is kept of every benchmark by its key: its result, its times, and its run."""
+    found = {}
+    for path in sorted(FOLDER.glob("*/result.json")):
+        run = json.loads(path.with_name("run.json").read_text())
+        found[path.parent.name] = {**joined(json.loads(path.read_text()), run.get("times")), "run": run}
+    return found
+
+
+def blind(*sets: Mapping[str, Any]) -> str:
+    """A table of the diagnosis benchmark: a row for each figure, a column for each set of cases, and the target of the first set."""
+    names = [one["settings"]["set"] for one in sets]
+    found = [{figure["key"]: _share(figure) for figure in one["figures"]} for one in sets]
+    found = [
+        {**cells, **{key: f"{value:.0f}" for key, value in one["run"]["times"].items()}}
+        for cells, one in zip(found, sets, strict=True)
+    ]
+    rows = [["", *(name.replace("_", " ") for name in names), "target"], ["---"] * (len(sets) + 2),
+            ["cases", *(f"{one['cases']} of {one['of']}" for one in sets), ""]]  # fmt: skip
+    for key, text in TEXTS.items():
+        if any(key in cells for cells in found):
+            target = TARGETS.get(names[0], {}).get(key)
+            rows.append([text, *(cells.get(key, "") for cells in found), "" if target is None else wanted(key, target)])
+    rows.append(["command", *(f"`{one['run']['command']}`" for one in sets), ""])
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def _share(figure: Mapping[str, Any]) -> str:
+    """Hits, cases, percent and the 95 % interval of a share; a median of shares without hits."""
+    low, high = 100 * figure["low"], 100 * figure["high"]
+    count = f"of {figure['of']}" if figure["hits"] is None else f"{figure['hits']} of {figure['of']}"
+    return f"{count}, {100 * figure['value']:.0f} % [{low:.0f}, {high:.0f}]"
+
+
+def page(results: Mapping[str, Any] | None = None) -> str:
+    """The page, from what is kept or from other results. Raises: jinja2.UndefinedError for a figure that is not there."""
+    places = jinja2.Environment(undefined=jinja2.StrictUndefined, keep_trailing_newline=True, autoescape=False)
+    places.filters |= {
+        "f": lambda value, digits=0: f"{value:.{digits}f}",
+        "median": lambda values: float(np.median(list(values))),
+    }
+    return places.from_string(TEMPLATE.read_text()).render(r=kept() if results is None else results, blind=blind)
+
+
+def main() -> None:
+    """Record a benchmark if one is named, then write the page."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks results", description=str(__doc__).splitlines()[0])
+    parser.add_argument("key", nargs="?", help="folder in results/")
+    parser.add_argument("name", nargs="?", help="benchmark")
+    parser.add_argument("options", nargs=argparse.REMAINDER)
+    a = parser.parse_args()
+    if a.key and not (a.name and (Path(__file__).parent / f"{a.name}.py").is_file()):
+        parser.error("give a key and the name of a benchmark, or nothing to write the page.")
+    if a.key:
+        record(a.key, a.name, a.options)
+    with atomic_file(PAGE) as part:
+        part.write_text(page())
+    print(f"wrote {PAGE.relative_to(HOME)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""The page of results is made of the JSON that the benchmarks wrote."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+import jinja2
+import pytest
+
+from benchmarks import results
+
+
+def test_the_page_is_what_the_results_say() -> None:
+    assert results.PAGE.read_text() == results.page(), "run: make results"
+
+
+def test_a_changed_result_changes_the_page() -> None:
+    kept = results.kept()
+    figure = next(one for one in kept["sealed_main"]["figures"] if one["key"] == "accused")
+    figure["hits"] += 1
+    assert results.page(kept) != results.page()
+
+
+def test_a_missing_result_is_an_error() -> None:
+    kept = results.kept()
+    del kept["sealed_main"]
+    with pytest.raises(jinja2.UndefinedError):
+        results.page(kept)
+
+
+def test_figures_that_are_typed_are_marked() -> None:
+    rows = [line for line in results.TEMPLATE.read_text().splitlines() if line.startswith("| ")]
+    typed = [row for row in rows if "{{" not in row and not row.startswith(("| ‡", "| †", "| what", "|---"))]
+    assert not typed
+
+
+def test_results_are_kept_without_times_and_joined_again() -> None:
+    data: dict[str, Any] = {
+        "a": 1.0,
+        "median_ms": 3.0,
+        "rows": [{"b": 2, "seconds": 4.0}, {"b": None, "seconds": 5.0}],
+        "c": [1, 2],
+    }
+    result, times = results.split_times(data)
+    assert result == {"a": 1.0, "rows": [{"b": 2}, {"b": None}], "c": [1, 2]}
+    assert results.joined(json.loads(json.dumps(result)), json.loads(json.dumps(times))) == data
+    assert results.split_times({"x": float("nan")})[0] == {"x": None}
+
+
+def test_a_benchmark_is_recorded(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(results, "FOLDER", tmp_path)
+    results.record("pair", "engines", ["--seeds", "1", "--seconds", "0.2"])
+    assert results.kept()["pair"]["nominal"]["largest"] < 0.1
+    run = json.loads((tmp_path / "pair" / "run.json").read_text())
+    assert run["command"] == "python -m benchmarks engines --seeds 1 --seconds 0.2"
+    assert run["seconds"] > 0 and re.fullmatch(r"\d{4}-\d\d-\d\d", run["date"])
+
+
+def test_where_rows_are_kept_is_no_part_of_the_command() -> None:
+    assert (
+        re.sub(results.FILES, "", "--set main --figures-only --out a.jsonl --rows b c --seeds x")
+        == "--set main --seeds x"
+    )
