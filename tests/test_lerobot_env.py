@@ -57,11 +57,12 @@ def look_at(seen: dict) -> None:
     assert seen["agent_pos"].shape == (2, 14) and seen["agent_pos"].dtype == np.float32
 
 
-def test_one_camera_is_one_picture(hub: ModuleType) -> None:
+def test_one_camera_has_its_name_too(hub: ModuleType) -> None:
     hub.ARGUMENTS["cameras"] = ("head",)
     env = hub.make_env(cfg=SimpleNamespace(task="PutCupOnMat"))["embodiedreamer"][NAMES.index("PutCupOnMat")]
     seen, _ = env.reset(seed=0)
-    assert seen["pixels"].shape == (1, 48, 64, 3) and seen["agent_pos"].shape == (1, 14)
+    assert seen["pixels"]["head"].shape == (1, 48, 64, 3) and seen["agent_pos"].shape == (1, 14)
+    assert seen in env.observation_space and hasattr(env.envs[0], "task_description")
     env.close()
 
 

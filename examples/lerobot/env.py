@@ -20,16 +20,32 @@ ARGUMENTS: dict[str, Any] = {  # of the environments; robot="my_calibrated_arm.j
 }  # fmt: skip
 
 
-class LeRobotEnv(gym.Wrapper):
-    """Says its task in words, and ignores reset options that are LeRobot's own."""
+class LeRobotEnv(gym.ObservationWrapper):
+    """States its task in words, names the picture of a single camera as well, and ignores reset options that are LeRobot's own."""
+
+    def __init__(self, env: gym.Env) -> None:
+        super().__init__(env)
+        (self.camera, *others), space = ARGUMENTS["cameras"], env.observation_space
+        self.single = not others
+        if self.single:  # LeRobot's policies expect observation.images.CAMERA, and would be given observation.image
+            self.observation_space = gym.spaces.Dict(
+                {**space, "pixels": gym.spaces.Dict({self.camera: space["pixels"]})}
+            )
 
     @property
     def task(self) -> str:
-        return self.get_wrapper_attr("task_description")
+        return self.env.get_wrapper_attr("task_description")
+
+    @property
+    def task_description(self) -> str:
+        return self.task
+
+    def observation(self, observation: Any) -> Any:
+        return {**observation, "pixels": {self.camera: observation["pixels"]}} if self.single else observation
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         known = {key: value for key, value in (options or {}).items() if key in RESET_OPTIONS}
-        return self.env.reset(seed=seed, options=known)
+        return super().reset(seed=seed, options=known)
 
 
 def make_one(task: str, control_hz: int) -> gym.Env:
