@@ -66,5 +66,5 @@ def test_pages_fit_and_ask_no_server(site: Path) -> None:
             assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
         page.set_viewport_size({"width": 1200, "height": 900})
         page.goto((site / "index.html").as_uri())
-        page.fill("input[name=query]", "backlash")
+        page.locator("input[name=query]").press_sequentially("backlash")  # the search listens to keys
         page.wait_for_selector(".md-search-result__link")
