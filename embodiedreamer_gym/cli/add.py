@@ -5,15 +5,15 @@ from embodiedreamer_gym.cli.logs import load_model, load_split
 
 
 @o.verb(
-    o.option("effect", "EFFECT", "one of `embodiedreamer effects`, or of --effects", o.REQUIRED),
+    o.option("effect", "EFFECT", "name of an effect, from `embodiedreamer effects` or --effects", o.REQUIRED),
     o.MODEL,
     *o.SPLIT,
-    o.out_file("FILE.json", "model with the effect"),
+    o.out_file("FILE.json", "output: model with the effect"),
     *o.FIT,
     *o.LOGS,
 )
 def run(a, progress):
-    """Add an effect and fit again."""
+    """Add an effect to a model and fit again."""
     from embodiedreamer_gym.diagnosis import add_effect
 
     model = load_model(a, a.model)

@@ -9,21 +9,26 @@ EDITS = "recolour[:NAME,...], background[:FOLDER], table[:FOLDER], paper, inpain
 
 
 @o.verb(
-    o.option("--data", "DIR", "HDF5 episodes, as `demos` writes them", o.REQUIRED, nargs="+"),
-    o.out_folder("continued where it was interrupted"),
-    o.option("--edit", "EDIT", f"{EDITS} (default: none, the video model alone)", [], nargs="+"),
-    o.option("--prompt", "TEXT", "text for inpaint"),
-    o.option("--copies", "N", "of each episode", 1, o.COUNT),
+    o.option("--data", "DIR", "HDF5 episodes, such as those of `demos`", o.REQUIRED, nargs="+"),
+    o.out_folder("output folder; an interrupted run resumes"),
+    o.option("--edit", "EDIT", f"{EDITS} (default: none, only the video model)", [], nargs="+"),
+    o.option("--prompt", "TEXT", "prompt for inpaint"),
+    o.option("--copies", "N", "copies of each episode", 1, o.COUNT),
     o.option("--aligner", "A", "video model: lean, a file or folder", "lean"),
-    o.option("--bank", "B", "photos for the first frame: lab, a file, or none for the episode's own", "lab"),
+    o.option(
+        "--bank",
+        "B",
+        "photos from which the first frame is composed: lab, a file, or none for the episode's own first frame",
+        "lab",
+    ),
     o.SEED,
-    o.option("--task", "TASK", "of files without a task name, such as PutCupOnMat-v0"),
-    o.option("--robot", "M", f"that replays: {o.MODELS} (default: the recorded one)"),
+    o.option("--task", "TASK", "task of files that do not name it, such as PutCupOnMat-v0"),
+    o.option("--robot", "M", f"robot for the replay: {o.MODELS} (default: the recorded one)"),
     o.JOBS,
     o.QUIET,
 )
 def run(a, progress):
-    """Replay recorded episodes and render them again with the video model, from edited first frames."""
+    """Replay recorded episodes and generate new frames with the video model, from edited first frames."""
     from embodiedreamer_gym.envs import task_name
     from embodiedreamer_gym.pipelines.regenerate import regenerate
     from embodiedreamer_gym.vis_aligner.editing import Chain

@@ -9,21 +9,21 @@ OBSERVATIONS = "position,effort,no_command,teleoperation"
 
 
 @o.verb(
-    o.option("--cases", "N", "how many", 20, o.number(int, 1, 9999)),
-    o.option("--tiers", "T,...", "kinds of hidden causes, taken in turn", TIERS),
-    o.option("--observations", "O,...", "recorded signals, taken in turn", OBSERVATIONS),
-    o.option(
-        "--real", "DIR", "folders with model.json, train/ and test/ of real robots, as further cases", [], nargs="+"
-    ),
-    o.option("--seconds", "S", "of each recording", 6.0, o.number(float, 1.0, 60.0)),
+    o.option("--cases", "N", "number of cases", 20, o.number(int, 1, 9999)),
+    o.option("--tiers", "T,...", "kinds of hidden effects, used in turn", TIERS),
+    o.option("--observations", "O,...", "recorded signals, used in turn", OBSERVATIONS),
+    o.option("--real", "DIR", "further cases of real robots: folders with model.json, train/ and test/", [], nargs="+"),
+    o.option("--seconds", "S", "length of each recording", 6.0, o.number(float, 1.0, 60.0)),
     o.SEED,
     o.JOBS,
     o.QUIET,
-    o.out_folder("cases; new or empty"),
-    o.option("--truth", "DIR", "ground truth of the cases; new or empty (default: OUT-truth)", None, o.output_folder),
+    o.out_folder("output folder of the cases; new or empty"),
+    o.option(
+        "--truth", "DIR", "output folder of the ground truth; new or empty (default: OUT-truth)", None, o.output_folder
+    ),
 )
 def run(a, progress):
-    """Draw hidden cases for any tool, the truth in a folder of its own."""
+    """Create benchmark cases with hidden effects; the ground truth is written to a separate folder."""
     from embodiedreamer_gym.bench.cases import make_cases
 
     truth = a.truth or a.out.with_name(f"{a.out.name}-truth")

@@ -8,15 +8,15 @@ ENTRIES = ("diagnose", "coulomb", "ladder", "mujoco-sysid", "sparse", "boosted")
 
 
 @o.verb(
-    o.option("entries", "ENTRY", f"{', '.join(ENTRIES)}", o.REQUIRED, nargs="+"),
-    o.option("--cases", "DIR", "as `bench make` writes them", o.REQUIRED, Path),
+    o.option("entries", "ENTRY", f"entries: {', '.join(ENTRIES)}", o.REQUIRED, nargs="+"),
+    o.option("--cases", "DIR", "cases of `bench make`", o.REQUIRED, Path),
     o.SHARD,
     o.JOBS,
     o.QUIET,
-    o.out_file("FILE.jsonl", "answers; continued where it was interrupted"),
+    o.out_file("FILE.jsonl", "answers; an interrupted run resumes"),
 )
 def run(a, progress):
-    """Run the entries that come with the package on hidden cases."""
+    """Run entries of this package on benchmark cases."""
     from embodiedreamer_gym.bench.run import run_entries
 
     answers = run_entries(a.entries, a.cases, a.out, a.jobs, progress, a.shard)

@@ -6,11 +6,11 @@ from embodiedreamer_gym.cli import options as o
 
 
 @o.verb(
-    o.option("--truth", "DIR", "as `bench make` writes it", o.REQUIRED, Path),
+    o.option("--truth", "DIR", "ground truth of `bench make`", o.REQUIRED, Path),
     o.option(
         "--answers",
         "FILE.jsonl",
-        "answer files: of one entry or several, or of the shards of one run",
+        "answer files, of one or more entries or of the shards of a run",
         o.REQUIRED,
         Path,
         nargs="+",
@@ -20,7 +20,7 @@ from embodiedreamer_gym.cli import options as o
     o.RESULTS,
 )
 def run(a, progress):
-    """Score answers of any tool to hidden cases."""
+    """Score the answers of one or more tools to benchmark cases."""
     from embodiedreamer_gym.bench.score import score
     from embodiedreamer_gym.io.results import write_results
 

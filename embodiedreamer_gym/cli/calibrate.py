@@ -11,13 +11,13 @@ METHODS = ("least-squares", "surrogate", "surrogate-trajectory", "annealing", "a
 @o.verb(
     o.RECORDINGS,
     o.MODEL,
-    o.out_file("FILE.json", "calibrated model"),
+    o.out_file("FILE.json", "output: calibrated model"),
     o.option("--method", None, "fitting method", METHODS[0], choices=METHODS),
     *o.FIT,
     *o.LOGS,
 )
 def run(a, progress):
-    """Fit a model's parameters."""
+    """Fit the parameters of a model to recordings."""
     from embodiedreamer_gym.diagnosis import compare
     from embodiedreamer_gym.phys_aligner import calibrate
 

@@ -24,7 +24,7 @@ VERBS = (
     "vis evaluate", "vis render", "vis bank", "vis prepare", "vis camera", "augment",
 )  # fmt: skip
 GROUPS = {
-    "bench": "A benchmark of diagnosis that any tool can enter.",
+    "bench": "A benchmark for diagnosis tools.",
     "standin": "Simulate a robot with a hidden effect (MuJoCo), or a camera (Blender), in place of a real one.",
     "policy": "Train policies on demonstrations and evaluate them in the environments.",
     "vis": "The video model that turns simulated frames into realistic ones.",

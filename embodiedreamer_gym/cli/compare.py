@@ -5,7 +5,7 @@ from pathlib import Path
 from embodiedreamer_gym.cli import options as o
 from embodiedreamer_gym.cli.logs import load_logs, load_model
 
-MODELS = o.option("--model", "M", f"{o.MODELS}; more models: --model again", o.REQUIRED, action="append")
+MODELS = o.option("--model", "M", f"{o.MODELS}; can be repeated for several models", o.REQUIRED, action="append")
 
 
 @o.verb(o.RECORDINGS, MODELS, *o.LOGS)

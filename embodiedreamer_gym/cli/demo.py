@@ -5,9 +5,9 @@ from pathlib import Path
 from embodiedreamer_gym.cli import options as o
 
 
-@o.verb(o.out_folder("folder for model, recordings and report", Path("demo_report")), o.QUIET)
+@o.verb(o.out_folder("output folder: model, recordings and report", Path("demo_report")), o.QUIET)
 def run(a, progress):
-    """Diagnose recordings with a hidden effect, down to a model that has it."""
+    """Diagnose recordings of an arm with a hidden effect, and save a model that includes the effect."""
     from embodiedreamer_gym.demo import run
 
     run(a.out, progress)

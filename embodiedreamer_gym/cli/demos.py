@@ -5,18 +5,18 @@ from embodiedreamer_gym.cli import options as o
 
 @o.verb(
     o.TASK,
-    o.option("--episodes", "N", "that succeed", 50, o.COUNT),
-    o.option("--format", None, "HDF5 files or a LeRobot v3 set", "aloha", choices=("aloha", "lerobot")),
-    o.out_folder("continued where it was interrupted"),
+    o.option("--episodes", "N", "number of successful episodes", 50, o.COUNT),
+    o.option("--format", None, "ALOHA HDF5 files or a LeRobot v3 dataset", "aloha", choices=("aloha", "lerobot")),
+    o.out_folder("output folder; an interrupted run resumes"),
     o.SEED,
     o.SIZE,
-    o.option("--cameras", "NAMES", "with commas", "head"),
+    o.option("--cameras", "NAMES", "camera names, separated by commas", "head"),
     o.ROBOT,
     o.ALL_JOBS,
     o.QUIET,
 )
 def run(a, progress):
-    """Record demonstrations of a task by its scripted expert, successes only, to train policies."""
+    """Record successful demonstrations of a task's scripted expert, to train policies."""
     from embodiedreamer_gym.envs import task_name
     from embodiedreamer_gym.geometry.camera import read_size
     from embodiedreamer_gym.pipelines import demonstrations

@@ -7,11 +7,11 @@ from embodiedreamer_gym.cli.logs import load_model, load_split
 @o.verb(
     o.MODEL,
     *o.SPLIT,
-    o.out_file("FILE.json", "better model", None),
+    o.out_file("FILE.json", "output: improved model", None),
     o.option(
         "--resume",
         "FILE",
-        "keeps finished fits; the same command continues from it after an interruption",
+        "file for finished fits; after an interruption, the same command resumes from it",
         None,
         o.output_file,
     ),
@@ -19,7 +19,7 @@ from embodiedreamer_gym.cli.logs import load_model, load_split
     *o.LOGS,
 )
 def run(a, progress):
-    """Calibrate, then find the effects that are missing."""
+    """Calibrate a model, then find the physical effects that it lacks."""
     from embodiedreamer_gym.diagnosis import diagnose, error_breakdown
 
     model = load_model(a, a.model)

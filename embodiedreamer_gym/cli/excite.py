@@ -6,19 +6,19 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
 
 
 @o.verb(
-    o.option("recordings", "REC", "to which both effects are fitted first (optional)", nargs="*"),
+    o.option("recordings", "REC", "recordings to which both effects are fitted first (optional)", nargs="*"),
     o.MODEL,
     o.option("--separate", "A,B", "the two effects to distinguish", o.REQUIRED),
-    o.out_file("FILE.csv", "commands; FILE.png beside it"),
+    o.out_file("FILE.csv", "output: commands, and a plot in FILE.png"),
     o.option("--table", "Z", "height of a table in the URDF's root frame, m", None, o.number(float, -100.0, 100.0)),
     o.option("--seconds", "S", "length of the motion", 8.0, o.number(float, 0.1, 600.0)),
-    o.option("--speed", "X", "share of the speed limits, at most 1", 0.5, o.POSITIVE),
+    o.option("--speed", "X", "fraction of the speed limits, at most 1", 0.5, o.POSITIVE),
     o.option("--acceleration", "A", "largest acceleration, rad/s^2", 6.0, o.number(float, 0.0, 1e4, above=True)),
     o.option("--reach", "R", "largest deflection to either side, rad", 0.6, o.number(float, 0.0, 100.0, above=True)),
     *o.LOGS[:-1],
 )
 def run(a, progress):
-    """Design the motion that distinguishes two effects, safe to run: a csv of commands and a picture of it."""
+    """Design a safe motion that distinguishes two effects: commands (csv) and a plot."""
     from embodiedreamer_gym.diagnosis.experiment_design import propose_motion
     from embodiedreamer_gym.diagnosis.report.dry_run import dry_run
     from embodiedreamer_gym.io.files import atomic_file

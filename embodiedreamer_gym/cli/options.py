@@ -190,39 +190,37 @@ def output_folder(text: str) -> Path:
 CORES = os.cpu_count() or 1
 COUNT, POSITIVE = number(int, 1, 10**9), number(float, 0.0, above=True)
 SEED_RANGE, JOBS_RANGE = number(int, 0, 2**32 - 1), number(int, 1, max(64, 4 * CORES))
-FILES = "files, folders, quoted globs"
+FILES = "recordings: files, folders or quoted globs"
 MODELS = "JSON file or built-in robot (`embodiedreamer robots`)"
 MODEL = option("--model", "M", MODELS, REQUIRED)
 RECORDINGS = option("recordings", "REC", FILES, REQUIRED, nargs="+")
-SEED = option("--seed", "N", "of the random numbers", 0, SEED_RANGE)
-QUIET = option("--quiet", None, "no progress")
-JOBS = option("--jobs", "N", "processes", 1, JOBS_RANGE)
-ALL_JOBS = option("--jobs", "N", "processes (default: one per core)", CORES, JOBS_RANGE)
-SHARD = option("--shard", "I/N", "only part I of N of the work, to share it between jobs or machines", Shard(), shard)
+SEED = option("--seed", "N", "random seed", 0, SEED_RANGE)
+QUIET = option("--quiet", None, "do not show progress")
+JOBS = option("--jobs", "N", "number of processes", 1, JOBS_RANGE)
+ALL_JOBS = option("--jobs", "N", "number of processes (default: one per core)", CORES, JOBS_RANGE)
+SHARD = option("--shard", "I/N", "run only part I of N, to divide the work between jobs or machines", Shard(), shard)
 ROBOT = option("--robot", "M", MODELS, "aloha")
-HZ = option("--hz", "HZ", "samples per second of logs without time stamps", None, POSITIVE)
+HZ = option("--hz", "HZ", "sampling rate of logs without time stamps, Hz", None, POSITIVE)
 UNITS = ("s", "ms", "us", "ns")
-TIME_UNIT = option(
-    "--time-unit", None, "unit of the logs' time stamps (default: recognised from the log)", choices=UNITS
-)
-SIZE = option("--size", "WxH", "of the pictures", "128x96")
-TASK = option("--task", "TASK", "such as PutCupOnMat-v0", REQUIRED)
+TIME_UNIT = option("--time-unit", None, "unit of the time stamps (default: recognised from the log)", choices=UNITS)
+SIZE = option("--size", "WxH", "image size", "128x96")
+TASK = option("--task", "TASK", "task, such as PutCupOnMat-v0", REQUIRED)
 KINDS = ("rad", "degrees", "degrees-middle", "range")
 MOTORS = (
-    option("--episodes", "0,3-7", "episodes of LeRobot sets that are not given as SET:0,3-7"),
-    option("--units", None, "of LeRobot sets; degrees-middle: about the middle of the calibrated range; range: -100 .. 100",
+    option("--episodes", "0,3-7", "episodes of LeRobot datasets that are not given as SET:0,3-7"),
+    option("--units", None, "units of LeRobot datasets; degrees-middle: from the middle of the calibrated range; range: -100 .. 100",
            choices=KINDS),
     option("--motor-calibration", "FILE.json", "LeRobot's calibration file of the robot"),
-    option("--state-topic", "TOPIC", "topic of the positions, where a ROS bag has several"),
-    option("--command-topic", "TOPIC", "topic of the commands, where a ROS bag has several"),
-    option("--zero", "J=RAD,...", "the log's values where joints are at zero, instead of the model's"),
-    option("--reverse", "J,...", "joints that the log counts in the opposite direction to the URDF"),
+    option("--state-topic", "TOPIC", "topic of the positions, if a ROS bag has several"),
+    option("--command-topic", "TOPIC", "topic of the commands, if a ROS bag has several"),
+    option("--zero", "J=RAD,...", "log values at which joints are at zero, instead of the model's"),
+    option("--reverse", "J,...", "joints whose sign in the log is opposite to the URDF"),
 )  # fmt: skip
 JSON = option("--json", "FILE", "write the result as JSON", None, output_file)
 RESULTS = option(
     "--results",
     "DIR",
-    "write DIR/result.json, and DIR/run.json: where, when and with what it was made",
+    "write DIR/result.json and DIR/run.json (machine, date, versions)",
     None,
     output_folder,
 )
@@ -232,11 +230,16 @@ LOGS = (
     HZ,
     TIME_UNIT,
     *MOTORS,
-    option("--hold", None, "how the controller reaches the next command", choices=("linear", "hold")),
+    option(
+        "--hold",
+        None,
+        "whether the controller interpolates to the next command or holds the present one",
+        choices=("linear", "hold"),
+    ),
     option(
         "--gain",
         "PATTERN=X",
-        "the servos' firmware gain, relative to the model's, in the files that PATTERN names; again for more",
+        "firmware gain of the servos, relative to the model's, in files that match PATTERN; can be repeated",
         [],
         pattern_and_gain,
         action="append",
@@ -245,7 +248,7 @@ LOGS = (
     ALL_JOBS,
     QUIET,
     JSON,
-    option("--report", "DIR", "write the result as a page, DIR/index.html", None, output_folder),
+    option("--report", "DIR", "write a report page, DIR/index.html", None, output_folder),
 )
 FIT = (
     option("--fix", "NAMES", "parameters that the fit does not change, such as gains,friction,payload"),
@@ -255,7 +258,10 @@ FIT = (
         "standard deviations of the URDF: masses (percent), centres (mm), inertias (percent); default 10,10,20",
     ),
 )
-SPLIT = tuple(option(name, "REC", FILES, REQUIRED, nargs="+") for name in ("--train", "--test"))
+SPLIT = tuple(
+    option(name, "REC", f"{kind} {FILES}", REQUIRED, nargs="+")
+    for name, kind in (("--train", "fitted"), ("--test", "held-out"))
+)
 
 
 def out_file(metavar: str, text: str, default: Any = REQUIRED) -> Option:

@@ -8,7 +8,7 @@ VIDEO = {"metavar": "DIR", "kind": o.output_folder}
 
 @o.verb(*o.settings_options(EvaluationSettings, vis_aligner=o.VIS_ALIGNER, video=VIDEO), o.JSON, o.QUIET)
 def run(a, progress):
-    """Evaluate a policy on seeds that it was not trained on: success with its 95-percent interval, a row per episode."""
+    """Evaluate a policy on held-out seeds: success rate with its 95-percent interval, and one row per episode."""
     from embodiedreamer_gym.pipelines.policy_runs import play
 
     evaluation = play(o.settings_of(EvaluationSettings, a), progress)

@@ -6,13 +6,13 @@ from embodiedreamer_gym.pipelines.settings import StudySettings
 
 @o.verb(
     *o.settings_options(StudySettings, vis_aligner=o.VIS_ALIGNER),
-    o.out_folder("the policy, and the results of each cycle"),
-    o.option("--cycles", "N", "of rollouts and fine-tuning", 5, o.COUNT),
+    o.out_folder("output folder: policy, and results of each cycle"),
+    o.option("--cycles", "N", "number of cycles of rollouts and fine-tuning", 5, o.COUNT),
     o.QUIET,
     o.JSON,
 )
 def run(a, progress):
-    """Improve a policy on its own rollouts: cycles of rollouts, ranking and fine-tuning; resumes after an interruption."""
+    """Improve a policy with its own rollouts: cycles of rollouts, ranking and fine-tuning; an interrupted run resumes."""
     import torch
 
     from embodiedreamer_gym.pipelines.preference_study import WEIGHTS, Study, table

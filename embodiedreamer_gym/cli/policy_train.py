@@ -11,23 +11,23 @@ WIDEST = 160  # pixels
 
 
 @o.verb(
-    o.option("--data", "DIR", "ALOHA/AgileX HDF5 files or a LeRobot set; several are joined", o.REQUIRED, Path, nargs="+"),
-    o.out_folder("policy, checkpoint and curves"),
-    o.option("--steps", "N", "of the optimiser (default: object_pose 8000, act 4000)", None, o.COUNT),
+    o.option("--data", "DIR", "ALOHA/AgileX HDF5 files or a LeRobot dataset; several are combined", o.REQUIRED, Path, nargs="+"),
+    o.out_folder("output folder: policy, checkpoint and curves"),
+    o.option("--steps", "N", "optimiser steps (default: object_pose 8000, act 4000)", None, o.COUNT),
     o.option("--batch", "B", "training examples per step (default: object_pose 64, act 32)", None, o.COUNT),
-    o.option("--learning-rate", "R", "peak (default: small 1e-3, paper 1e-5)", None, o.number(float, 0.0, 1e3, above=True)),
-    o.option("--chunk", "K", "actions predicted", 100, o.COUNT),
-    o.option("--cameras", "NAME", "one to three (default: all of the data)", nargs="+"),
-    o.option("--size", "WxH", f"scale pictures to (default: as they are; small preset: at most {WIDEST} wide)"),
-    o.option("--mirror", "M", f"learn mirrored demonstrations too, for the other arm of this symmetric robot: {o.MODELS}"),
-    o.option("--no-masks", None, "do not learn from the objects' masks that the data may have"),
-    o.option("--chunk-start-share", "S", "share of the training starts at the times where whole chunks begin (default 0.7);"
+    o.option("--learning-rate", "R", "peak learning rate (default: small 1e-3, paper 1e-5)", None, o.number(float, 0.0, 1e3, above=True)),
+    o.option("--chunk", "K", "actions per chunk", 100, o.COUNT),
+    o.option("--cameras", "NAME", "one to three cameras (default: all cameras in the data)", nargs="+"),
+    o.option("--size", "WxH", f"image size (default: that of the data, with preset small at most {WIDEST} wide)"),
+    o.option("--mirror", "M", f"also train on mirrored demonstrations of this robot with two symmetric arms: {o.MODELS}"),
+    o.option("--no-masks", None, "ignore object masks in the data"),
+    o.option("--chunk-start-share", "S", "share of the training samples from the first steps of each chunk (default 0.7);"
            " 0 for a policy that is queried more often", None, o.number(float, 0.0)),
-    o.option("--no-rest", None, "do not learn to rest after an episode's end"),
-    o.option("--preset", None, "sizes of the network", "small", choices=PRESETS),
-    o.option("--kind", None, "act: the transformer, with the objects' poses as a further input where the data have masks; object_pose: an"
-             " MLP on these poses; key_pose: key poses in the frames of the objects, uses --cameras (one) of the options above"
-             " (default: object_pose where the data have masks, else act)", choices=("act", "object_pose", "key_pose")),
+    o.option("--no-rest", None, "do not train the policy to stay at rest after the end of an episode"),
+    o.option("--preset", None, "network size", "small", choices=PRESETS),
+    o.option("--kind", None, "act: transformer, with object poses as a further input if the data have masks; object_pose: MLP on the object"
+             " poses; key_pose: key poses in object frames, of the options above it uses only --data, --out and --cameras (one)"
+             " (default: object_pose if the data have masks, else act)", choices=("act", "object_pose", "key_pose")),
     o.option("--robot", "M", f"key_pose: robot of the episodes: {o.MODELS}", "aloha"),
     o.option("--camera-file", "FILE", "key_pose: calibrated cameras (default: the built-in ones)"),
     o.option("--device", "D", "cpu or cuda", "cpu"),
@@ -35,7 +35,7 @@ WIDEST = 160  # pixels
     o.QUIET,
 )  # fmt: skip
 def run(a, progress):
-    """Train a policy on episodes; an interrupted training goes on."""
+    """Train a policy on demonstrations; an interrupted training resumes."""
     import torch
 
     from embodiedreamer_gym.policies.act import TrainingConfig, train

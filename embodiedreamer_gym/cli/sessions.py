@@ -11,12 +11,12 @@ from embodiedreamer_gym.errors import RecordingError
     o.option("sessions", "SESSION", "files, folders or quoted globs, one for each session; the first is the reference",
              o.REQUIRED, nargs="+"),
     o.MODEL,
-    o.option("--effect", "NAMES", "effects that are fitted too, such as payload"),
+    o.option("--effect", "NAMES", "additional effects to fit, such as payload"),
     *o.FIT,
     *(one for one in o.LOGS if one.name != "--report"),
 )  # fmt: skip
 def run(a, progress):
-    """Compare days, loads or robots: which parameters differ."""
+    """Compare recordings of different days, loads or robots: which parameters differ."""
     from embodiedreamer_gym.diagnosis.sessions import compare_sessions
 
     model = load_model(a, a.model)

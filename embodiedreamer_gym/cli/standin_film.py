@@ -4,14 +4,16 @@ from embodiedreamer_gym.cli import options as o
 
 
 @o.verb(
-    o.option("--task", "TASK", "names, or all", ["all"], nargs="+"),
-    o.option("--episodes", "N", "of each task", 1, o.COUNT),
-    o.option("--appearance", "A", "lab, many (another one per episode), or a number that draws one", "lab"),
+    o.option("--task", "TASK", "task names, or all (default: all)", ["all"], nargs="+"),
+    o.option("--episodes", "N", "episodes per task", 1, o.COUNT),
+    o.option("--appearance", "A", "lab, many (a random one per episode), or the seed of a random one", "lab"),
     o.SIZE,
-    o.out_folder("TASK_000.hdf5, ...; existing ones are kept"),
+    o.out_folder("output folder of TASK_000.hdf5, ...; existing files are kept"),
     o.SEED,
-    o.option("--frames", "F", "at most so many pictures, from a random start (default: all)", None, o.COUNT),
-    o.option("--every", "K", "control steps per picture", 1, o.COUNT),
+    o.option(
+        "--frames", "F", "maximum number of images per episode, from a random start (default: all)", None, o.COUNT
+    ),
+    o.option("--every", "K", "control steps per image", 1, o.COUNT),
     o.option("--samples", "N", "light paths per pixel", 4, o.COUNT),
     o.option("--blender", "PYTHON", "interpreter with bpy (default: this one, else $EMBODIEDREAMER_BLENDER)"),
     o.SHARD,
@@ -19,7 +21,7 @@ from embodiedreamer_gym.cli import options as o
     o.QUIET,
 )
 def run(a, progress):
-    """Render episodes of the tasks with a path tracer (Blender's Cycles), with the simulator's frames beside them."""
+    """Render episodes of the tasks with a path tracer (Blender's Cycles), together with the simulator's frames."""
     from embodiedreamer_gym.envs.tasks import TASKS
     from embodiedreamer_gym.geometry.camera import read_size
     from embodiedreamer_gym.standin.film.run import film_episodes

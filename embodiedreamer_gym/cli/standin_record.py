@@ -8,27 +8,27 @@ from embodiedreamer_gym.motions import MOTIONS
 
 LOG = {  # of a single arm
     "hz": ("HZ", "samples per second (default 100)", o.number(float, 1.0, 1e4)),
-    "seconds": ("S", "of each recording (default 4)", o.number(float, 0.1, 3600.0)),
-    "noise": ("RAD", "sd of the position sensor (default 4e-4)", o.POSITIVE),
-    "quantum": ("RAD", "step of the encoder (default 2 pi / 4096)", o.POSITIVE),
-    "jitter": ("S", "sd of the time stamps (default none)", o.POSITIVE),
+    "seconds": ("S", "length of each recording (default 4)", o.number(float, 0.1, 3600.0)),
+    "noise": ("RAD", "standard deviation of the position noise (default 4e-4)", o.POSITIVE),
+    "quantum": ("RAD", "encoder step (default 2 pi / 4096)", o.POSITIVE),
+    "jitter": ("S", "standard deviation of the time stamps (default none)", o.POSITIVE),
 }
 
 
 @o.verb(
-    o.option("--effect", "E", "effects, with commas; none, or any (drawn)", "none"),
+    o.option("--effect", "E", "effects, separated by commas; none, or any for a random one", "none"),
     o.option("--arm", "ARM", "arm6, arm6b, arm7 or aloha", "arm6"),
-    o.option("--side", None, "of the ALOHA pair", "left", choices=("left", "right")),
-    o.option("--strength", None, "of the effect", "plain", choices=("faint", "plain", "strong")),
+    o.option("--side", None, "arm of the ALOHA pair", "left", choices=("left", "right")),
+    o.option("--strength", None, "strength of the effect", "plain", choices=("faint", "plain", "strong")),
     o.SEED,
     *(o.option(f"--{name}", metavar, f"single arm: {text}", None, kind) for name, (metavar, text, kind) in LOG.items()),
-    o.option("--motion", None, "single arm: of all recordings", choices=tuple(MOTIONS)),
-    o.option("--no-command", None, "single arm: log position and effort alone"),
+    o.option("--motion", None, "single arm: motion of all recordings", choices=tuple(MOTIONS)),
+    o.option("--no-command", None, "single arm: log only position and effort"),
     o.QUIET,
-    o.out_folder("model.json, train/, test/ and truth.json"),
+    o.out_folder("output folder: model.json, train/, test/ and truth.json"),
 )
 def run(a, progress):
-    """Record a stand-in robot: a simulated one with a hidden effect. The ground truth is in a file of its own."""
+    """Record logs of a simulated robot with a hidden effect; the ground truth is written to a separate file."""
     from embodiedreamer_gym.effects import CATALOGUE
     from embodiedreamer_gym.io.files import atomic_folder, write_json
     from embodiedreamer_gym.standin.cases import aloha_case, draw_case

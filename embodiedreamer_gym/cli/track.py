@@ -11,15 +11,13 @@ WITHOUT = ("--gain", "--seed", "--jobs", "--report")  # which have no part in it
 
 
 @o.verb(
-    o.option(
-        "trajectory", "TRAJECTORY", "log whose positions the joints are to take, or a csv of commands that name them"
-    ),
+    o.option("trajectory", "TRAJECTORY", "desired joint positions: the positions of a log, or the commands of a csv"),
     o.MODEL,
     o.out_file("FILE.csv", "commands to send", "commands.csv"),
     *(one for one in o.LOGS if one.name not in WITHOUT),
 )
 def run(a, progress):
-    """Write the commands that bring a calibrated model's joints along a trajectory, with the expected error before and after."""
+    """Write the commands under which a calibrated model follows a trajectory, with the expected error before and after."""
     from embodiedreamer_gym.tracking import track
 
     model = load_model(a, a.model)

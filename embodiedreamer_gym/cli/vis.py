@@ -6,12 +6,12 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
 EPISODES = o.option("episodes", "EPISODES", "HDF5 files, folders, quoted globs", o.REQUIRED, nargs="+")
 ALIGNER = (
     o.option("--aligner", "A", "video model: lean, a file or folder", "lean"),
-    o.option("--diffusion-steps", "N", "of svd", 1, o.COUNT),
+    o.option("--diffusion-steps", "N", "diffusion steps of svd", 1, o.COUNT),
 )
-BANK = o.option("--bank", "B", "references of the bench: lab, or a file")
+BANK = o.option("--bank", "B", "bank of reference photos: lab, or a file")
 TRAINING = (
-    o.out_folder("model and checkpoint; continued where it was interrupted"),
-    o.option("--batch", "B", "clips of a step", 2, o.COUNT),
+    o.out_folder("output folder: model and checkpoint; an interrupted run resumes"),
+    o.option("--batch", "B", "clips per step", 2, o.COUNT),
     o.SEED,
     o.QUIET,
 )
@@ -20,10 +20,10 @@ FINE_TUNING = 0.3  # of the learning rate of a training from the beginning
 
 @o.verb(
     EPISODES,
-    o.option("--steps", "N", "of the optimiser", 6000, o.COUNT),
+    o.option("--steps", "N", "optimiser steps", 6000, o.COUNT),
     *TRAINING,
-    o.option("--model", None, "lean or svd", "lean", choices=("lean", "svd")),
-    o.option("--from", "DIR", "svd: a local folder with unet and vae", dest="source"),
+    o.option("--model", None, "model: lean or svd", "lean", choices=("lean", "svd")),
+    o.option("--from", "DIR", "svd: local folder with unet and vae", dest="source"),
 )
 def train(a, progress):
     """Train a video model from scratch."""
@@ -39,9 +39,9 @@ def train(a, progress):
     return _fit(a, load_svd(a.source) if a.model == "svd" else LeanAligner(Lean()), 1.0, progress)
 
 
-@o.verb(EPISODES, *ALIGNER, o.option("--steps", "N", "of the optimiser", 1500, o.COUNT), *TRAINING)
+@o.verb(EPISODES, *ALIGNER, o.option("--steps", "N", "optimiser steps", 1500, o.COUNT), *TRAINING)
 def fine_tune(a, progress):
-    """Train a trained model further on episodes of your own bench."""
+    """Fine-tune a trained model on episodes of your own bench."""
     return _fit(a, _aligner(a), FINE_TUNING, progress)
 
 
@@ -60,13 +60,13 @@ def _fit(a, aligner, share: float, progress) -> str:
     EPISODES,
     *ALIGNER,
     BANK,
-    o.option("--chunks", "N", "of each episode (default: all)", None, o.COUNT),
+    o.option("--chunks", "N", "chunks per episode (default: all)", None, o.COUNT),
     o.JSON,
-    o.option("--strips", "DIR", "write a picture strip of each episode", None, o.output_folder),
+    o.option("--strips", "DIR", "write an image strip of each episode", None, o.output_folder),
     o.QUIET,
 )
 def evaluate(a, progress):
-    """Evaluate a model on held-out episodes, beside copied frames and the raw simulation."""
+    """Evaluate a model on held-out episodes, with copied frames and the raw simulation as baselines."""
     from embodiedreamer_gym.io.video import save_picture
     from embodiedreamer_gym.vis_aligner import metrics
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
@@ -87,7 +87,7 @@ def evaluate(a, progress):
 
 @o.verb(EPISODES, *ALIGNER, BANK, o.out_file("FILE.mp4", "video"), o.QUIET)
 def render(a, progress):
-    """Generate the frames of an episode, chunk by chunk, as a video."""
+    """Generate the frames of an episode and write them as a video."""
     import numpy as np
 
     from embodiedreamer_gym.io.video import write_video
@@ -108,12 +108,14 @@ def render(a, progress):
 
 @o.verb(
     EPISODES,
-    o.option("--more", "EPISODES", "more episodes of the same bench, of which any frame may be used", [], nargs="+"),
+    o.option(
+        "--more", "EPISODES", "further episodes of the same bench; any of their frames may be used", [], nargs="+"
+    ),
     o.out_file("FILE.npz", "bank"),
     o.QUIET,
 )
 def bank(a, progress):
-    """Make references for any scene from the first frames of episodes."""
+    """Create a bank of reference photos for any scene, from the first frames of episodes."""
     from embodiedreamer_gym.vis_aligner import make_bank, save_bank
     from embodiedreamer_gym.vis_aligner.episodes import expand, load_episode, load_episodes, load_scene
 

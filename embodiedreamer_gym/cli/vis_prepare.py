@@ -12,18 +12,18 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
     o.option("episodes", "REC", o.FILES, o.REQUIRED, nargs="+"),
     o.option("--model", "M", o.MODELS, "aloha"),
     o.option("--cameras", "FILE", "calibrated cameras (default: the built-in ones)", None, Path),
-    o.option("--camera", "NAME", "whose video", "head"),
-    o.option("--masks", "DIR", "DIR/<recording>/000000.png, ...: 0, 3 object, 4 goal", None, Path),
-    o.option("--detector", "DIR", "masks from words: a Grounding DINO, a local folder", None, Path),
-    o.option("--segmenter", "DIR", "and a SAM, a local folder", None, Path),
-    o.option("--object", "WORDS", "what the object is, e.g. 'red cup'"),
-    o.option("--goal", "WORDS", "what its goal is, e.g. 'blue mat'"),
+    o.option("--camera", "NAME", "camera of the video", "head"),
+    o.option("--masks", "DIR", "masks DIR/<recording>/000000.png, ...: 0 none, 3 object, 4 goal", None, Path),
+    o.option("--detector", "DIR", "masks from text: local folder with Grounding DINO", None, Path),
+    o.option("--segmenter", "DIR", "masks from text: local folder with SAM", None, Path),
+    o.option("--object", "WORDS", "description of the object, e.g. 'red cup'"),
+    o.option("--goal", "WORDS", "description of the goal, e.g. 'blue mat'"),
     o.SIZE,
-    o.out_folder("<recording>.hdf5, ..."),
+    o.out_folder("output folder of <recording>.hdf5, ..."),
     o.QUIET,
 )
 def run(a, progress):
-    """Prepare real recordings with video for training: adds the simulator's view."""
+    """Prepare real recordings with video for training: add the simulator's view."""
     from embodiedreamer_gym.envs.cameras import CAMERAS, load_cameras
     from embodiedreamer_gym.geometry.camera import read_size
     from embodiedreamer_gym.pipelines.prepare import prepare, write_episode

@@ -11,18 +11,18 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
 
 
 @o.verb(
-    o.option("recordings", "REC", f"{o.FILES}; none, and no --model: a game with the demo's arm", nargs="*"),
+    o.option("recordings", "REC", f"{o.FILES}; without recordings and --model: a game with the demo's arm", nargs="*"),
     o.option("--model", "M", o.MODELS, None),
-    o.option("--test", "REC", "held out: the error is that of these (default: every second REC)", [], nargs="+"),
-    o.out_file("FILE.json", "what `accept` writes, FILE.history.json beside it; FILE-2.json where it exists (default: better.json)", Path("better.json")),
-    o.option("--host", "ADDRESS", "on which the page is served; any other than 127.0.0.1 lets other machines in", "127.0.0.1"),
-    o.option("--port", "N", "of the page; the next free one where it is taken", 8080, o.number(int, 1, 65535)),
-    o.option("--no-browser", None, "open no browser"),
+    o.option("--test", "REC", "held-out recordings, which give the error (default: every second REC)", [], nargs="+"),
+    o.out_file("FILE.json", "model that `accept` writes, with FILE.history.json; FILE-2.json if FILE.json exists (default: better.json)", Path("better.json")),
+    o.option("--host", "ADDRESS", "address on which the page is served; others than 127.0.0.1 give other machines access", "127.0.0.1"),
+    o.option("--port", "N", "port of the page, or the next free one", 8080, o.number(int, 1, 65535)),
+    o.option("--no-browser", None, "do not open a browser"),
     *o.FIT,
     *o.LOGS[:-2],
 )  # fmt: skip
 def run(a, progress):
-    """Open a page on this machine that shows a model beside recordings and tries effects on it."""
+    """Open a page that compares a model with recordings, and in which you can try effects."""
     from embodiedreamer_gym.workbench.serve import load_viser
 
     load_viser()

@@ -16,104 +16,104 @@ RENAMED = {"dream": "vis_aligner", "rate": "learning_rate"}  # settings of versi
 
 @dataclass(frozen=True)
 class EvaluationSettings:
-    """What is played to evaluate a policy."""
+    """Settings of a policy's evaluation."""
 
     policy: str
-    """A folder (of `policy train`, or LeRobot's ACT), or package.module:function."""
+    """Policy: a folder (from `policy train`, or a LeRobot ACT checkpoint), or package.module:function."""
     task: str
-    """Such as PutCupOnMat-v0."""
+    """Task, such as PutCupOnMat-v0."""
     episodes: int = 50
-    """To play."""
+    """Number of episodes."""
     seed: int = 100_000
-    """Of the first episode; the next ones count on."""
+    """Seed of the first episode; each further episode uses the next seed."""
     execute: int | None = None
     """Actions executed of each chunk (default: all)."""
     ensemble: Annotated[float, (-1e3, 1e3)] | None = None
-    """Decay of temporal ensembling, the paper's k, there 0.01 (default: none)."""
+    """Decay of temporal ensembling, k in the paper, which uses 0.01 (default: no ensembling)."""
     robot: str = "aloha"
     """JSON file or built-in robot (`embodiedreamer robots`)."""
     tracking: str | None = None
     """Send commands through this calibrated model: JSON file or built-in robot (default: only for policies that give positions)."""
     tracking_mode: Literal["feed_forward", "trim", "both"] = "both"
-    """What --tracking sends: what the model needs, the encoders' integral, or both."""
+    """What --tracking sends: the model's feed-forward commands, the action with an integral correction from the encoders, or both."""
     learnt_on: str = "aloha"
-    """Robot whose commands the policy learnt, for --tracking: JSON file or built-in robot."""
+    """Robot whose commands the policy has learned, for --tracking: JSON file or built-in robot."""
     size: str | None = None
-    """Width x height of the pictures (default: as in the policy's training, or 128x96)."""
+    """Image size, width x height (default: as in the policy's training, or 128x96)."""
     vis_aligner: str | None = None
-    """Observe through this video model (default: lean)."""
+    """Replace the camera images by those of this video model (lean, if no value is given)."""
     bank: str = "lab"
-    """Photos from which the video model starts: lab, or a file."""
+    """Bank of photos from which the first frame is composed: lab, or a file."""
     every: int | None = None
-    """Show the video model's picture after every n-th action and the last of a chunk (default 5; with --video 1)."""
+    """Generate an image after every n-th action and after the last one of a chunk (default 5; with --video 1)."""
     jobs: int = 1
-    """Processes."""
+    """Number of processes."""
     video: Path | None = None
-    """Write the camera pictures, a video for each episode."""
+    """Write the camera images as one video per episode."""
 
 
 @dataclass(frozen=True)
 class StudySettings:
-    """What a preference study does.
+    """Settings of a preference study.
 
     Raises: PolicyError for what could only fail after the rollouts.
     """
 
     policy: str
-    """A folder, or package.module:function."""
+    """Policy: a folder from `policy train`, or package.module:function."""
     task: str
-    """Such as PutCupOnMat-v0."""
+    """Task, such as PutCupOnMat-v0."""
     evaluations: int = 100
-    """Episodes after each cycle."""
+    """Evaluation episodes after each cycle."""
     robot: str = "aloha"
     """JSON file or built-in robot (`embodiedreamer robots`)."""
     vis_aligner: str | None = None
-    """Observe through this video model (default: lean)."""
+    """Replace the camera images by those of this video model (lean, if no value is given)."""
     bank: str = "lab"
-    """Photos from which the video model starts: lab, or a file."""
+    """Bank of photos from which the first frame is composed: lab, or a file."""
     every: int = FRAME_INTERVAL
-    """Show the video model's picture after every n-th action and the last of a chunk."""
+    """Generate an image after every n-th action and after the last one of a chunk."""
     execute: int | None = None
     """Actions executed of each chunk (default: all)."""
     envs: int = 1
-    """Episodes at once in each process; the last digits of the results depend on it."""
+    """Parallel episodes in each process; changes the last digits of the results."""
     jobs: int = 1
-    """Processes."""
+    """Number of processes."""
     seed: int = 0
-    """Of the random numbers."""
+    """Random seed."""
     starts: int = 100
-    """Rollouts: starts of a cycle."""
+    """Rollouts: number of starts per cycle."""
     tries: int = 4
-    """Rollouts: from each start."""
+    """Rollouts: number of tries from each start."""
     noise: float = 0.1
-    """Rollouts: standard deviation of exploration, normalised."""
+    """Rollouts: standard deviation of the exploration noise, normalised."""
     per: Literal["chunk", "step"] = "chunk"
-    """Rollouts: one noise per chunk or step."""
+    """Rollouts: draw the noise once per chunk or per step."""
     metric: str = "remaining"
-    """Of the ranking: remaining (distance to the object, then of the object to its goal), object_distance, or distance
+    """Ranking metric: remaining (distance to the object, then of the object to its goal), object_distance, or distance
     (end effector to target, the paper's)."""
     pairing: Literal["same_start", "global_rank"] = "same_start"
-    """Of rollouts."""
+    """How rollouts are paired."""
     top: int | None = None
-    """Pairs, or trajectories, at most (the paper's 25)."""
+    """Maximum number of pairs, or of trajectories (the paper's is 25)."""
     margin: float = 0.005
-    """Pairs nearer to a tie are left out, m."""
+    """Pairs whose scores differ by less are left out, m."""
     method: Literal["preferences", "best_of", "top", "rwr"] = "preferences"
-    """Learn from preferences; or clone the best_of each start, the top of all, or all by reward (rwr)."""
+    """Learn from preferences; or clone the best try of each start (best_of), the best of all (top), or all, weighted by reward (rwr)."""
     variant: str = "clipped+dpop"
-    """Of the loss: paper, ipo, nll, dpop, clipped, clipped+dpop."""
+    """Variant of the loss: paper, ipo, nll, dpop, clipped, clipped+dpop."""
     beta: float = 0.1
-    """Of the preference loss."""
+    """Constant beta of the preference loss."""
     sigma: Annotated[float, (0.0, 1e9, True)] = 4.0
-    """Of the likelihood; the paper's is 1."""
+    """Standard deviation of the likelihood; the paper's is 1."""
     epochs: int = 80
-    """Of a cycle."""
+    """Epochs per cycle."""
     batch: int | None = None
-    """Pairs of a step (default 25), or chunks to clone (256)."""
+    """Pairs per step (default 25), or chunks per step if cloning (256)."""
     learning_rate: Annotated[float, (0.0, 1e3, True)] | None = None
-    """Of Adam (default 3e-5 for preferences, 1e-4 to clone)."""
+    """Learning rate of Adam (default 3e-5 for preferences, 1e-4 for cloning)."""
     fall: float = 5.0
-    """Stop where the winners' log-likelihood falls by more, nats; 0: never."""
+    """Stop if the winners' log-likelihood falls by more than this, nats; 0: never."""
 
     def __post_init__(self) -> None:
         from embodiedreamer_gym.policies.preferences import METRICS
