@@ -39,7 +39,7 @@ def add_noise(clip: Tensor, time: Tensor, noise: Tensor) -> Tensor:
 
 def sample(denoise: Denoiser, noise: Tensor, steps: int) -> Tensor:
     """Clips (B, T, C, H, W) from noise in a few deterministic steps; denoise: (noisy clip, times (B,)) -> clip."""
-    times = torch.linspace(1.0, 0.0, steps + 1)
+    times = torch.linspace(1.0, 0.0, steps + 1, device=noise.device)
     x, clip = noise, noise
     for now, after in itertools.pairwise(times):
         clip = denoise(x, now.expand(len(x)))

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 
-from embodiedreamer_gym.vis_aligner.svd import SvdAligner, import_diffusers
+from embodiedreamer_gym.vis_aligner.svd import import_diffusers
+from embodiedreamer_gym.vis_aligner.svd_aligner import SvdAligner, SvdSettings
 
 
-def tiny_svd(chunk: int = 7, seed: int = 0) -> SvdAligner:
+def tiny_svd(chunk: int = 7, seed: int = 0, settings: SvdSettings | None = None) -> SvdAligner:
     """An untrained svd aligner of a few million parameters: the same classes, small enough for a processor."""
+    return SvdAligner(*tiny_networks(chunk, seed), chunk=chunk, steps=1, settings=settings)
+
+
+def tiny_networks(chunk: int = 7, seed: int = 0) -> tuple[Any, Any]:
+    """U-Net and autoencoder as Stable Video Diffusion has them, but for their size."""
     _, unet, vae = import_diffusers()
     torch.manual_seed(seed)
     small = unet(
@@ -21,4 +29,4 @@ def tiny_svd(chunk: int = 7, seed: int = 0) -> SvdAligner:
         in_channels=3, out_channels=3, block_out_channels=(32, 32, 32, 32), layers_per_block=1, latent_channels=4,
         down_block_types=("DownEncoderBlock2D",) * 4, sample_size=64,
     )  # fmt: skip
-    return SvdAligner(small, auto, chunk=chunk, steps=1)
+    return small, auto
