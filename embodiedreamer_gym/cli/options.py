@@ -205,6 +205,7 @@ UNITS = ("s", "ms", "us", "ns")
 TIME_UNIT = option(
     "--time-unit", None, "unit of the logs' time stamps (default: recognised from the log)", choices=UNITS
 )
+DEVICE = option("--device", "D", "cpu, cuda, ..., or auto: an accelerator where there is one", "cpu")
 SIZE = option("--size", "WxH", "of the pictures", "128x96")
 TASK = option("--task", "TASK", "such as PutCupOnMat-v0", REQUIRED)
 KINDS = ("rad", "degrees", "degrees-middle", "range")

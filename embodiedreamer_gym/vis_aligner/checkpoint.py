@@ -73,13 +73,18 @@ def load_aligner(name: str | Path, steps: int | None = None, seed: int = 0, devi
         from embodiedreamer_gym.vis_aligner.svd import load_svd  # needs the extra [svd]
 
         return load_svd(path, steps, seed, device, svd)
-    if svd is not None:
-        raise VisionError(
-            f"bf16, gradient checkpointing and decode_chunk_size are of svd aligners, and {name} is lean; leave them out."
-        )
+    check_lean(svd, str(name))
     where = find_device(device, VisionError)
     network, chunk = load_lean(path)
     return LeanAligner(network.to(where), chunk, 1 if steps is None else steps, seed, path.stem)
+
+
+def check_lean(svd: SvdSettings | None, name: str) -> None:
+    """Raises: VisionError where a lean model is given settings of a diffusers model."""
+    if svd is not None:
+        raise VisionError(
+            f"bf16, gradient checkpointing and decode_chunk_size are for svd aligners, and {name} is lean; leave them out."
+        )
 
 
 def load_bank(name: str | Path) -> Bank:

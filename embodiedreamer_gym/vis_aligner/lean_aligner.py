@@ -34,6 +34,8 @@ ROUND = 0.01  # below which an error counts squared (of 2 from black to white)
 class LeanAligner:
     """A lean network; chunk: frames it was trained on; steps: of diffusion; seed: of its noise, the same for every chunk."""
 
+    learning_rate = 1e-3  # of AdamW, from untrained weights
+
     def __init__(self, network: Lean, chunk: int = 8, steps: int = 1, seed: int = 0, name: str = "lean") -> None:
         self.network, self.inputs = network, network.config.inputs
         self.chunk, self.steps, self.seed, self.name = chunk, steps, seed, name

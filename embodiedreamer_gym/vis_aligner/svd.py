@@ -80,7 +80,8 @@ def _load_part(kind: Any, folder: Path) -> Any:
             count = sum(weight.numel() for weight in kind.from_config(config).parameters())
         if count > sum(path.stat().st_size for path in folder.glob("*.safetensors")):  # a weight has a byte or more
             raise ValueError(f"{folder.name}/config.json asks for {count} weights, its files are smaller")
-        return kind.from_pretrained(str(folder), local_files_only=True, use_safetensors=True, torch_dtype=torch.float32)
+        options = {"use_safetensors": True, "torch_dtype": torch.float32, "low_cpu_mem_usage": False}
+        return kind.from_pretrained(str(folder), local_files_only=True, **options)
     except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError, ArithmeticError) as error:
         what = " ".join(str(error).split())[:200]
         raise VisionError(f"{folder.parent} holds no svd aligner (folders unet and vae): {what}") from error

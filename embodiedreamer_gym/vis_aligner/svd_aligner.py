@@ -66,6 +66,8 @@ class SvdAligner:
     Raises: VisionError for a U-Net of other channels.
     """
 
+    learning_rate = 1e-5  # of AdamW, from Stable Video Diffusion's weights
+
     def __init__(self, unet: Any, vae: Any, chunk: int = 24, steps: int = 4, seed: int = 0, name: str = "svd",
                  settings: SvdSettings | None = None) -> None:  # fmt: skip
         latent = vae.config.latent_channels
