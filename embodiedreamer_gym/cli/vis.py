@@ -117,8 +117,9 @@ def render(a, progress):
     if len(episodes) != 1:
         raise EmbodieDreamerError(f"vis render takes one episode, not {len(episodes)}.")
     one = episodes[0]
+    aligner = _aligner(a)
     progress(f"{len(one)} frames")
-    frames, _ = generate(_aligner(a), [one.references(0, _bench(a))], [one.condition.part(1, len(one))])
+    frames, _ = generate(aligner, [one.references(0, _bench(a))], [one.condition.part(1, len(one))])
     write_video(np.concatenate([one.frames[:1], frames[0]]), a.out)
     return a.out
 

@@ -28,6 +28,10 @@ class LatentCache:
     def __len__(self) -> int:
         return len(self._latents)
 
+    def clear(self) -> None:
+        """Forget all."""
+        self._latents.clear()
+
     def __call__(self, pictures: np.ndarray) -> Tensor:
         """Latents (N, C, h, w) float32 of pictures (N, H, W, 3) uint8."""
         keys = [(hash(one.tobytes()), one.shape) for one in pictures]

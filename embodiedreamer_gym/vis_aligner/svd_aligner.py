@@ -8,6 +8,7 @@ from the last frame, plate, anchor and gallery stand beside it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -133,8 +134,8 @@ class SvdAligner:
 
     # ---- inside ------------------------------------------------------------------------------------------------
 
-    def _precision(self) -> torch.autocast:
-        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.settings.bf16)
+    def _precision(self) -> AbstractContextManager[Any]:
+        return torch.autocast(self.device.type, torch.bfloat16) if self.settings.bf16 else nullcontext()
 
     def _given(self, references: Sequence[References], conditions: Sequence[Condition]) -> Tensor:
         """What the network sees beside the noisy latents (B, 1 + T, C, h, w): latents of the paper's condition clip and of the

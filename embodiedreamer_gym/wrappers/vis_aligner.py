@@ -183,7 +183,8 @@ def check_size(size: tuple[int, int], bank: Bank) -> None:
         asked, known = (f"{width} x {height}" for width, height in (size, bank.size))
         raise VisionError(
             f"the environment's pictures are {asked}, and the bank's photos {known}; make the environment with "
-            f"image_size={bank.size}, or give a bank of {asked}: `embodiedreamer vis bank` makes one of episodes of that size."
+            f"image_size={bank.size}, or give a bank of {asked}, made by `embodiedreamer standin bank --size {size[0]}x{size[1]} "
+            f"--out FILE.npz` (simulated bench, with Blender) or by `embodiedreamer vis bank` of your own episodes of that size."
         )
 
 

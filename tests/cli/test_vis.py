@@ -52,7 +52,7 @@ def test_a_model_is_measured_beside_copying(bench: Path, tmp_path: Path, capsys)
 
 def test_fine_tuning_goes_on_from_the_model(bench: Path, tmp_path: Path, capsys) -> None:
     code, out, _ = run(capsys, "vis", "fine-tune", bench / "train", "--aligner", bench / "model/lean.pt",
-                       "--out", tmp_path, "--steps", 1, "--quiet")  # fmt: skip
+                       "--out", tmp_path, "--steps", 1, "--device", "auto", "--quiet")  # fmt: skip
     assert code == 0 and "lean.pt" in out
     before, after = (
         load_aligner(path).network.state_dict() for path in (bench / "model/lean.pt", tmp_path / "lean.pt")
@@ -87,6 +87,10 @@ def test_a_bank_is_made_of_first_frames(bench: Path, tmp_path: Path, capsys) -> 
         (["train", "EPISODE", "--out", "x", "--steps", "0"], "--steps: 0 is not a whole number of 1 to"),
         (["train", "EPISODE", "--out", "x", "--model", "svd"], "needs --from"),
         (["evaluate", "EPISODE", "--aligner", "none.pt"], "none.pt"),
+        (["evaluate", "EPISODE", "--aligner", "MODEL", "--device", "cuda:97"], "device 'cuda:97' is not available here; use"),
+        (["train", "EPISODE", "--out", "x", "--device", "cuda:97"], "device 'cuda:97' is not available here; use auto, cpu"),
+        (["train", "EPISODE", "--out", "x", "--bf16"], "are for svd aligners, and the new model is lean; leave them out"),
+        (["render", "EPISODE", "--aligner", "MODEL", "--out", "x.mp4", "--decode-chunk-size", "4"], "are for svd aligners"),
         (["render", "EPISODE", "EPISODE", "--aligner", "MODEL", "--out", "x.mp4"], "takes one episode, not 2"),
         (["render", "EPISODE", "--aligner", "MODEL", "--out", "x.avi"], "give a file name.mp4"),
         (["prepare", "EPISODE", "--out", "x", "--size", "big"], "--size big is no width and height"),
