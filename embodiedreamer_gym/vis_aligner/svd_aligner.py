@@ -195,8 +195,7 @@ def widen(unet: Any, channels: int) -> None:
 
 def with_mask_colours(condition: Condition) -> np.ndarray:
     """The paper's c_sim (T, H, W, 3) uint8: the simulated picture, masks of object and goal added to it pixel-wise."""
-    picture = np.where((condition.classes >= OBJECT)[..., None], 0, condition.rgb).astype(np.int32)
-    for number, colour in enumerate(MASK_COLOURS):
-        mask = condition.classes == OBJECT if number == 0 else condition.classes > OBJECT
-        picture += mask[..., None] * np.array(colour)
-    return np.clip(picture, 0, 255).astype(np.uint8)
+    picture = condition.rgb.copy()  # blank where an object is, so that its mask's colour alone is there
+    for colour, mask in zip(MASK_COLOURS, (condition.classes == OBJECT, condition.classes > OBJECT), strict=True):
+        picture[mask] = colour
+    return picture
