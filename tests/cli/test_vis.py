@@ -13,7 +13,9 @@ import pytest
 from embodiedreamer_gym.cli.command import main
 from embodiedreamer_gym.pipelines.prepare import write_episode
 from embodiedreamer_gym.vis_aligner import load_aligner, load_bank
+from embodiedreamer_gym.vis_aligner.svd import save_svd
 from tests.vis_aligner.scenes import episode
+from tests.vis_aligner.tiny_svd import tiny_svd
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +61,20 @@ def test_fine_tuning_goes_on_from_the_model(bench: Path, tmp_path: Path, capsys)
     )
     largest = max(float((before[name] - after[name]).abs().max()) for name in before)
     assert 0 < largest < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
+def test_svd_is_trained_from_a_folder_and_makes_a_video(bench: Path, tmp_path: Path, capsys) -> None:
+    pytest.importorskip("diffusers", reason="the extra [svd] is not installed")
+    save_svd(tiny_svd(chunk=3), tmp_path / "begin")
+    saving = ["--bf16", "--decode-chunk-size", 2]
+    code, out, _ = run(capsys, "vis", "train", bench / "train", "--model", "svd", "--from", tmp_path / "begin", "--steps", 2, "--batch", 1,
+                       "--gradient-checkpointing", *saving, "--out", tmp_path / "svd", "--quiet")  # fmt: skip
+    assert code == 0 and "SvdAligner('begin', 3 frames, 4 steps)" in out
+    code, _, _ = run(capsys, "vis", "render", bench / "held_out.hdf5", "--aligner", tmp_path / "svd", *saving, "--diffusion-steps", 1,
+                     "--out", tmp_path / "generated.mp4")  # fmt: skip
+    assert code == 0 and (tmp_path / "generated.mp4").stat().st_size > 1000
 
 
 def test_an_episode_becomes_a_video(bench: Path, tmp_path: Path, capsys) -> None:
