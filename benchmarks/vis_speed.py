@@ -1,10 +1,11 @@
 """What a generated frame costs beside the simulated one: one core, eight frames, at 128 x 96 and 320 x 240.
 
-python -m benchmarks.vis_speed [--gpu]
+python -m benchmarks.vis_speed
+python -m benchmarks.vis_speed --device cuda
 
 Over a whole episode, in one process: physics alone, physics and TinyRenderer (colour, depth, parts), and the shipped model's
-chunk from arrays to frames. With --gpu, where there is one: the full-size network of Stable Video Diffusion
-and a 30 M one at 640 x 480, 25 frames, untrained (timing needs no weights), with peak memory.
+chunk from arrays to frames. With --device: seconds and peak memory of Stable Video Diffusion at full size, 25 frames of
+640 x 480 at four steps, of one view and of three, from arrays to frames; and frames per second of the shipped model.
 """
 
 from __future__ import annotations
@@ -18,15 +19,20 @@ import numpy as np
 import torch
 
 from benchmarks.common import pin_threads
+from benchmarks.svd_networks import svd_networks
 from embodiedreamer_gym.engines.frame import stacked
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.experts import ScriptedExpert
-from embodiedreamer_gym.vis_aligner import Condition, Episode, References, load_aligner, load_bank
+from embodiedreamer_gym.learning.device import find_device
+from embodiedreamer_gym.vis_aligner import Aligner, Condition, Episode, References, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.bench import make_bench
 from embodiedreamer_gym.vis_aligner.clip import Bench
 from embodiedreamer_gym.vis_aligner.light import Light
+from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, reprojected_frames
+from embodiedreamer_gym.vis_aligner.svd_aligner import SvdAligner, SvdSettings
 
 FRAMES, REPEATS, STEPS = 8, 9, 201
+SVD_STEPS, REPEATS_SVD, MIDDLE = 4, 3, 60
 
 
 def on_processor() -> None:
@@ -66,66 +72,88 @@ def scaled(bench: Bench | None, size: tuple[int, int]) -> Light | None:
     return replace(bench.light, receivers=np.ones(size[::-1], bool), matrix=matrix)
 
 
-def episode(size: tuple[int, int] | None) -> tuple[float, Condition | None]:
-    """Milliseconds per chunk of an expert's episode with or without its pictures, and these."""
+def episode(size: tuple[int, int] | None, steps: slice = slice(STEPS)) -> tuple[float, Condition | None]:
+    """Milliseconds per chunk of an expert's episode with or without its pictures, and these; steps: of the pictures."""
     env = AlohaEnv("PutCupOnMat", obs_type="state", renderer="tiny")
     env.reset(seed=0)
     expert, views, spent = ScriptedExpert(env), [], 0.0
-    for _ in range(STEPS):
+    for step in range(steps.stop):
         action = expert.act()
         begun = time.process_time()
         env.step(action)
-        if size is not None:
+        if size is not None and step >= (steps.start or 0):
             views.append(env.capture("head", size))
         spent += time.process_time() - begun
     env.close()
-    return 1e3 * spent / STEPS * FRAMES, Condition(**stacked(views)) if views else None
+    return 1e3 * spent / steps.stop * FRAMES, Condition(**stacked(views)) if views else None
 
 
-def on_gpu() -> None:
-    """Print frames per second and peak memory of both sizes of network."""
-    from diffusers import UNetSpatioTemporalConditionModel
+def on_device(device: str, tiny: bool = False, size: tuple[int, int] = (640, 480), frames: int = 25) -> None:
+    """Print seconds and peak memory of svd, untrained, which takes as long as a trained one, and frames per second of lean.
 
-    if not torch.cuda.is_available():
-        print("no GPU here: nothing is measured.")
-        return
-    for label, widths, heads in (
-        ("full size", (320, 640, 1280, 1280), (5, 10, 20, 20)),
-        ("30 M", (64, 96, 160), (4, 6, 8)),
-    ):
-        kinds = len(widths)
-        unet = UNetSpatioTemporalConditionModel(
-            in_channels=8, block_out_channels=widths, num_attention_heads=heads, num_frames=25,
-            layers_per_block=2 if kinds == 4 else 1, cross_attention_dim=1024 if kinds == 4 else 64,
-            down_block_types=("CrossAttnDownBlockSpatioTemporal",) * (kinds - 1) + ("DownBlockSpatioTemporal",),
-            up_block_types=("UpBlockSpatioTemporal",) + ("CrossAttnUpBlockSpatioTemporal",) * (kinds - 1),
-        ).half().cuda().eval()  # fmt: skip
-        noisy = torch.randn(1, 25, 8, 60, 80, device="cuda", dtype=torch.half)
-        context = torch.zeros(1, 1, unet.config.cross_attention_dim, device="cuda", dtype=torch.half)
-        micro = torch.zeros(1, 3, device="cuda", dtype=torch.half)
-        torch.cuda.reset_peak_memory_stats()
-        with torch.inference_mode():
-            times = []
-            for _ in range(REPEATS + 2):
-                torch.cuda.synchronize()
-                begun = time.perf_counter()
-                unet(noisy, 1000.0, encoder_hidden_states=context, added_time_ids=micro)
-                torch.cuda.synchronize()
-                times.append(time.perf_counter() - begun)
-        millions = sum(p.numel() for p in unet.parameters()) / 1e6
-        print(f"{label}: {millions:.0f} M parameters, {25 / np.median(times[2:]):.0f} frames/s a step without decoder, "
-              f"peak {torch.cuda.max_memory_allocated() / 2**30:.1f} GiB")  # fmt: skip
+    tiny: a network of a few million parameters in place of the full-size one; frames: of a clip, with the reference.
+    """
+    where = find_device(device)
+    print(f"\n{where}, torch {torch.__version__}, svd {'tiny' if tiny else 'at full size'} in bfloat16")
+    count = frames - 1
+    condition = view(size, frames)
+    unet, vae = (network.to(where).eval() for network in svd_networks(tiny, frames))
+    svd = SvdAligner(unet, vae, count, SVD_STEPS, settings=SvdSettings(bf16=True))
+    for views in (1, 3):
+        if where.type == "cuda":
+            torch.cuda.reset_peak_memory_stats(where)
+        begun = time.perf_counter()
+        for _ in range(REPEATS_SVD):
+            reprojected_frames(start(condition), condition.part(1, frames), Inputs())
+        put_together = views * (time.perf_counter() - begun) / REPEATS_SVD
+        spent = repeated(svd, condition, count, views, REPEATS_SVD)
+        peak = torch.cuda.max_memory_allocated(where) / 1e9 if where.type == "cuda" else float("nan")
+        print(f"svd, {frames} frames of {size[0]} x {size[1]} at {SVD_STEPS} steps, {views} view(s) at once: {spent:.2f} s, of it "
+              f"{put_together:.2f} s on the processor; peak memory {peak:.1f} GB (target for one view: 3 s, 40 GB)")  # fmt: skip
+    condition = view((128, 96), FRAMES + 1)
+    for clips in (1, 8, 32):
+        spent = repeated(load_aligner("lean", device=device), condition, FRAMES, clips, REPEATS)
+        print(
+            f"lean, {clips} clip(s) of {FRAMES} frames of 128 x 96 at once: {clips * FRAMES / spent:.0f} frames/s (target 300)"
+        )
+
+
+def repeated(aligner: Aligner, condition: Condition, count: int, clips: int, repeats: int) -> float:
+    """Median seconds of a batch of the same chunk, from arrays to frames, after one that is not timed."""
+    times = []
+    for _ in range(repeats + 1):
+        if isinstance(aligner, SvdAligner):
+            aligner.latents.clear()
+        begun = time.perf_counter()
+        aligner.render([start(condition)] * clips, [condition.part(1, count + 1)] * clips)
+        times.append(time.perf_counter() - begun)
+    return float(np.median(times[1:]))
+
+
+def start(condition: Condition) -> References:
+    """References of the first frame of a condition, with all that may be known of a bench but its light."""
+    bench = make_bench([Episode("any", condition.rgb, condition)])
+    return References.start(condition.rgb[0], condition.part(0, 1), bench)
+
+
+def view(size: tuple[int, int], frames: int) -> Condition:
+    """Some frames in the middle of an expert's episode."""
+    _, condition = episode(size, slice(MIDDLE, MIDDLE + frames))
+    assert condition is not None
+    return condition
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.vis_speed", description=str(__doc__).splitlines()[0])
-    parser.add_argument("--gpu", action="store_true")
+    parser.add_argument("--device", help="svd and lean there, instead of lean on one core")
+    parser.add_argument("--tiny", action="store_true", help="a tiny svd in place of the full-size one")
     a = parser.parse_args(arguments)
+    if a.device is not None:
+        on_device(a.device, a.tiny)
+        return
     pin_threads()
     on_processor()
-    if a.gpu:
-        on_gpu()
 
 
 if __name__ == "__main__":

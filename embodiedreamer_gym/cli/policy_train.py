@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from embodiedreamer_gym.cli import options as o
-from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
+from embodiedreamer_gym.errors import PolicyError
 
 PRESETS = {"small": 1e-3, "paper": 1e-5}  # peak learning rates
 WIDEST = 160  # pixels
@@ -30,7 +30,7 @@ WIDEST = 160  # pixels
              " (default: object_pose if the data have masks, else act)", choices=("act", "object_pose", "key_pose")),
     o.option("--robot", "M", f"key_pose: robot of the episodes: {o.MODELS}", "aloha"),
     o.option("--camera-file", "FILE", "key_pose: calibrated cameras (default: the built-in ones)"),
-    o.option("--device", "D", "cpu or cuda", "cpu"),
+    o.DEVICE,
     o.SEED,
     o.QUIET,
 )  # fmt: skip
@@ -38,13 +38,13 @@ def run(a, progress):
     """Train a policy on demonstrations; an interrupted training resumes."""
     import torch
 
+    from embodiedreamer_gym.learning.device import find_device
     from embodiedreamer_gym.policies.act import TrainingConfig, train
     from embodiedreamer_gym.recordings.episodes import mixed, open_episodes
 
-    if a.device == "cpu":
+    device = find_device(a.device)
+    if device.type == "cpu":
         torch.set_num_threads(1)  # two threads on two busy cores took seven times as long
-    elif not torch.cuda.is_available():
-        raise EmbodieDreamerError(f"--device {a.device} is not available; use cpu.")
     if a.kind == "key_pose":
         return f"{a.out}: {_key_poses(a, progress)}"
     sets = [open_episodes(one) for one in a.data]
@@ -58,7 +58,7 @@ def run(a, progress):
     mirror = () if a.mirror is None else _mirror(a.mirror)
     settings = TrainingConfig.usual(config, steps=a.steps, batch=a.batch, learning_rate=learning_rate, mirror=mirror,
                                     chunk_start_share=a.chunk_start_share, rest=not a.no_rest, seed=a.seed)  # fmt: skip
-    return f"{a.out}: {train(episodes, config, settings, a.out, progress, progress.note, a.device)!r}"
+    return f"{a.out}: {train(episodes, config, settings, a.out, progress, progress.note, str(device))!r}"
 
 
 def _key_poses(a, progress) -> str:

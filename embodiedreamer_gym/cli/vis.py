@@ -6,11 +6,18 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
 EPISODES = o.option("episodes", "EPISODES", "HDF5 files, folders, quoted globs", o.REQUIRED, nargs="+")
 ALIGNER = (
     o.option("--aligner", "A", "video model: lean, a file or folder", "lean"),
-    o.option("--diffusion-steps", "N", "diffusion steps of svd", 1, o.COUNT),
+    o.option("--diffusion-steps", "N", "diffusion steps (default: 1 with lean, 4 with svd)", None, o.COUNT),
+)
+COMPUTING = (
+    o.DEVICE,
+    o.option("--bf16", None, "svd: compute in bfloat16"),
+    o.option("--decode-chunk-size", "N", "svd: images that the autoencoder decodes at once (default: 8)", None, o.COUNT),
 )
 BANK = o.option("--bank", "B", "bank of reference photos: lab, or a file")
 TRAINING = (
     o.out_folder("output folder: model and checkpoint; an interrupted run resumes"),
+    *COMPUTING,
+    o.option("--gradient-checkpointing", None, "svd: use less memory, compute activations twice"),
     o.option("--batch", "B", "clips per step", 2, o.COUNT),
     o.SEED,
     o.QUIET,
@@ -29,36 +36,44 @@ def train(a, progress):
     """Train a video model from scratch."""
     import torch
 
+    from embodiedreamer_gym.vis_aligner.checkpoint import check_lean
     from embodiedreamer_gym.vis_aligner.lean import Lean
     from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
     from embodiedreamer_gym.vis_aligner.svd import load_svd
 
     torch.manual_seed(a.seed)
-    if a.model == "svd" and a.source is None:
-        raise EmbodieDreamerError("vis train --model svd needs --from, a local folder with unet and vae.")
-    return _fit(a, load_svd(a.source) if a.model == "svd" else LeanAligner(Lean()), 1.0, progress)
+    if a.model == "svd":
+        if a.source is None:
+            raise EmbodieDreamerError("vis train --model svd needs --from, a local folder with unet and vae.")
+        return _fit(a, lambda device: load_svd(a.source, device=device, settings=_svd_settings(a)), 1.0, progress)
+    check_lean(_svd_settings(a), "the new model")
+    return _fit(a, lambda device: LeanAligner(Lean().to(device)), 1.0, progress)
 
 
 @o.verb(EPISODES, *ALIGNER, o.option("--steps", "N", "optimiser steps", 1500, o.COUNT), *TRAINING)
 def fine_tune(a, progress):
     """Fine-tune a trained model on episodes of your own bench."""
-    return _fit(a, _aligner(a), FINE_TUNING, progress)
+    return _fit(a, lambda device: _aligner(a, device), FINE_TUNING, progress)
 
 
-def _fit(a, aligner, share: float, progress) -> str:
-    """Train and write the model; share: of the default learning rate."""
+def _fit(a, load, share: float, progress) -> str | None:
+    """Train and write the model that `load` loads onto a device; share: of its learning rate."""
+    from embodiedreamer_gym.learning.processes import find_processes
     from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
     from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train
 
-    config = TrainingConfig(a.steps, a.batch, share * TrainingConfig.learning_rate, seed=a.seed)
-    train(aligner, load_episodes(a.episodes), config, a.out, progress)
-    return f"{save_aligner(aligner, a.out)}: {aligner!r}"
+    processes = find_processes(a.device)
+    aligner = load(str(processes.device))
+    config = TrainingConfig(a.steps, a.batch, share * aligner.learning_rate, seed=a.seed)
+    train(aligner, load_episodes(a.episodes), config, a.out, progress, processes)
+    return f"{save_aligner(aligner, a.out)}: {aligner!r}" if processes.first else None
 
 
 @o.verb(
     EPISODES,
     *ALIGNER,
+    *COMPUTING,
     BANK,
     o.option("--chunks", "N", "chunks per episode (default: all)", None, o.COUNT),
     o.JSON,
@@ -85,7 +100,7 @@ def evaluate(a, progress):
     return o.Result(tables(results), {"aligner": repr(aligner), "episodes": rows})
 
 
-@o.verb(EPISODES, *ALIGNER, BANK, o.out_file("FILE.mp4", "video"), o.QUIET)
+@o.verb(EPISODES, *ALIGNER, *COMPUTING, BANK, o.out_file("FILE.mp4", "video"), o.QUIET)
 def render(a, progress):
     """Generate the frames of an episode and write them as a video."""
     import numpy as np
@@ -100,8 +115,9 @@ def render(a, progress):
     if len(episodes) != 1:
         raise EmbodieDreamerError(f"vis render takes one episode, not {len(episodes)}.")
     one = episodes[0]
+    aligner = _aligner(a)
     progress(f"{len(one)} frames")
-    frames, _ = generate(_aligner(a), [one.references(0, _bench(a))], [one.condition.part(1, len(one))])
+    frames, _ = generate(aligner, [one.references(0, _bench(a))], [one.condition.part(1, len(one))])
     write_video(np.concatenate([one.frames[:1], frames[0]]), a.out)
     return a.out
 
@@ -133,7 +149,16 @@ def _bench(a):
     return None if a.bank is None else load_bank(a.bank).bench
 
 
-def _aligner(a):
+def _aligner(a, device: str | None = None):
     from embodiedreamer_gym.vis_aligner import load_aligner
 
-    return load_aligner(a.aligner, steps=a.diffusion_steps)
+    return load_aligner(a.aligner, a.diffusion_steps, device=device or a.device, svd=_svd_settings(a))
+
+
+def _svd_settings(a):
+    """What the options say of svd; None where they say nothing."""
+    from embodiedreamer_gym.vis_aligner.svd_aligner import SvdSettings
+
+    names = ("bf16", "gradient_checkpointing", "decode_chunk_size")
+    given = {name: value for name in names if (value := getattr(a, name, None))}
+    return SvdSettings(**given) if given else None

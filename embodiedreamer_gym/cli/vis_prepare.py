@@ -18,6 +18,7 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
     o.option("--segmenter", "DIR", "masks from text: local folder with SAM", None, Path),
     o.option("--object", "WORDS", "description of the object, e.g. 'red cup'"),
     o.option("--goal", "WORDS", "description of the goal, e.g. 'blue mat'"),
+    o.DEVICE,
     o.SIZE,
     o.out_folder("output folder of <recording>.hdf5, ..."),
     o.QUIET,
@@ -55,6 +56,6 @@ def _masks(a) -> Callable[[str], Any]:
             "masks from words need --detector, --segmenter and --object or --goal, and no --masks; give all, or none."
         )
     if words:
-        by_words = grounded(a.detector, a.segmenter, words)
+        by_words = grounded(a.detector, a.segmenter, words, device=a.device)
         return lambda name: by_words
     return lambda name: no_masks if a.masks is None else masks_in(a.masks / name)

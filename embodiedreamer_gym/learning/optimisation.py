@@ -9,6 +9,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from embodiedreamer_gym.learning.processes import Processes
+
 WARM_UP = 100  # steps up to the peak learning rate
 
 
@@ -25,15 +27,17 @@ class Optimisation:
     learning_rate: at its peak.
     warm_up: steps up to the peak.
     clip: largest norm of the gradient, None for any.
+    processes: over which gradients are averaged.
     options: of `torch.optim.AdamW`.
     """
 
     def __init__(
         self, parameters: Iterable[nn.Parameter], steps: int, learning_rate: float, warm_up: int = WARM_UP,
-        clip: float | None = None, **options: Any,
+        clip: float | None = None, processes: Processes | None = None, **options: Any,
     ) -> None:  # fmt: skip
         self.parameters = [one for one in parameters if one.requires_grad]
         self.steps, self.learning_rate, self.warm_up, self.clip = steps, learning_rate, warm_up, clip
+        self.processes = processes or Processes()
         self.adamw = torch.optim.AdamW(self.parameters, learning_rate, **options)
 
     def minimise(self, loss: Tensor, step: int) -> dict[str, float]:
@@ -43,6 +47,7 @@ class Optimisation:
             group["lr"] = learning_rate
         self.adamw.zero_grad()
         loss.backward()
+        self.processes.average_gradients(self.parameters)
         norm = 0.0 if self.clip is None else float(nn.utils.clip_grad_norm_(self.parameters, self.clip))
         self.adamw.step()
         return {"gradient": norm, "learning_rate": learning_rate}

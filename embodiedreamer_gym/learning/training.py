@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.learning.checkpoint import check_shapes, read_state, write_state
 from embodiedreamer_gym.learning.optimisation import Optimisation
+from embodiedreamer_gym.learning.processes import Processes
 
 CHECKPOINT = "checkpoint.pt"
 SAVED_EVERY = 250  # steps
@@ -61,18 +62,21 @@ class Training:
     network: what is trained.
     settings: how.
     error: class of the errors.
+    processes: that train it together; each has its own share of a step's batch.
     options: of AdamW.
     Subclasses define `loss`, whose draws must depend on seed and step alone, and may define `identity`, `state`,
     `restore` and `migrate`.
     """
 
     def __init__(
-        self, network: nn.Module, settings: TrainingSettings, error: type[EmbodieDreamerError], **options: Any
-    ) -> None:
+        self, network: nn.Module, settings: TrainingSettings, error: type[EmbodieDreamerError],
+        processes: Processes | None = None, **options: Any,
+    ) -> None:  # fmt: skip
         self.network, self.config, self.error, self.step = network, settings, error, 0
+        self.processes = processes or Processes()
         self.optimisation = Optimisation(
             network.parameters(), settings.steps, settings.learning_rate, clip=settings.clip,
-            weight_decay=settings.weight_decay, **options,
+            weight_decay=settings.weight_decay, processes=self.processes, **options,
         )  # fmt: skip
         self.averaged: dict[str, Tensor] = {}
         self.reset_average()
@@ -124,7 +128,7 @@ class Training:
     def advance(self, step: int) -> dict[str, float]:
         """One step of the optimiser."""
         numbers = self.loss(step)
-        if not bool(torch.isfinite(numbers["loss"])):
+        if not bool(torch.isfinite(self.processes.mean(numbers["loss"].detach()))):
             raise self.error(
                 f"the loss is not finite at step {step}; lower the learning rate ({self.config.learning_rate:g})."
             )
@@ -183,6 +187,8 @@ def train_in_folder(
     """
     while training.step < training.config.steps:
         training.run(training.step - training.step % SAVED_EVERY + SAVED_EVERY, report)
-        training.save(Path(folder) / CHECKPOINT)
+        if training.processes.first:
+            training.save(Path(folder) / CHECKPOINT)
         if saved is not None:
             saved()
+    training.processes.wait()

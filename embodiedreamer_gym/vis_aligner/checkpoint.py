@@ -9,12 +9,14 @@ from typing import Any
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.learning.checkpoint import read_state, write_state
+from embodiedreamer_gym.learning.device import find_device
 from embodiedreamer_gym.vis_aligner.aligner import MOST_FRAMES, Aligner
 from embodiedreamer_gym.vis_aligner.bank import Bank
 from embodiedreamer_gym.vis_aligner.bank_files import load_bank as read_bank
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
 from embodiedreamer_gym.vis_aligner.network_inputs import Inputs
+from embodiedreamer_gym.vis_aligner.svd_aligner import SvdSettings
 
 ASSETS = resources.files("embodiedreamer_gym") / "assets" / "vis"
 SHIPPED = {"lean": "lean.pt"}
@@ -27,7 +29,7 @@ def save_lean(network: Lean, chunk: int, path: str | Path) -> None:
 
     Raises: VisionError where it cannot be written.
     """
-    state = {name: value.half() for name, value in network.state_dict().items()}
+    state = {name: value.half().cpu() for name, value in network.state_dict().items()}
     write_state({"kind": "lean", "config": asdict(network.config), "chunk": chunk, "state": state}, path, VisionError)
 
 
@@ -57,18 +59,32 @@ def load_lean(path: str | Path) -> tuple[Lean, int]:
     return network, chunk
 
 
-def load_aligner(name: str | Path, steps: int = 1, seed: int = 0) -> Aligner:
+def load_aligner(name: str | Path, steps: int | None = None, seed: int = 0, device: str = "cpu",
+                 svd: SvdSettings | None = None) -> Aligner:  # fmt: skip
     """The aligner "lean" (shipped), of a file, or of a folder with a diffusers model.
 
-    Raises: VisionError where there is none.
+    steps: of diffusion; None for 1 of a lean model, 4 of a diffusers model.
+    device: on which networks compute: cpu, cuda, ..., or auto, which is an accelerator where there is one.
+    svd: how a diffusers model computes; None for its defaults, and for a lean model, which has no such settings.
+    Raises: VisionError where there is none, for a device that is not available, or settings that it does not have.
     """
     path = Path(str(ASSETS / SHIPPED[str(name)])) if str(name) in SHIPPED else Path(name)
     if path.is_dir():
         from embodiedreamer_gym.vis_aligner.svd import load_svd  # needs the extra [svd]
 
-        return load_svd(path, steps=steps, seed=seed)
+        return load_svd(path, steps, seed, device, svd)
+    check_lean(svd, str(name))
+    where = find_device(device, VisionError)
     network, chunk = load_lean(path)
-    return LeanAligner(network, chunk, steps, seed, path.stem)
+    return LeanAligner(network.to(where), chunk, 1 if steps is None else steps, seed, path.stem)
+
+
+def check_lean(svd: SvdSettings | None, name: str) -> None:
+    """Raises: VisionError where a lean model is given settings of a diffusers model."""
+    if svd is not None:
+        raise VisionError(
+            f"bf16, gradient checkpointing and decode_chunk_size are for svd aligners, and {name} is lean; leave them out."
+        )
 
 
 def load_bank(name: str | Path) -> Bank:

@@ -39,10 +39,10 @@ def add_noise(clip: Tensor, time: Tensor, noise: Tensor) -> Tensor:
 
 def sample(denoise: Denoiser, noise: Tensor, steps: int) -> Tensor:
     """Clips (B, T, C, H, W) from noise in a few deterministic steps; denoise: (noisy clip, times (B,)) -> clip."""
-    times = torch.linspace(1.0, 0.0, steps + 1)
+    times = torch.linspace(1.0, 0.0, steps + 1)  # on the CPU, so that a GPU need not be waited for
     x, clip = noise, noise
     for now, after in itertools.pairwise(times):
-        clip = denoise(x, now.expand(len(x)))
+        clip = denoise(x, now.to(noise.device).expand(len(x)))
         if after > 0:
             signal, amount = signal_and_noise(now)
             noise_left = (x - signal * clip) / amount

@@ -14,18 +14,22 @@ import numpy as np
 import torch
 
 from embodiedreamer_gym.errors import MissingExtraError, VisionError
+from embodiedreamer_gym.learning.device import find_device
 from embodiedreamer_gym.vis_aligner.masks import MaskSource, checked
 
 
-def grounded(detector: str | Path, segmenter: str | Path, prompts: Mapping[int, str], least: float = 0.3) -> MaskSource:
+def grounded(detector: str | Path, segmenter: str | Path, prompts: Mapping[int, str], least: float = 0.3,
+             device: str = "cpu") -> MaskSource:  # fmt: skip
     """Masks of what the prompts name, e.g. {3: "red cup", 4: "blue mat"}; where one is not found, it has no mask.
 
     detector, segmenter: folders as `save_pretrained` of transformers writes them, model and processor; nothing is
-    downloaded; least: score of a box, 0 .. 1, below which nothing was found.
-    Raises: VisionError where a folder holds no such model; MissingExtraError without transformers.
+    downloaded; least: score of a box, 0 .. 1, below which nothing was found; device: on
+    which both compute, as of `load_aligner`.
+    Raises: VisionError where a folder holds no such model, or the device is not available; MissingExtraError without transformers.
     """
-    find, find_inputs = _load(detector, "AutoModelForZeroShotObjectDetection")
-    cut, cut_inputs = _load(segmenter, "AutoModelForMaskGeneration")
+    where = find_device(device, VisionError)
+    find, find_inputs = _load(detector, "AutoModelForZeroShotObjectDetection", where)
+    cut, cut_inputs = _load(segmenter, "AutoModelForMaskGeneration", where)
 
     def classes(frame: np.ndarray, number: int) -> np.ndarray:
         out = np.zeros(frame.shape[:2], np.uint8)
@@ -38,8 +42,8 @@ def grounded(detector: str | Path, segmenter: str | Path, prompts: Mapping[int, 
     return classes
 
 
-def _load(folder: str | Path, kind: str) -> tuple[Any, Any]:
-    """Model and processor of a folder."""
+def _load(folder: str | Path, kind: str, device: torch.device) -> tuple[Any, Any]:
+    """Model, on a device, and processor of a folder."""
     if not Path(folder).is_dir():
         raise VisionError(f"model folder {folder} does not exist; give one that save_pretrained wrote.")
     try:
@@ -50,14 +54,14 @@ def _load(folder: str | Path, kind: str) -> tuple[Any, Any]:
         ) from error
     try:
         model = getattr(transformers, kind).from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
-        return model.eval(), transformers.AutoProcessor.from_pretrained(str(folder), local_files_only=True)
+        return model.eval().to(device), transformers.AutoProcessor.from_pretrained(str(folder), local_files_only=True)
     except (OSError, ValueError, KeyError) as error:
         raise VisionError(f"{folder} holds no such model: {str(error).splitlines()[0]}") from error
 
 
 def _box(model: Any, processor: Any, frame: np.ndarray, prompt: str, least: float) -> list[float] | None:
     """The best box (left, top, right, bottom), pixels, or None."""
-    inputs = processor(images=frame, text=[[prompt]], return_tensors="pt")
+    inputs = processor(images=frame, text=[[prompt]], return_tensors="pt").to(model.device)
     with torch.inference_mode():
         out = model(**inputs)
     detections = processor.post_process_grounded_object_detection(
@@ -68,8 +72,8 @@ def _box(model: Any, processor: Any, frame: np.ndarray, prompt: str, least: floa
 
 def _outline(model: Any, processor: Any, frame: np.ndarray, box: list[float]) -> np.ndarray:
     """The mask (H, W) bool of what is in a box."""
-    inputs = processor(images=frame, input_boxes=[[box]], return_tensors="pt")
+    inputs = processor(images=frame, input_boxes=[[box]], return_tensors="pt").to(model.device)
     with torch.inference_mode():
         out = model(**inputs, multimask_output=False)
     masks = processor.post_process_masks(out.pred_masks, inputs["original_sizes"], inputs["reshaped_input_sizes"])
-    return masks[0][0, 0].numpy().astype(bool)
+    return masks[0][0, 0].cpu().numpy().astype(bool)

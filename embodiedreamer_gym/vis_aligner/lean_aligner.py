@@ -34,12 +34,19 @@ ROUND = 0.01  # below which an error counts squared (of 2 from black to white)
 class LeanAligner:
     """A lean network; chunk: frames it was trained on; steps: of diffusion; seed: of its noise, the same for every chunk."""
 
+    learning_rate = 1e-3  # of AdamW, from untrained weights
+
     def __init__(self, network: Lean, chunk: int = 8, steps: int = 1, seed: int = 0, name: str = "lean") -> None:
         self.network, self.inputs = network, network.config.inputs
         self.chunk, self.steps, self.seed, self.name = chunk, steps, seed, name
 
     def __repr__(self) -> str:
         return f"LeanAligner({self.name!r}, {self.chunk} frames, {self.steps} steps)"
+
+    @property
+    def device(self) -> torch.device:
+        """Where the network computes."""
+        return self.network.out.weight.device
 
     def render(self, references: Sequence[References], conditions: Sequence[Condition]) -> list[np.ndarray]:
         """Frames (T, H, W, 3) uint8 for each condition of T frames, a batch at once.
@@ -52,13 +59,18 @@ class LeanAligner:
         if places is None:
             return _lasting(references, conditions)
         given = self._stack(references, conditions, places)
-        noise = torch.randn(given[2].shape[1:], generator=Generator().manual_seed(self.seed)).expand_as(given[2])
+        return _pasted(_lasting(references, conditions), self._sampled(given), places)
+
+    def _sampled(self, given: tuple[Tensor, ...]) -> Tensor:
+        """The clean clips (B, T, 3, H, W) in windows."""
+        noise = torch.randn(given[2].shape[1:], generator=Generator().manual_seed(self.seed))
+        noise = noise.to(given[2].device).expand_as(given[2])
         training = self.network.training
         self.network.eval()
         with torch.inference_mode():
             made = sample(lambda x, time: self.network(x, time, *given), noise, self.steps)
         self.network.train(training)
-        return _pasted(_lasting(references, conditions), made, places)
+        return made
 
     def attempt(self, references: Sequence[References], conditions: Sequence[Condition], truth: Sequence[np.ndarray],
                 generator: Generator) -> tuple[Tensor, Made]:  # fmt: skip
@@ -67,10 +79,12 @@ class LeanAligner:
         places = windows(references, conditions) or [WHOLE] * len(truth)
         given = self._stack(references, conditions, places)
         true = torch.stack([to_tensor(t[:, rows, columns]) for t, (rows, columns) in zip(truth, places, strict=True)])
-        time = draw_times(len(true), generator)
-        made = self.network(add_noise(true, time, torch.randn(true.shape, generator=generator)), time, *given)
+        time = draw_times(len(true), generator).to(self.device)
+        noise = torch.randn(true.shape, generator=generator).to(self.device)
+        true = true.to(self.device)
+        made = self.network(add_noise(true, time, noise), time, *given)
         classes = [c.crop(place).classes for c, place in zip(conditions, places, strict=True)]
-        thing = torch.from_numpy(np.stack(classes) >= ROBOT).float()
+        thing = torch.from_numpy(np.stack(classes) >= ROBOT).float().to(self.device)
         weight = F.max_pool2d(1 + (THINGS - 1) * thing, 3, 1, 1)[:, :, None]  # and their edges
         weight, error = weight / weight.mean(), made - true
         across, down = error.diff(dim=-1), error.diff(dim=-2)
@@ -97,7 +111,7 @@ class LeanAligner:
         clip = [reference_channels(one, self.inputs, width) for one in start]
         made = [reprojected_pixels(r, v, self.inputs) for r, v in zip(start, views, strict=True)]
         parts = (frame, clip, *([getattr(one, key) for one in made] for key in ("still", "sources", "stale")))
-        return tuple(torch.stack(part) for part in parts)
+        return tuple(torch.stack(part).to(self.device) for part in parts)
 
 
 def _lasting(references: Sequence[References], conditions: Sequence[Condition]) -> list[np.ndarray]:

@@ -134,7 +134,16 @@ class ReprojectedPixels:
 
 
 def reprojected_pixels(references: References, condition: Condition, inputs: Inputs) -> ReprojectedPixels:
-    """Each frame put together from pictures of other moments.
+    """`reprojected_frames` as tensors."""
+    still, sources, stale = reprojected_frames(references, condition, inputs)
+    return ReprojectedPixels(to_tensor(still), to_tensor(sources), torch.from_numpy(stale)[:, None].float())
+
+
+def reprojected_frames(
+    references: References, condition: Condition, inputs: Inputs
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Each frame put together from pictures of other moments: still (T, H, W, 3) uint8, sources (T, S, H, W, 3) uint8, stale
+    (T, H, W) bool.
 
     still is the last frame; but where a thing has left and the plate shows what is behind it, the plate; and what is rigid
     where it has moved to, from the last frame, else from the anchor, else from the gallery. sources are plate, anchor and
@@ -169,7 +178,7 @@ def reprojected_pixels(references: References, condition: Condition, inputs: Inp
     for one, (colours, valid) in zip(sources, others, strict=True):
         _put(one, colours, valid)
     stacked = np.stack(sources, 1) if sources else still[:, None][:, :0]
-    return ReprojectedPixels(to_tensor(still), to_tensor(stacked), torch.from_numpy(stale)[:, None].float())
+    return still, stacked, stale
 
 
 def _put(frames: np.ndarray, colours: np.ndarray, valid: np.ndarray) -> None:

@@ -14,6 +14,7 @@ from torch import Tensor
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
+from embodiedreamer_gym.learning.processes import Processes
 from embodiedreamer_gym.learning.training import CHECKPOINT, Training, TrainingSettings, train_in_folder
 from embodiedreamer_gym.vis_aligner.aligner import Trainable
 from embodiedreamer_gym.vis_aligner.bench import with_benches
@@ -83,13 +84,20 @@ class Position:
 class AlignerTraining(Training):
     """An aligner under training on episodes, of which those count that are longer than a chunk.
 
+    Several processes draw clips of their own; when they go on after an interruption, their sequences begin anew.
     Raises: VisionError where none is.
     """
 
     config: TrainingConfig
 
-    def __init__(self, aligner: Trainable, episodes: Sequence[Episode], config: TrainingConfig) -> None:
-        super().__init__(aligner.network, config, VisionError)
+    def __init__(
+        self,
+        aligner: Trainable,
+        episodes: Sequence[Episode],
+        config: TrainingConfig,
+        processes: Processes | None = None,
+    ) -> None:
+        super().__init__(aligner.network, config, VisionError, processes)
         self.aligner, self.episodes = aligner, [e for e in episodes if len(e) > aligner.chunk]
         if not self.episodes:
             raise VisionError(f"no episode is longer than {aligner.chunk} frames; record longer ones.")
@@ -102,7 +110,7 @@ class AlignerTraining(Training):
 
     def loss(self, step: int) -> dict[str, Tensor]:
         """The aligner's loss of a batch of clips."""
-        rng = np.random.default_rng([self.config.seed, step])
+        rng = np.random.default_rng([self.config.seed, step, *([self.processes.index] * (self.processes.count > 1))])
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
         k, episodes = self.aligner.chunk, self.episodes
         positions = [self.begin(rng) if one is None else one for one in self.positions]
@@ -161,7 +169,8 @@ class AlignerTraining(Training):
                 ]
                 if wrong or not 0 <= one.at < len(episode) - self.aligner.chunk:
                     raise ValueError("a position outside its episode")
-        self.positions = positions
+        if self.processes.count == 1:
+            self.positions = positions
 
     def migrate(self, state: dict[str, Any]) -> dict[str, Any]:
         """A checkpoint of version 0.1 in today's names."""
@@ -174,15 +183,18 @@ class AlignerTraining(Training):
 
 
 def train(aligner: Trainable, episodes: Sequence[Episode], config: TrainingConfig, folder: str | Path | None = None,
-          progress: ProgressCallback | None = None) -> None:  # fmt: skip
+          progress: ProgressCallback | None = None, processes: Processes | None = None) -> None:  # fmt: skip
     """Train an aligner in place; with a folder, a checkpoint is kept there, from which an interrupted training goes on.
+
+    processes: those that train it together, None for this one alone.
 
     Raises: VisionError without long enough episodes, where the checkpoint is of other settings, or the folder cannot be made.
     """
-    training, shown = AlignerTraining(aligner, with_benches(episodes), config), progress_or_silence(progress)
+    training, shown = AlignerTraining(aligner, with_benches(episodes), config, processes), progress_or_silence(progress)
 
     def report(row: dict[str, float]) -> None:
-        shown("training", int(row["step"]), config.steps, loss=f"{row['loss']:.4f}")
+        if training.processes.first:
+            shown("training", int(row["step"]), config.steps, loss=f"{row['loss']:.4f}")
 
     if folder is None:
         training.run(report=report)

@@ -40,18 +40,20 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
     every: a frame after each n-th action of a chunk, and after its last; generation takes as much less time.
     grain: add the noise of the bench's sensor, the same for the same seed of the reset; what follows a frame follows it
     without.
-    Raises: VisionError where weights, photos and picture size do not fit; SimulationError for observations without
-    pictures.
+    device: on which the network computes: cpu, cuda, ..., or auto, which is an accelerator where there is one.
+    Raises: VisionError where weights, photos and picture size do not fit, or the device is not available; SimulationError
+    for observations without pictures.
     """
 
     def __init__(
         self, env: gym.Env, aligner: str = "lean", bank: str = "lab", chunk: int | None = None,
         editor: ReferenceEditor | None = None, every: int = 1, grain: bool = False,
+        device: str = "cpu",
     ) -> None:  # fmt: skip
         gym.utils.RecordConstructorArgs.__init__(
-            self, aligner=aligner, bank=bank, chunk=chunk, editor=editor, every=every, grain=grain
+            self, aligner=aligner, bank=bank, chunk=chunk, editor=editor, every=every, grain=grain, device=device
         )
-        self.aligner, photos = load_aligner(aligner), load_bank(bank)
+        self.aligner, photos = load_aligner(aligner, device=device), load_bank(bank)
         gym.Wrapper.__init__(self, filmed(env, photos, self.aligner.chunk, chunk, every))
         self.bank = photos.of(_props(env.unwrapped.task))  # pyright: ignore[reportAttributeAccessIssue]
         self.observation_space = _with_picture(self.env.observation_space, picture(self.bank))
@@ -100,12 +102,16 @@ class VisAlignerVectorWrapper(VectorWrapper):
     `gym.make_vec(id, 8, wrappers=[lambda env: ActionChunk(env, 8)])`.
     info["frames"] is (environments, F, H, W, 3) uint8.
 
-    Raises: VisionError where weights, photos and picture size do not fit; SimulationError for other environments.
+    device: as of `VisAlignerObservationWrapper`.
+    Raises: VisionError where weights, photos and picture size do not fit, or the device is not available; SimulationError
+    for other environments.
     """
 
-    def __init__(self, env: VectorEnv, aligner: str = "lean", bank: str = "lab", grain: bool = False) -> None:
+    def __init__(
+        self, env: VectorEnv, aligner: str = "lean", bank: str = "lab", grain: bool = False, device: str = "cpu"
+    ) -> None:
         super().__init__(env)
-        self.aligner: Aligner = load_aligner(aligner)
+        self.aligner: Aligner = load_aligner(aligner, device=device)
         photos = load_bank(bank)
         one = picture(photos)
         pixels = _pixels(env.single_observation_space)
@@ -177,7 +183,8 @@ def check_size(size: tuple[int, int], bank: Bank) -> None:
         asked, known = (f"{width} x {height}" for width, height in (size, bank.size))
         raise VisionError(
             f"the environment's pictures are {asked}, and the bank's photos {known}; make the environment with "
-            f"image_size={bank.size}, or give a bank of {asked}: `embodiedreamer vis bank` makes one of episodes of that size."
+            f"image_size={bank.size}, or give a bank of {asked}, made by `embodiedreamer standin bank --size {size[0]}x{size[1]} "
+            f"--out FILE.npz` (simulated bench, with Blender) or by `embodiedreamer vis bank` of your own episodes of that size."
         )
 
 

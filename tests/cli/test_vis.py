@@ -13,7 +13,9 @@ import pytest
 from embodiedreamer_gym.cli.command import main
 from embodiedreamer_gym.pipelines.prepare import write_episode
 from embodiedreamer_gym.vis_aligner import load_aligner, load_bank
+from embodiedreamer_gym.vis_aligner.svd import save_svd
 from tests.vis_aligner.scenes import episode
+from tests.vis_aligner.tiny_svd import tiny_svd
 
 
 @pytest.fixture(scope="module")
@@ -52,13 +54,27 @@ def test_a_model_is_measured_beside_copying(bench: Path, tmp_path: Path, capsys)
 
 def test_fine_tuning_goes_on_from_the_model(bench: Path, tmp_path: Path, capsys) -> None:
     code, out, _ = run(capsys, "vis", "fine-tune", bench / "train", "--aligner", bench / "model/lean.pt",
-                       "--out", tmp_path, "--steps", 1, "--quiet")  # fmt: skip
+                       "--out", tmp_path, "--steps", 1, "--device", "auto", "--quiet")  # fmt: skip
     assert code == 0 and "lean.pt" in out
     before, after = (
         load_aligner(path).network.state_dict() for path in (bench / "model/lean.pt", tmp_path / "lean.pt")
     )
     largest = max(float((before[name] - after[name]).abs().max()) for name in before)
     assert 0 < largest < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
+def test_svd_is_trained_from_a_folder_and_makes_a_video(bench: Path, tmp_path: Path, capsys) -> None:
+    pytest.importorskip("diffusers", reason="the extra [svd] is not installed")
+    save_svd(tiny_svd(chunk=3), tmp_path / "begin")
+    saving = ["--bf16", "--decode-chunk-size", 2]
+    code, out, _ = run(capsys, "vis", "train", bench / "train", "--model", "svd", "--from", tmp_path / "begin", "--steps", 2, "--batch", 1,
+                       "--gradient-checkpointing", *saving, "--out", tmp_path / "svd", "--quiet")  # fmt: skip
+    assert code == 0 and "SvdAligner('begin', 3 frames, 4 steps)" in out
+    code, _, _ = run(capsys, "vis", "render", bench / "held_out.hdf5", "--aligner", tmp_path / "svd", *saving, "--diffusion-steps", 1,
+                     "--out", tmp_path / "generated.mp4")  # fmt: skip
+    assert code == 0 and (tmp_path / "generated.mp4").stat().st_size > 1000
 
 
 def test_an_episode_becomes_a_video(bench: Path, tmp_path: Path, capsys) -> None:
@@ -87,6 +103,10 @@ def test_a_bank_is_made_of_first_frames(bench: Path, tmp_path: Path, capsys) -> 
         (["train", "EPISODE", "--out", "x", "--steps", "0"], "--steps: 0 is not a whole number of 1 to"),
         (["train", "EPISODE", "--out", "x", "--model", "svd"], "needs --from"),
         (["evaluate", "EPISODE", "--aligner", "none.pt"], "none.pt"),
+        (["evaluate", "EPISODE", "--aligner", "MODEL", "--device", "cuda:97"], "device 'cuda:97' is not available here; use"),
+        (["train", "EPISODE", "--out", "x", "--device", "cuda:97"], "device 'cuda:97' is not available here; use auto, cpu"),
+        (["train", "EPISODE", "--out", "x", "--bf16"], "are for svd aligners, and the new model is lean; leave them out"),
+        (["render", "EPISODE", "--aligner", "MODEL", "--out", "x.mp4", "--decode-chunk-size", "4"], "are for svd aligners"),
         (["render", "EPISODE", "EPISODE", "--aligner", "MODEL", "--out", "x.mp4"], "takes one episode, not 2"),
         (["render", "EPISODE", "--aligner", "MODEL", "--out", "x.avi"], "give a file name.mp4"),
         (["prepare", "EPISODE", "--out", "x", "--size", "big"], "--size big is no width and height"),

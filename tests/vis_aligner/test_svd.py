@@ -12,10 +12,11 @@ import torch
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner import load_aligner
 from embodiedreamer_gym.vis_aligner.condition import Condition
-from embodiedreamer_gym.vis_aligner.svd import load_svd, save_svd, with_mask_colours
+from embodiedreamer_gym.vis_aligner.svd import load_svd, save_svd
+from embodiedreamer_gym.vis_aligner.svd_aligner import SvdSettings, with_mask_colours
 from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train
 from tests.vis_aligner.scenes import episode
-from tests.vis_aligner.tiny_svd import tiny_svd
+from tests.vis_aligner.tiny_svd import tiny_networks, tiny_svd
 
 pytest.importorskip("diffusers", reason="the extra [svd] is not installed")
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
@@ -39,10 +40,51 @@ def test_it_trains_and_its_folder_gives_the_same_frames(tmp_path) -> None:
     assert np.isfinite(losses).all() and len(losses) == 4
     assert any(not torch.equal(a, b) for a, b in zip(before, model.network.parameters(), strict=True))
     save_svd(model, tmp_path / "svd")
-    again = load_aligner(tmp_path / "svd")
+    again = load_aligner(tmp_path / "svd", steps=1)
     made, other = (m.render([one.references(0)], [one.condition.part(1, 4)])[0] for m in (model, again))
     assert made.shape == (3, 48, 64, 3) and again.chunk == 3
     assert np.abs(made.astype(int) - other).max() <= 1
+
+
+def test_a_folder_of_stable_video_diffusion_is_taken_as_it_is(tmp_path) -> None:
+    """Its U-Net takes the noise and one picture; the frames put together from other pictures change nothing before training."""
+    unet, vae = tiny_networks(chunk=3)
+    for network, name in ((unet, "unet"), (vae, "vae")):
+        network.save_pretrained(tmp_path / name)
+    model = load_svd(tmp_path, steps=2)
+    assert model.chunk == 24 and model.steps == 2 and model.network.config.in_channels == 25
+    noisy, given = torch.randn(2, 3, 4, 6, 8), torch.randn(2, 3, 21, 6, 8)
+    sigma = torch.tensor([2.0, 700.0])
+    with torch.no_grad():
+        wide = model._velocity(noisy, sigma, given)
+        told = {"encoder_hidden_states": torch.zeros(2, 1, 32), "added_time_ids": torch.tensor([[6.0, 127.0, 0.0]] * 2)}
+        plain = unet(torch.cat([noisy, given[:, :, :4]], 2), 0.25 * torch.log(sigma), **told).sample
+    assert torch.allclose(wide, plain, atol=1e-5)
+
+
+def test_gradient_checkpointing_and_bfloat16_compute_the_same() -> None:
+    one, losses, gradients = episode(), [], []
+    for settings in (SvdSettings(), SvdSettings(gradient_checkpointing=True), SvdSettings(bf16=True)):
+        model = tiny_svd(chunk=2, settings=settings)
+        model.network.train()
+        batch = [one.references(0)], [one.condition.part(1, 3)], [one.frames[1:3]]
+        loss, _ = model.attempt(*batch, torch.Generator().manual_seed(0))
+        loss.backward()
+        assert model.network.is_gradient_checkpointing == settings.gradient_checkpointing
+        losses.append(float(loss.detach()))
+        gradients.append(model.network.conv_in.weight.grad)
+        assert gradients[-1].dtype == torch.float32
+    assert losses[1] == pytest.approx(losses[0], rel=1e-5) and torch.allclose(gradients[1], gradients[0], atol=1e-5)
+    assert losses[2] == pytest.approx(losses[0], rel=0.02) and losses[2] != losses[0]
+
+
+def test_models_of_former_releases_are_refused_with_the_way_out(tmp_path, saved_svd) -> None:
+    shutil.copytree(saved_svd, tmp_path / "svd")
+    (tmp_path / "svd" / "embodiedreamer.json").write_text('{"chunk": 3}')
+    with pytest.raises(
+        VisionError, match=r"predict the clean latents.*train it again.*vis train EPISODES --model svd --from"
+    ):
+        load_svd(tmp_path / "svd")
 
 
 def test_bad_folders_and_sizes_are_refused(tmp_path) -> None:

@@ -162,7 +162,7 @@ def test_a_photo_sets_the_simulator(files) -> None:
 def test_it_can_be_made_by_its_spec_and_drawn(files) -> None:
     env = make(files, render_mode="rgb_array")
     kwargs = env.spec.additional_wrappers[-1].kwargs
-    assert kwargs == {**files, "chunk": None, "editor": None, "every": 1, "grain": False}
+    assert kwargs == {**files, "chunk": None, "editor": None, "every": 1, "grain": False, "device": "cpu"}
     env.reset(seed=0)
     assert np.array_equal(env.render(), env.references.last)
     again = gym.make(env.spec)
@@ -299,7 +299,8 @@ def test_another_size_than_the_banks_is_refused(files) -> None:
     env = gym.make(ID, image_size=(128, 96), disable_env_checker=True)
     for wrapped in (env, ActionChunk(env, 3)):
         with pytest.raises(
-            VisionError, match=r"128 x 96, and the bank's photos 64 x 48; make .* image_size=\(64, 48\)"
+            VisionError,
+            match=r"128 x 96, and the bank's photos 64 x 48; make .* image_size=\(64, 48\).* standin bank --size 128x96 --out",
         ):
             VisAlignerObservationWrapper(wrapped, **files)
     env.close()

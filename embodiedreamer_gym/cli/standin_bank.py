@@ -1,0 +1,36 @@
+"""`embodiedreamer standin bank`."""
+
+from embodiedreamer_gym.cli import options as o
+
+EVERY = 25  # control steps per picture: the robot in many poses, from few pictures
+
+
+@o.verb(
+    o.SIZE,
+    o.out_file("FILE.npz", "bank"),
+    o.option("--films", "DIR", "where the pictures are kept (default: FILE_films)", None, o.output_folder),
+    o.option("--episodes", "N", "of each task", 8, o.COUNT),
+    o.option("--appearance", "A", "lab, or a number that draws one", "lab"),
+    o.SEED,
+    o.option("--samples", "N", "light paths per pixel", 4, o.COUNT),
+    o.option("--blender", "PYTHON", "interpreter with bpy (default: this one, else $EMBODIEDREAMER_BLENDER)"),
+    o.ALL_JOBS,
+    o.QUIET,
+)
+def run(a, progress):
+    """Film the simulated bench at another size, with all tasks, and make its reference bank; continued where interrupted."""
+    from embodiedreamer_gym.cli import vis
+    from embodiedreamer_gym.envs.tasks import TASKS
+    from embodiedreamer_gym.errors import EmbodieDreamerError
+    from embodiedreamer_gym.geometry.camera import read_size
+    from embodiedreamer_gym.standin.film.run import film_episodes
+    from embodiedreamer_gym.standin.film.settings import FilmSettings
+
+    if a.appearance == "many":
+        raise EmbodieDreamerError("a bank shows one bench; give --appearance lab, or a number that draws one.")
+    folder = a.out.with_name(f"{a.out.stem}_films") if a.films is None else a.films
+    size = read_size(a.size)
+    films = [FilmSettings(task, a.appearance, size, a.seed, None, EVERY, a.samples) for task in TASKS]
+    film_episodes(films, a.episodes, folder, a.jobs, a.blender, progress)
+    a.episodes, a.more = [folder], []
+    return vis.bank.run(a, progress)
