@@ -11,7 +11,7 @@ ALIGNER = (
 COMPUTING = (
     o.DEVICE,
     o.option("--bf16", None, "svd: compute in bfloat16"),
-    o.option("--decode-chunk-size", "N", "svd: images that the autoencoder decodes at once (default: 8)", None, o.COUNT),
+    o.option("--decode-chunk-size", "N", "svd: images decoded at once (default: 8)", None, o.COUNT),
 )
 BANK = o.option("--bank", "B", "bank of reference photos: lab, or a file")
 TRAINING = (
