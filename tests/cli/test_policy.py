@@ -212,7 +212,7 @@ def test_what_cannot_be_trained(tmp_path: Path, episodes: Tiny) -> None:
     for extra, said in (
         (("--cameras", "wrist"), "no pictures of the camera 'wrist'; cameras: head, left"),
         (("--size", "0x12"), "must be a whole number of at least 1"),
-        (("--device", "cuda"), "is not available; use cpu"),
+        (("--device", "cuda"), "is not available here; use auto, cpu"),
         (("--learning-rate", "nan"), "--learning-rate: nan is not a number above 0"),
         (("--seed", "-1"), "--seed: -1 is not"),
         (("--out", f"{__file__}/act"), "cannot be written: .*py is a file"),
