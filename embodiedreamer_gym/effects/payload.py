@@ -15,7 +15,7 @@ class Payload(MechanicsChange):
     name = "payload"
     family = "gravity"
     parameters = (
-        Parameter("mass", "kg", off=0.0, low=0.0, high=5.0, typical=0.2, per="arm"),
+        Parameter("mass", "kg", off=0.0, low=0.0, high=50.0, typical=0.2, per="arm"),
         *(Parameter(axis, "m", off=0.0, low=-0.3, high=0.3, typical=0.05, per="arm", shape=True, starts=(0.0,), prior=True)
           for axis in "xyz"),
     )  # fmt: skip

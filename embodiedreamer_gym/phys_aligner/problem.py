@@ -190,7 +190,7 @@ def _typical(model: RobotModel, row: ParameterRow) -> float:
         rotor = row.key.parameter == "rotor_inertia"
         return float(model.inertia_scale[row.index]) if rotor else max(row.value, 1e-3)
     _, parameter = model.find_parameter(row.key)
-    if row.key.effect == EffortSensor.name:
+    if row.key.effect == EffortSensor.name and parameter.per == "joint":
         scale = model.group_values(ParameterKey("scale", EffortSensor.name))[row.index]
         return max(abs(scale), 1e-9) * (1.0 if parameter.name == "scale" else float(model.torque_scale[row.index]))
     span = row.high - row.low

@@ -15,6 +15,7 @@ from scipy.ndimage import maximum_filter1d
 
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.effects.effort_sensor import EffortSensor
+from embodiedreamer_gym.phys_aligner.effort_terms import effort_per_torque, joint_terms
 from embodiedreamer_gym.recordings import (
     Recording,
     noise_floor,
@@ -56,10 +57,7 @@ class Signals:
         self.unit = self.recordings[0].effort_unit
         self.measured = [_smoothed_effort(r) for r in self.recordings]
         self.usable = [r.usable & ~_unknown(r) for r in self.recordings]
-        scale = np.ones(model.n)
-        if model.has_effect(EffortSensor):
-            scale = model.group_values(ParameterKey("scale", EffortSensor.name))
-        self.sigma = _effort_noise(model, self.recordings, scale)
+        self.sigma = _effort_noise(model, self.recordings, effort_scale(model))
 
     def errors(self, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
         """Measured less simulated (P, T, n) of runs (P, T, n), in the channels' units."""
@@ -150,29 +148,26 @@ def with_effort_sensor(model: RobotModel, recordings: Sequence[Recording]) -> Ro
         return model
     recordings = with_effort_unit(model, recordings)
     if recordings[0].effort_unit == "N m":
-        return model.with_effect(EffortSensor(offset=dict.fromkeys(model.joints, 0.0)))
+        return model.with_effect(
+            EffortSensor(offset=dict.fromkeys(model.joints, 0.0), delay=dict.fromkeys(model.arms, 0.0))
+        )
     scale, offset = _effort_lines(model, recordings)
     values = {
         name: dict(zip(model.joints, x.tolist(), strict=True)) for name, x in (("scale", scale), ("offset", offset))
     }
-    return model.with_effect(EffortSensor(**values))
+    return model.with_effect(EffortSensor(**values, delay=dict.fromkeys(model.arms, 0.0)))
 
 
 def _effort_lines(model: RobotModel, recordings: Sequence[Recording]) -> tuple[np.ndarray, np.ndarray]:
-    """Scale (n,) and offset (n,) of each joint's effort against the model's torque, by least squares."""
-    torque = np.concatenate([run.torque[0] for run in run_sets(model, recordings)])
-    effort = np.concatenate([_smoothed_effort(r) for r in recordings])
-    keep = np.concatenate([r.usable & ~_unknown(r) for r in recordings])
-    lines = []
-    for j in range(model.n):
-        x, y = torque[keep[:, j], j], effort[keep[:, j], j]
-        if len(x) < 3 or np.ptp(x) <= 0:
-            lines.append((1.0, 0.0))
-            continue
-        slope = float(np.cov(x, y)[0, 1] / np.var(x, ddof=1))
-        lines.append((slope, float(np.mean(y) - slope * np.mean(x))))
-    scale, offset = np.array(lines).T
-    return scale, offset
+    """Scale (n,) and offset (n,) of each joint's effort against the model's torque, see `effort_per_torque`."""
+    efforts = [_smoothed_effort(r) for r in recordings]
+    usable = [r.usable & ~_unknown(r) for r in recordings]
+    terms = joint_terms(model, recordings, efforts, usable)
+    scale = np.array([effort_per_torque(*own, size) for own, size in zip(terms, model.torque_scale, strict=True)])
+    shift = [e - scale * run.torque[0] for e, run in zip(efforts, run_sets(model, recordings), strict=True)]
+    offset = np.array([np.mean(np.concatenate([x[u[:, j], j] for x, u in zip(shift, usable, strict=True)] or [[0.0]]))
+                       for j in range(model.n)])  # fmt: skip
+    return scale, np.nan_to_num(offset)
 
 
 def _between(a: Rollout, b: Rollout, share: np.ndarray) -> Rollout:
@@ -201,6 +196,13 @@ def _unknown(recording: Recording) -> np.ndarray:
     wide = still | (maximum_filter1d(long.astype(np.int8), 2 * (half + SHORT) + 1, axis=0) > 0)
     wide[:half] = wide[-half:] = True
     return wide
+
+
+def effort_scale(model: RobotModel) -> np.ndarray:
+    """Effort per torque (n,) of a model's `EffortSensor`, 1 where it has none."""
+    if not model.has_effect(EffortSensor):
+        return np.ones(model.n)
+    return model.group_values(ParameterKey("scale", EffortSensor.name))
 
 
 def effort_scales(

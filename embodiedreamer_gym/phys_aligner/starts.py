@@ -6,8 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from embodiedreamer_gym.phys_aligner.effort_terms import joint_terms, start_values
 from embodiedreamer_gym.phys_aligner.least_squares import cost_of, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.signals import effort_scale
 from embodiedreamer_gym.recordings import pieces
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.simulation import TIME_STEP
@@ -20,8 +22,11 @@ COARSE = 2 * TIME_STEP  # s, of the plant of fits that only show where to begin
 def scan_starts(problem: Problem) -> np.ndarray:
     """Pick for each joint the best of a few sizes of its servo's gains; returns scaled parameters (m,).
 
-    Given gains are tried at 1/3, 1 and 3 times their value, unknown ones from 1/30 to 30 times the first guess.
+    Given gains are tried at 1/3, 1 and 3 times their value, unknown ones from 1/30 to 30 times the first guess. Logs without
+    commands begin at plain least squares, see `_effort_start`.
     """
+    if problem.signals.by_effort:
+        return _effort_start(problem)
     groups = [row.key.group for row in problem.rows]
     stiff, damped = (np.array([g == ParameterKey(name) for g in groups]) for name in ("stiffness", "damping"))
     if not stiff.any() or not damped.any():
@@ -43,6 +48,28 @@ def scan_starts(problem: Problem) -> np.ndarray:
         if stiff[i] or damped[i]:
             x[i] = points[best[row.index], i]
     return x
+
+
+def _effort_start(problem: Problem) -> np.ndarray:
+    """Rotor inertia and viscous friction by least squares of the effort, joint by joint where that is better than the model's.
+
+    Returns scaled parameters (m,).
+    """
+    model, signals = problem.model, problem.signals
+    keys = (ParameterKey("rotor_inertia"), ParameterKey("viscous_friction"))
+    groups = [row.key.group for row in problem.rows]
+    scale, known = effort_scale(model), np.array([key not in groups for key in keys])
+    if known[1]:
+        return problem.start
+    values = np.array([row.value for row in problem.rows])
+    terms = joint_terms(model, problem.recordings, signals.measured, signals.usable)
+    for i, row in enumerate(problem.rows):
+        if row.key.group in keys:
+            j = row.index
+            found = start_values(*terms[j], scale[j], model.rotor_inertia[j] if known[0] else None)
+            values[i] = np.clip(found[keys.index(row.key.group)], row.low, row.high)
+    points = np.stack([problem.start, np.clip(problem.scale(values), problem.lower, problem.upper)])
+    return recombine(problem, points, problem.joint_rms(problem.residuals(points)) ** 2)
 
 
 def piecewise_start(problem: Problem, starts: Sequence[np.ndarray]) -> np.ndarray:

@@ -1,9 +1,9 @@
 """Plain CSV logs, one row a sample.
 
 Header: `time,<joint>.command,<joint>.position[,<joint>.velocity,<joint>.effort]`; `time_ms`, `time_us` and `time_ns` for
-other units; `<joint>.current` in place of `<joint>.effort` is a motor's current in A, and a log of position and effort may
+other units; `<joint>.current` in place of `<joint>.effort` is a motor's current in A (`effort_unit: mA` for mA), and a log of position and effort may
 lack the command. Comment lines before it may state more, as `# name: value`: `command_hold: linear`, `units: rad` (one for
-all, or a JSON list), `kind: step`, `effort_unit: N m` (or `A`), `time_unit: ms`, `noise: [..]`, `quantum: [..]`, `gain: 4` (or a
+all, or a JSON list), `kind: step`, `effort_unit: N m` (or `A`, `mA`), `time_unit: ms`, `noise: [..]`, `quantum: [..]`, `gain: 4` (or a
 JSON list). The column `<joint>.usable` (0 or 1) is optional too.
 """
 
@@ -27,7 +27,7 @@ from embodiedreamer_gym.recordings.csv_text import (
     open_text,
     table,
 )
-from embodiedreamer_gym.recordings.recording import Recording
+from embodiedreamer_gym.recordings.recording import SPELLINGS, Recording
 from embodiedreamer_gym.recordings.time_axis import column_unit, find_clock
 
 SIGNALS = ("command", "position", "velocity", "effort", "usable", "current")
@@ -66,6 +66,10 @@ def read_plain_csv(path: str | Path, time_unit: str | None = None) -> Recording:
     if current is not None and signals["effort"] is None:
         signals["effort"] = current
         optional.setdefault("effort_unit", "A")
+    unit, factor = SPELLINGS.get(optional.get("effort_unit", ""), ("", 1.0))
+    if unit:
+        optional["effort_unit"] = unit
+        signals["effort"] = None if signals["effort"] is None else factor * signals["effort"]
     if usable is not None:
         optional["usable"] = usable != 0
     return Recording(

@@ -17,6 +17,7 @@ from embodiedreamer_gym.recordings.noise import estimate_noise, estimate_quantum
 UNITS = ("rad", "m", "1")
 COMMAND_HOLDS = ("linear", "hold", "unknown")
 EFFORT_UNITS = ("N m", "A", "unknown")
+SPELLINGS = {"N m": ("N m", 1.0), "Nm": ("N m", 1.0), "N*m": ("N m", 1.0), "A": ("A", 1.0), "mA": ("A", 1e-3)}
 FEWEST_SAMPLES = 10
 LARGEST = 1e9  # beyond it a value in rad, m or N m is a damaged log
 LONGEST_STEP = 10.0  # s; a longer one means the times are not in seconds

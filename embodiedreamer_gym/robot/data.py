@@ -18,6 +18,7 @@ from embodiedreamer_gym.robot.tree import KinematicTree
 
 SERVO_GROUPS = ("stiffness", "damping", "rotor_inertia", "viscous_friction")
 GRAVITY = np.array([0.0, 0.0, -9.81])
+LEAST_GEAR = 0.03  # of the largest rotor inertia and viscous friction in the arm, that a joint's may reach as well
 FINGER_FORCE = 10.0  # N, of a sliding joint too light to show what drives it
 HOLDS = ("linear", "hold", "unknown")
 
@@ -263,8 +264,18 @@ class RobotData:
         }[group]
         spread = {"stiffness": 100.0, "damping": 100.0, "rotor_inertia": 30.0, "viscous_friction": 30.0}[group]
         value = getattr(self, group)
+        if group in ("rotor_inertia", "viscous_friction"):  # gears of a light wrist are not light in proportion
+            typical = np.maximum(typical, LEAST_GEAR * self._of_arm(typical))
         low = np.minimum(typical / spread, value / 10) if group in ("stiffness", "damping") else np.zeros(self.n)
         return low, np.maximum(typical * spread, value * 10)
+
+    def _of_arm(self, values: np.ndarray) -> np.ndarray:
+        """Largest value (n,) among the revolute joints of each joint's arm; a sliding joint's own."""
+        largest = values.copy()
+        for arm in range(self.tree.arms):
+            same = (self.tree.arm == arm) & (np.array(self.units) == "rad")
+            largest[same] = values[same].max(initial=0.0)
+        return largest
 
     def first_guess(self) -> dict[str, np.ndarray]:
         """Servo values (n,) from the inertia alone: 5 Hz, damping ratio 0.7, rotor as heavy as half the load."""

@@ -95,9 +95,12 @@ class _Track:
 
     def effort(self, torque: np.ndarray) -> np.ndarray:
         """What the log's effort shows of torques (P, T, n); these laws have no memory."""
+        joint, arm = self._joint(0, torque), self.drive.model.tree.arm
+        joint.dt = 1.0 / self.recording.hz
         for law in self.drive.laws["effort"]:
-            values = SimpleNamespace(**{name: value[:, None] for name, value in vars(law.p).items()})
-            torque, _ = law.effect.law(torque, self._joint(0, torque), None, values)
+            of_arm = {p.name for p in law.effect.parameters if p.per == "arm"}
+            values = {k: (v[:, arm] if k in of_arm else v)[:, None] for k, v in vars(law.p).items()}
+            torque, _ = law.effect.law(torque, joint, None, SimpleNamespace(**values))
         return torque
 
     def _rigid_bodies(self) -> np.ndarray:
