@@ -98,8 +98,16 @@ class Diagnosis:
     @property
     def effort_offsets(self) -> dict[str, dict[str, Any]]:
         """Joint -> value, low, high, unit of the effort shown at no torque (current zero, spring balance), where it is not zero."""
-        rows = self.model.parameters().select(ParameterKey("offset", EffortSensor.name))
-        return {r.key.place: {"value": r.value, "low": r.interval[0], "high": r.interval[1], "unit": self.unit}
+        return self._of_sensor("offset", self.unit)
+
+    @property
+    def effort_delays(self) -> dict[str, dict[str, Any]]:
+        """Arm -> value, low, high, unit of the time by which efforts are logged later than positions, where it is not zero."""
+        return self._of_sensor("delay", "s")
+
+    def _of_sensor(self, parameter: str, unit: str) -> dict[str, dict[str, Any]]:
+        rows = self.model.parameters().select(ParameterKey(parameter, EffortSensor.name))
+        return {r.key.place: {"value": r.value, "low": r.interval[0], "high": r.interval[1], "unit": unit}
                 for r in rows if r.interval and not r.interval[0] <= 0.0 <= r.interval[1]}  # fmt: skip
 
     def question(self, asked: tuple[str, str] | None = None) -> tuple[str, str] | None:
@@ -131,6 +139,7 @@ class Diagnosis:
             "joints": {k: list(v) for k, v in self.joints.items()},
             "parameters": self.parameters,
             **({"effort_offsets": self.effort_offsets} if self.effort_offsets else {}),
+            **({"effort_delays": self.effort_delays} if self.effort_delays else {}),
             "ranking": [{k: v for k, v in asdict(r).items() if k != "screening"} for r in self.ranking],
             "gains_guessed": self.gains_guessed,
             "error": {"unit": self.unit, **self.error},
@@ -160,7 +169,8 @@ class Diagnosis:
                 lines += [f"      not named: {r.note}"] if r.note else []
         if len(self.members) > 1 and self.effects:
             lines.append(f"probabilities: {probabilities_text(self.members)}")
-        for effect, rows in (*self.parameters.items(), ("offset of the effort", self.effort_offsets)):
+        sensor = (("offset of the effort", self.effort_offsets), ("delay of the effort", self.effort_delays))
+        for effect, rows in (*self.parameters.items(), *sensor):
             lines += [""] if rows else []
             for joint, row in rows.items():
                 spread = "" if row["low"] is None else f"  [{row['low']:.4g}, {row['high']:.4g}]"
