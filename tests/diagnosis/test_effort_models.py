@@ -43,6 +43,18 @@ def rubbing(tmp_path_factory):
     return case("coulomb_friction", tmp_path_factory.mktemp("rubbing"))
 
 
+def test_a_delay_of_the_effort_is_found(plain) -> None:
+    """Efforts that are logged three samples late leave the same error, since the delay is estimated."""
+    model, train, _ = plain
+    known = model.with_fixed("urdf", "rotor_inertia")
+    here = calibrate(known, train)
+    late = [r.with_(effort=np.concatenate([r.effort[:1]] * 3 + [r.effort[:-3]])) for r in train]
+    there = calibrate(known, late)
+    rows = [c.model.parameters()["effort_sensor.delay[tip]"].value for c in (here, there)]
+    assert rows[1] - rows[0] == pytest.approx(3 / train[0].hz, rel=0.1)
+    assert there.error < 1.2 * here.error
+
+
 def test_scale_and_offset_of_an_effort_are_learnt_once(plain, tmp_path) -> None:
     """Learnt on the training logs, saved, and not fitted again on other logs; the offset is."""
     model, train, test = plain
