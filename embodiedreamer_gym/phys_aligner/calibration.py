@@ -186,12 +186,18 @@ def finish(problem: Problem, fit: Fit, seconds: float, wider: tuple[Problem, Fit
     """A least-squares fit as a Calibration: values, intervals, what is not determined.
 
     wider: a fit of the same parameters and of others beside, from which the intervals are taken; each is extended to hold
-    the value.
+    the value. Where efforts are compared it is extended to hold as much around the value: masses that an unloaded log fixed and
+    masses that are estimated again give two values of a load, and neither is known better than to this half-width.
     """
     judge, around = wider or (problem, fit)
     uncertainty = spread(judge, around.x, around.residuals * around.weight, around.jacobian * around.weight[:, None])
     low, high = (judge.values(around.x + sign * uncertainty.half_width) for sign in (-1, 1))
     place = {row.name: i for i, row in enumerate(judge.rows)}
+    if wider is not None and problem.signals.by_effort:
+        around_value = around.x.copy()
+        around_value[[place[row.name] for row in problem.rows]] = fit.x
+        ends = [judge.values(around_value + sign * uncertainty.half_width) for sign in (-1, 1)]
+        low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
     intervals, undetermined = dict(problem.model.intervals), []
     for row, value in zip(problem.rows, problem.values(fit.x), strict=True):
         i = place[row.name]
