@@ -160,14 +160,15 @@ def with_effort_sensor(model: RobotModel, recordings: Sequence[Recording]) -> Ro
 
 def _effort_lines(model: RobotModel, recordings: Sequence[Recording]) -> tuple[np.ndarray, np.ndarray]:
     """Scale (n,) and offset (n,) of each joint's effort against the model's torque, see `effort_per_torque`."""
+    runs = run_sets(model, recordings)
     efforts = [_smoothed_effort(r) for r in recordings]
     usable = [r.usable & ~_unknown(r) for r in recordings]
     terms = joint_terms(model, recordings, efforts, usable)
     scale = np.array([effort_per_torque(*own, size) for own, size in zip(terms, model.torque_scale, strict=True)])
-    shift = [e - scale * run.torque[0] for e, run in zip(efforts, run_sets(model, recordings), strict=True)]
-    offset = np.array([np.mean(np.concatenate([x[u[:, j], j] for x, u in zip(shift, usable, strict=True)] or [[0.0]]))
-                       for j in range(model.n)])  # fmt: skip
-    return scale, np.nan_to_num(offset)
+    rest = np.concatenate([e - scale * run.torque[0] for e, run in zip(efforts, runs, strict=True)])
+    keep = np.concatenate(usable)
+    offset = np.sum(rest * keep, axis=0) / np.maximum(keep.sum(axis=0), 1)
+    return scale, offset
 
 
 def _between(a: Rollout, b: Rollout, share: np.ndarray) -> Rollout:
