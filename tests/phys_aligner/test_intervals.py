@@ -32,7 +32,7 @@ def problem(samples: int = SAMPLES) -> Any:
 def jacobian(rng: np.random.Generator, samples: int = SAMPLES) -> np.ndarray:
     """Smooth regressors, as of a motion."""
     white = rng.standard_normal((samples * JOINTS, UNKNOWNS)).reshape(samples, -1)
-    return 30 * lfilter([0.1], [1, -0.9], white, axis=0).reshape(samples * JOINTS, UNKNOWNS)
+    return 30 * np.asarray(lfilter([0.1], [1, -0.9], white, axis=0)).reshape(samples * JOINTS, UNKNOWNS)
 
 
 def ar1(rho: float, rng: np.random.Generator, samples: int = SAMPLES) -> np.ndarray:
