@@ -1,9 +1,9 @@
 """Joints and intervals of a single hidden effect whose name is given: which joints it is found on, what the intervals hold.
 
-    python -m benchmarks.known_effect [--seeds test|development] [--cases 40] [--skip 0] [--jobs 2] [--shard I/N]
-                                      [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
+    python -m benchmarks.known_effect [--set main|independent|independent_teleoperation] [--seeds test|development] [--cases 40]
+                                      [--skip 0] [--jobs 2] [--shard I/N] [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 
-The single effects of the main set of benchmarks.diagnosis. The true effect is fitted as a diagnosis fits it, on the joints that
+The single effects of a set of benchmarks.diagnosis. The true effect is fitted as a diagnosis fits it, on the joints that
 the screening leaves; then its joints are selected and the intervals taken. A case counts as fitted where no joint of the
 training recordings is worse than twice what all but 5 % of faultless robots are.
 """
@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -23,6 +23,7 @@ from benchmarks.cases import case_options, one_sentence, run_cases, save_results
 from benchmarks.diagnosis import FOLDER, Work, cases_of
 from benchmarks.diagnosis_cases import SEEDS, Label, draw, labels
 from benchmarks.diagnosis_figures import held, right_joints, share
+from benchmarks.independent.cases import IndependentCase
 from embodiedreamer_gym.diagnosis.candidates import polish, refit, single_trial
 from embodiedreamer_gym.diagnosis.joint_selection import select_joints
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
@@ -32,7 +33,10 @@ from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares
 from embodiedreamer_gym.recordings import load_recordings
 from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.standin.cases import Case
 from embodiedreamer_gym.standin.labels import places
+
+SETS = ("main", "independent", "independent_teleoperation")
 
 KEPT = ("index", "found", "servo", "fitted", "rollouts", "failed")  # in result.json
 FITTED = 2.0  # times the chi2 of all but 5 % of faultless robots, of the worst joint
@@ -67,7 +71,8 @@ def known_effect(name: str, seeds: str, label: Label) -> dict[str, Any]:
         for r in found.of_effect(kind.name):
             low, high = r.interval or (None, None)
             said[f"{r.key.place}.{r.key.parameter}"] = {"parameter": r.key.parameter, "value": r.value, "low": low, "high": high}  # fmt: skip
-        servo = [bool(r.interval[0] <= case.truth["servo"][r.key.parameter][r.index] <= r.interval[1])
+        gains = true_gains(case)
+        servo = [bool(r.interval[0] <= gains[r.key.parameter][r.index] <= r.interval[1])
                  for r in found.select("stiffness", "damping") if r.interval]  # fmt: skip
         at = sorted({key.split(".")[0] for key in said})
         row |= {"found": {"joints": {kind.name: at}, "parameters": {kind.name: said}}, "servo": servo, "stages": seconds,
@@ -75,6 +80,13 @@ def known_effect(name: str, seeds: str, label: Label) -> dict[str, Any]:
     except Exception as error:  # shown, not hidden
         row["failed"] = f"{type(error).__name__}: {error}"
     return row
+
+
+def true_gains(case: Case | IndependentCase) -> Mapping[str, Sequence[float]]:
+    """Stiffness and damping of a case's servo, by joint."""
+    if isinstance(case, Case):
+        return case.truth["servo"]
+    return {"stiffness": case.robot.stiffness.tolist(), "damping": case.robot.damping.tolist()}
 
 
 def shown(row: dict[str, Any]) -> str:
@@ -102,16 +114,17 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the cases that are missing, then print the shares."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.known_effect", description=str(__doc__).splitlines()[0])
+    parser.add_argument("--set", choices=SETS, default="main")
     parser.add_argument("--seeds", choices=SEEDS, default="test")
     parser.add_argument("--cases", type=int, default=40, help="how many single effects")
     parser.add_argument("--skip", type=int, default=0, help="how many are left out first")
-    case_options(parser, FOLDER / "known-effect-SEEDS.jsonl")
+    case_options(parser, FOLDER / "known-effect-SET-SEEDS.jsonl")
     a = parser.parse_args(arguments)
-    out = a.out or FOLDER / f"known-effect-{a.seeds}.jsonl"
-    wanted = [label for label in labels("main", a.seeds) if label.kind == "single"][a.skip : a.skip + a.cases]
-    cases = cases_of("main", a.seeds, wanted)
+    out = a.out or FOLDER / f"known-effect-{a.set}-{a.seeds}.jsonl"
+    wanted = [label for label in labels(a.set, a.seeds) if label.kind == "single"][a.skip : a.skip + a.cases]
+    cases = cases_of(a.set, a.seeds, wanted)
     with one_sentence():
-        rows = run_cases(a, cases, Work(known_effect, "main", a.seeds), out, a.rows, shown)
+        rows = run_cases(a, cases, Work(known_effect, a.set, a.seeds), out, a.rows, shown)
     print(f"\n{report(rows)}")
     kept = [{key: row[key] for key in KEPT if key in row} | {"hidden": row["label"]["effects"]} for row in rows]
     save_results(a, cases, rows, a.seeds, {"rows": kept})

@@ -97,7 +97,7 @@ def begin_refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recordi
     begun = []
     for hold in trial.holds:
         coarse = Problem(trial.model, train, hold=hold, dt=COARSE)
-        fit = minimise(coarse, trial.starts.best(coarse), iterations, TOLERANCE)
+        fit = minimise(coarse, trial.starts.best(coarse), iterations, TOLERANCE, derivatives=False)
         begun.append((fit, coarse))
     fit, coarse = min(begun, key=lambda one: one[0].cost)
     problem = Problem(trial.model, train, hold=coarse.hold)

@@ -77,7 +77,8 @@ def _exchange(search: Search, state: SearchState, pairs: list[Candidate], nomina
 
     The gains and an effect that were fitted beside another, though a wrong one, are nearer the truth than those of a fit
     without any; around them the screening finds what is missing, and a size that a fit from afar did not reach. An effect
-    of a pair that leaves no joint above its noise is exchanged for similar ones only.
+    of a pair that leaves no joint above its noise is exchanged for similar ones only. The effect that the last turn found
+    beside the other one stays: it is the best there, and only the other one is sought anew.
     """
     best = min(pairs, key=lambda c: c.fit.cost, default=None)
     for turn in range(1, EXCHANGES + 1):
@@ -85,6 +86,8 @@ def _exchange(search: Search, state: SearchState, pairs: list[Candidate], nomina
             break
         trials: list[Trial] = []
         for name in added_effects(state.start[0], best.model):
+            if turn > 1 and name == best.kind.name:
+                continue
             rest = best.model.without_effect(name)
             kept = next(search.catalogue[n] for n in added_effects(state.start[0], rest))
             problem = Problem(rest, search.train, hold=best.problem.hold)

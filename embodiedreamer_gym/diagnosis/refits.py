@@ -81,7 +81,7 @@ def beside_robot_errors(search: Search, candidate: Candidate) -> Candidate:
 
     What a wrong mass or friction leaves of the right effects, a wrong effect with more parameters may take up.
     """
-    problem, fit = fit_with_robot_errors(candidate.problem, candidate.fit.x, search.train)
+    problem, fit = fit_with_robot_errors(candidate.problem, candidate.fit.x, search.train, derivatives=False)
     held_out = evaluate(problem.model_at(fit.x), search.test, problem.hold)
     search.rollouts += problem.rollouts
     return replace(candidate, fit=replace(candidate.fit, residuals=fit.residuals), held_out=held_out)

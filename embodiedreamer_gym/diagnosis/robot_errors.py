@@ -24,17 +24,20 @@ FINE, COARSE, SECANT = 1e-5, 1e-4, 1e-2  # steps of the last derivatives, scaled
 JUMPS = 0.2  # relative change of a derivative from a coarse step to a fine one, beyond which a law jumps
 
 
-def fit_with_robot_errors(problem: Problem, x: np.ndarray, recordings: Sequence[Recording]) -> tuple[Problem, Fit]:
+def fit_with_robot_errors(
+    problem: Problem, x: np.ndarray, recordings: Sequence[Recording], derivatives: bool = True
+) -> tuple[Problem, Fit]:  # fmt: skip
     """Continue a fit from scaled parameters (m,) on other recordings, with the robot's errors estimated beside.
 
     They are held near none by their priors. Viscous friction is among them although a servo's damping does the same: where a
     drive is at its limit damping is cut off and friction is not, and a fit with the wrong friction errs in everything in units
     of torque. So it does where commands act half a tick earlier than positions: what damping cannot make up for is then taken
     for inertia. Masses and friction that the problem fits already stay as they are.
+    derivatives: whether the Jacobian at the end is needed, see `minimise`.
     """
     wider = _problem(problem, problem.model_at(x), recordings)
-    fit = minimise(wider, wider.start, ITERATIONS, TOLERANCE)
-    return wider, replace(fit, jacobian=_derivatives(wider, fit))
+    fit = minimise(wider, wider.start, ITERATIONS, TOLERANCE, derivatives=False)
+    return wider, replace(fit, jacobian=_derivatives(wider, fit)) if derivatives else fit
 
 
 def _derivatives(problem: Problem, fit: Fit) -> np.ndarray:
@@ -45,10 +48,11 @@ def _derivatives(problem: Problem, fit: Fit) -> np.ndarray:
     jumps, as a gap of teeth does, has no derivative, but a slope over a step as long as its parameter is uncertain.
     """
     fine = problem.jacobian(fit.x, FINE, anew=True)[1]
-    change, size = (np.linalg.norm(j, axis=0) for j in (fine - problem.jacobian(fit.x, COARSE)[1], fine))
+    coarse = problem.jacobian(fit.x, COARSE, only=~problem.of_urdf)[1]
+    change, size = (np.linalg.norm(j, axis=0) for j in (fine - coarse, fine))
     jumps = change > JUMPS * size
     if jumps.any():
-        fine[:, jumps] = problem.jacobian(fit.x, SECANT)[1][:, jumps]
+        fine[:, jumps] = problem.jacobian(fit.x, SECANT, only=jumps)[1][:, jumps]
     return fine
 
 

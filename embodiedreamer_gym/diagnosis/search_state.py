@@ -245,7 +245,7 @@ def fit_together(search: Search, state: SearchState) -> None:
         return
     last = state.steps[-1]
     problem = Problem(last.model, [*search.train, *search.test], hold=last.problem.hold)
-    fit = minimise(problem, problem.start, ITERATIONS, TOLERANCE)
+    fit = minimise(problem, problem.start, ITERATIONS, TOLERANCE, derivatives=False)
     model = problem.model_at(fit.x)
     search.rollouts += 2 * problem.rollouts
     state.together = (evaluate(model, search.train, problem.hold), evaluate(model, search.test, problem.hold))

@@ -60,28 +60,41 @@ def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray)
     return Spread(half, covariance, half > UNDETERMINED)
 
 
-def _series(problem: Problem) -> Iterator[np.ndarray]:
-    """Rows of each joint in each recording; joints and recordings do not see each other's time."""
+def _series(problem: Problem) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Recording, joint and its rows; joints and recordings do not see each other's time."""
     for run in range(len(problem.recordings)):
         for joint in range(problem.model.n):
             rows = np.flatnonzero((problem.run_of == run) & (problem.joint_of == joint))
             if len(rows) >= 3:
-                yield rows
+                yield run, joint, rows
 
 
 def coloured_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
-    """Covariance (m, m) of the scores for stationary residuals that do not depend on the motion."""
+    """Covariance (m, m) of the scores for residuals that are stationary, or the same while a joint rests on a coarse encoder.
+
+    Of each joint in each recording the larger one counts. An autoregressive model does not see a small error that lasts as
+    long as a rest, though that decides how well a friction or a weight is known.
+    """
     total = np.zeros((jacobian.shape[1],) * 2)
-    for rows in _series(problem):
-        own = jacobian[rows]
-        total += own.T @ matmul_toeplitz(autocovariance(r[rows]), own)
+    for run, joint, rows in _series(problem):
+        own, e = jacobian[rows], r[rows]
+        covariance = own.T @ matmul_toeplitz(autocovariance(e), own)
+        same = min(float(problem.rounding[run, joint] ** 2), float(e @ e) / len(e))
+        if same > 0:
+            sums = np.add.reduceat(own, np.flatnonzero(np.diff(problem.rest_of[rows], prepend=-1)))
+            white = own.T @ own
+            resting = (float(e @ e) / len(e) - same) * white + same * sums.T @ sums
+            size = np.maximum(np.diag(white), 1e-300)
+            if np.sum(np.diag(resting) / size) > np.sum(np.diag(covariance) / size):
+                covariance = resting
+        total += covariance
     return total
 
 
 def _score_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
     """Covariance (m, m) of the scores from their own autocovariance, by Bartlett's window."""
     total = np.zeros((jacobian.shape[1],) * 2)
-    for rows in _series(problem):
+    for _, _, rows in _series(problem):
         lags = correlation_lag(r[rows])
         scores = jacobian[rows] * r[rows, None]
         total += scores.T @ scores

@@ -39,13 +39,14 @@ class Fit:
 
 def minimise(
     problem: Problem, start: np.ndarray, iterations: int = 30, tolerance: float = 1e-4, progress: ProgressCallback = silent,
-    budget: float = np.inf, rival: float = np.inf,
+    budget: float = np.inf, rival: float = np.inf, derivatives: bool = True,
 ) -> Fit:  # fmt: skip
     """Minimise a problem's cost inside its bounds from scaled parameters (m,).
 
     Each iteration spends one rollout per parameter (per pair, with two arms) on the Jacobian and three on steps.
     Stops when the fall of the cost is below the tolerance, or when the next iteration would pass `budget`;
     and where it is so far above the cost of a `rival` that as many falls as iterations are left would not reach it.
+    derivatives: whether the Jacobian at the end is needed. Without, and of a fit that a rival stopped, it is that of the last step.
     """
     x, damping = np.clip(start, problem.lower, problem.upper), 1e-2
     if not len(x):  # everything is fixed
@@ -61,12 +62,13 @@ def minimise(
         if tried is None:
             converged = True
             break
-        new, new_cost, damping = tried
+        new, new_cost, damping, new_r = tried
         converged = cost - new_cost < tolerance or np.abs(new - x).max() < 1e-6
         hopeless = new_cost - (iterations - iteration - 1) * (cost - new_cost) > rival + BEHIND
-        x = new
-        r, jacobian = problem.jacobian(x)
-        if converged or hopeless or problem.rollouts + len(DAMPINGS) + len(x) + 1 > budget:
+        x, r, last = new, new_r, converged or hopeless or iteration == iterations - 1
+        if not last or (derivatives and not hopeless):
+            r, jacobian = problem.jacobian(x)
+        if last or problem.rollouts + len(DAMPINGS) + len(x) + 1 > budget:
             break
     return _fit(problem, x, r, jacobian, converged)
 
@@ -94,7 +96,7 @@ def _fit(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray, c
 
 
 def _descend(problem, x, r, jacobian, weight, limit, cost, damping):
-    """The best of three damped steps, with larger damping until one descends: x, cost, damping; or None."""
+    """The best of three damped steps, with larger damping until one descends: x, cost, damping, residuals; or None."""
     for _ in range(4):
         trials = np.stack([damped_step(problem, x, r, jacobian, weight, d * damping) for d in DAMPINGS])
         residuals = problem.residuals(trials)
@@ -103,7 +105,7 @@ def _descend(problem, x, r, jacobian, weight, limit, cost, damping):
         ]
         best = int(np.argmin(costs))
         if costs[best] < cost:
-            return trials[best], costs[best], float(np.clip(damping * DAMPINGS[best], 1e-8, 1e8))
+            return trials[best], costs[best], float(np.clip(damping * DAMPINGS[best], 1e-8, 1e8)), residuals[best]
         damping *= 100.0
     return None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.signals import Signals
 from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.recordings.rounded_noise import mean_rounding_error, rest_numbers
 from embodiedreamer_gym.robot import ParameterKey, ParameterRow, RobotModel
 from embodiedreamer_gym.simulation import TIME_STEP
 from embodiedreamer_gym.simulation.rollout import check_names
@@ -121,6 +123,19 @@ class Problem:
             sets[row.key.group][:, row.index] = values[:, column]
         return sets
 
+    @cached_property
+    def rounding(self) -> np.ndarray:
+        """Rms (recordings, n), in sensor noises, of the mean rounding error at one position; 0 where efforts are compared."""
+        if self.signals.by_effort:
+            return np.zeros((len(self.recordings), self.model.n))
+        return np.stack([mean_rounding_error(r.noise, r.quantum) for r in self.recordings]) / self.sigma
+
+    @cached_property
+    def rest_of(self) -> np.ndarray:
+        """Number (N,) of the rest of each sample: neighbours of one joint whose readings are at most an encoder's step apart."""
+        rests = [rest_numbers(r.position, r.quantum) for r in self.recordings]
+        return np.concatenate([rest[usable] for rest, usable in zip(rests, self.signals.usable, strict=True)])
+
     def model_at(self, x: np.ndarray, intervals=None) -> RobotModel:
         """The model with scaled parameters x (m,)."""
         changed: dict[ParameterKey, dict[str, float]] = {}
@@ -148,17 +163,21 @@ class Problem:
         """Mean (n,) of samples (N,) by joint, zero for a joint without any."""
         return np.bincount(self.joint_of, samples, minlength=self.model.n) / np.maximum(self.joint_counts, 1)
 
-    def jacobian(self, x: np.ndarray, step: float = 1e-3, anew: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    def jacobian(
+        self, x: np.ndarray, step: float = 1e-3, anew: bool = False, only: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Residuals (N,) and their derivatives (N, m) by one-sided differences, away from the nearer bound.
 
         Parameters of different arms share a rollout: one arm's motion does not feel the other's. The derivatives by the
-        URDF's errors, which are many and nearly constant, are those of the first call, but for `anew`.
+        URDF's errors, which are many and nearly constant, are those of the first call, but for `anew`. only (m,) bool: columns
+        that are wanted; the others may be zero.
         """
         sign = np.where(x + step <= self.upper, 1.0, -1.0)
         inertial = self.of_urdf
         if anew:
             self._inertial = None
-        colours = self._colours(np.flatnonzero(~inertial if self._inertial is not None else inertial | True))
+        wanted = ~inertial if self._inertial is not None else np.ones(len(x), bool)
+        colours = self._colours(np.flatnonzero(wanted if only is None else wanted & (only | inertial)))
         points = np.repeat(x[None], len(colours) + 1, axis=0)
         for p, members in enumerate(colours):
             points[p + 1, members] += step * sign[members]

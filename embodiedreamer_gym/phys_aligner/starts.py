@@ -85,7 +85,7 @@ def piecewise_start(problem: Problem, starts: Sequence[np.ndarray]) -> np.ndarra
     short = Problem(problem.model, pieces(problem.recordings, PIECE), hold=problem.hold, dt=COARSE)
     ends, rival = [], np.inf
     for start in starts:
-        fit = minimise(short, start, ITERATIONS, TOLERANCE, rival=rival)
+        fit = minimise(short, start, ITERATIONS, TOLERANCE, rival=rival, derivatives=False)
         ends.append(fit.x)
         rival = min(rival, fit.cost)
     points = np.stack([*starts, *ends])

@@ -48,6 +48,36 @@ def rounded_noise(x: np.ndarray, quantum: float, whole: np.ndarray) -> float | N
     return noise * quantum if noise > _LEAST else 0.0
 
 
+def mean_rounding_error(noise: np.ndarray, quantum: np.ndarray) -> np.ndarray:
+    """Rms (n,) over positions of the rounding error's mean at one position, in the joints' unit.
+
+    Noise much smaller than the encoder's step does not average the rounding error out while a joint rests: it stays the same.
+
+    noise (n,): sd before rounding; quantum (n,): encoder's step.
+    Source: Widrow and Kollar, Quantization Noise, 2008: each harmonic of the sawtooth falls by the noise's characteristic function.
+    """
+    steps = np.divide(noise, quantum, out=np.full(np.shape(quantum), np.inf), where=quantum > 0)
+    k = np.arange(1, 9)[:, None]
+    return quantum * np.sqrt(np.sum(np.exp(-((2 * np.pi * k * steps) ** 2)) / (2 * (np.pi * k) ** 2), axis=0))
+
+
+def rest_numbers(x: np.ndarray, quantum: np.ndarray) -> np.ndarray:
+    """Number (T, n) of the rest of each sample of signals (T, n): neighbours that are at most one step (n,) apart.
+
+    A sample between moves is a rest of its own; so is each sample of a signal without steps.
+    """
+    rests = np.tile(np.arange(len(x))[:, None], (1, x.shape[1]))
+    for j in np.flatnonzero(quantum > 0):
+        codes, first = np.round((x[:, j] - x[0, j]) / quantum[j]), 0
+        low = high = codes[0]
+        for t, code in enumerate(codes):
+            low, high = min(low, code), max(high, code)
+            if high - low > 1:
+                first, low, high = t, code, code
+            rests[t, j] = first
+    return rests
+
+
 def _rests(mean: np.ndarray, slow: np.ndarray) -> np.ndarray:
     """Number (W,) of the rest that each window belongs to: of consecutive slow windows whose means (W,) are the same."""
     rests, rest, start = np.zeros(mean.size, dtype=int), 0, np.nan

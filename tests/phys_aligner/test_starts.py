@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.phys_aligner.least_squares import cost_of
+from embodiedreamer_gym.phys_aligner.least_squares import cost_of, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.starts import piecewise_start
 from embodiedreamer_gym.recordings import pieces
@@ -46,3 +46,24 @@ def test_a_start_by_pieces_is_nearer(arm) -> None:
     assert problem.rollouts > spent + 2  # the pieces are counted
     best = piecewise_start(problem, [poor, problem.start])
     assert cost_of(problem, best, problem.residuals(best)[0]) <= min(given)
+
+
+def test_a_fit_without_derivatives_ends_at_the_same_place_for_one_jacobian_less(arm) -> None:
+    log = record(arm, noise=1e-4)
+    found, spent = [], []
+    for derivatives in (True, False):
+        problem = Problem(arm, [log])
+        found.append(minimise(problem, problem.start + 0.3, 3, 0.0, derivatives=derivatives))
+        spent.append(problem.rollouts)
+    assert np.array_equal(found[0].x, found[1].x) and np.allclose(found[0].residuals, found[1].residuals, atol=1e-9)
+    assert found[1].cost == pytest.approx(found[0].cost)
+    assert spent[0] - spent[1] == len(found[0].x) + 1
+
+
+def test_derivatives_of_some_parameters_cost_only_those(arm) -> None:
+    problem = Problem(arm, [record(arm, noise=1e-4)])
+    only = np.arange(len(problem.start)) == 1
+    whole, before = problem.jacobian(problem.start)[1], problem.rollouts
+    part = problem.jacobian(problem.start, only=only)[1]
+    assert np.allclose(part[:, 1], whole[:, 1]) and not part[:, ~only].any()
+    assert problem.rollouts - before == 2
