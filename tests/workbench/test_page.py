@@ -160,6 +160,12 @@ def test_the_scene_as_a_page_holds_every_part(page) -> None:
     assert "__VISER_EMBED_DATA__" in text and len(text) > 500_000
 
 
+def test_nothing_casts_a_shadow(page) -> None:
+    arms = [handle for parts in page.scene._arms.values() for handle in parts]
+    floor = page.server.scene.get_handle_by_name("/floor")
+    assert arms and not any(handle.cast_shadow for handle in arms) and floor.shadow_opacity == 0.0
+
+
 def test_an_arm_without_shapes_is_a_skeleton(logs) -> None:
     model, recordings = logs
     surface = Surface.of_model(model, skeleton=True)
