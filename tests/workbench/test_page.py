@@ -141,7 +141,7 @@ def test_logs_without_a_command_show_the_error_of_the_effort(logs, tmp_path) -> 
     comparison = page.session.measure.comparison(page.session.model)
     assert np.array_equal(page.motion._error.data[4], 1e3 * comparison.errors(0)[0][:, 0])
     assert page.motion._error._handle.axes[1]["label"] == "error [mA]"
-    assert page.motion.motion.simulated is None and "hold no command" in page.motion._words.content
+    assert page.motion.motion.simulated is None and "have no commands" in page.motion._words.content
     page.close()
 
 
