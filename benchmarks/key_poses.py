@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.closed_loop import TASKS, calibrated, hidden
-from benchmarks.common import clopper_pearson, pin_threads
+from benchmarks.common import clopper_pearson, pin_threads, save
 
 WORLDS = ("nominal", "stand-in")
 MODES = ("nominal", "off", "trim", "feed_forward", "both")
@@ -63,8 +63,8 @@ def wrapper(a: argparse.Namespace, mode: str, world: str) -> Callable[[Any], Any
     return lambda env: CalibratedTracking(env, model, "both" if mode == "nominal" else mode)
 
 
-def judged(a: argparse.Namespace, task: str, skill: Any, world: str, mode: str) -> str:
-    """A line of the table."""
+def judged(a: argparse.Namespace, task: str, skill: Any, world: str, mode: str) -> dict[str, Any]:
+    """A row of the table."""
     import gymnasium as gym
 
     from embodiedreamer_gym.envs import task_id
@@ -90,14 +90,21 @@ def judged(a: argparse.Namespace, task: str, skill: Any, world: str, mode: str) 
     env.close()
     hits = sum(row.success for row in rows)
     low, high = clopper_pearson(hits, len(rows))
-    return (f"| {task} | {world} | {mode} | {sum(row.grasped for row in rows)} | {hits} of {len(rows)}, "
-            f"{hits / len(rows):.1%} ({low:.1%} .. {high:.1%}) |")  # fmt: skip
+    return {"task": task, "world": world, "tracking": mode, "picked_up": sum(row.grasped for row in rows),
+            "hits": hits, "of": len(rows), "low": low, "high": high}  # fmt: skip
+
+
+def line(row: dict[str, Any]) -> str:
+    """A row as a line of the table."""
+    share = "{hits} of {of}, {:.1%} ({low:.1%} .. {high:.1%})".format(row["hits"] / row["of"], **row)
+    return f"| {row['task']} | {row['world']} | {row['tracking']} | {row['picked_up']} | {share} |"
 
 
 def main() -> None:
     """Record what is missing, play and print the table."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--json", type=Path, help="rows of the table as JSON")
     parser.add_argument("--task", nargs="+", choices=TASKS, default=list(TASKS))
     parser.add_argument("--world", nargs="+", choices=WORLDS, default=list(WORLDS))
     parser.add_argument("--mode", nargs="+", choices=MODES, default=list(MODES), help="in the stand-in world")
@@ -108,11 +115,14 @@ def main() -> None:
     import embodiedreamer_gym  # noqa: F401  its environments are registered
 
     print("| task | world | tracking | picked up | success |\n|---|---|---|---|---|")
+    rows: list[dict[str, Any]] = []
     for task in a.task:
         skill = skill_of(a, task)
         for world in a.world:
             for mode in ["nominal"] if world == "nominal" else a.mode:
-                print(judged(a, task, skill, world, mode), flush=True)
+                rows.append(judged(a, task, skill, world, mode))
+                print(line(rows[-1]), flush=True)
+                save(rows, a.json)
 
 
 if __name__ == "__main__":

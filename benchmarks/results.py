@@ -58,12 +58,13 @@ def joined(result: Any, times: Any) -> Any:
 
 
 def record(key: str, name: str, options: Sequence[str]) -> None:
-    """Run a benchmark that has the option --results, or --out for JSON, and keep what it wrote in results/KEY."""
+    """Run a benchmark that has the option --results, or --json or --out for JSON, and keep what it wrote in results/KEY."""
     source = (Path(__file__).parent / f"{name}.py").read_text()
     folder, begun = FOLDER / key, time.perf_counter()
+    option = "--json" if '"--json"' in source else "--out"  # of some, --out is a folder that is kept
     with tempfile.TemporaryDirectory() as scratch:
         cases = "case_options(" in source
-        given = ["--results", scratch] if cases else ["--out", f"{scratch}/rows.json"]
+        given = ["--results", scratch] if cases else [option, f"{scratch}/rows.json"]
         before, sys.argv = sys.argv, [name, *options, *given]
         try:
             importlib.import_module(f"benchmarks.{name}").main()
@@ -76,7 +77,7 @@ def record(key: str, name: str, options: Sequence[str]) -> None:
             result = result if isinstance(result, dict) else {"rows": result}
             run = {**run_stamp(), "seconds": round(time.perf_counter() - begun, 1),
                    "times": times if isinstance(times, dict) else {"rows": times}}  # fmt: skip
-    shown = re.sub(FILES, "", shlex.join(options))
+    shown = shlex.join(options) if option == "--json" else re.sub(FILES, "", shlex.join(options))
     write_results(folder, result, {**run, "command": f"python -m benchmarks {name} {shown}".strip()})
 
 

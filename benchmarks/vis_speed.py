@@ -14,11 +14,12 @@ import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import torch
 
-from benchmarks.common import pin_threads
+from benchmarks.common import pin_threads, save
 from benchmarks.svd_networks import svd_networks
 from embodiedreamer_gym.engines.frame import stacked
 from embodiedreamer_gym.envs.aloha import AlohaEnv
@@ -35,8 +36,9 @@ FRAMES, REPEATS, STEPS = 8, 9, 201
 SVD_STEPS, REPEATS_SVD, MIDDLE = 4, 3, 60
 
 
-def on_processor() -> None:
-    """Print the table."""
+def on_processor() -> list[dict[str, object]]:
+    """Print the table, and return its rows: ms for a chunk."""
+    rows: list[dict[str, object]] = []
     torch.set_num_threads(1)
     print(f"{FRAMES} frames of an expert's episode, ms of one core\n{'':<12}{'physics':>10}{'and render':>12}{'video, median':>15}"
           f"{'mean':>8}{'slowest':>10}{'of it light':>12}")  # fmt: skip
@@ -61,6 +63,8 @@ def on_processor() -> None:
             times.append(1e3 * (time.process_time() - begun))
         print(f"{size[0]} x {size[1]:<6}{physics:>10.1f}{both:>12.1f}{np.median(times):>15.1f}{np.mean(times):>8.1f}"
               f"{max(times[1:]):>10.1f}{np.median(shades):>10.1f}")  # fmt: skip
+        rows.append({"size": list(size), "physics_ms": physics, "render_ms": both, "video_ms": float(np.median(times))})
+    return rows
 
 
 def scaled(bench: Bench | None, size: tuple[int, int]) -> Light | None:
@@ -148,12 +152,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.vis_speed", description=str(__doc__).splitlines()[0])
     parser.add_argument("--device", help="svd and lean there, instead of lean on one core")
     parser.add_argument("--tiny", action="store_true", help="a tiny svd in place of the full-size one")
+    parser.add_argument("--out", type=Path, metavar="FILE.json", help="times on one core as JSON")
     a = parser.parse_args(arguments)
     if a.device is not None:
         on_device(a.device, a.tiny)
         return
     pin_threads()
-    on_processor()
+    save(on_processor(), a.out)
 
 
 if __name__ == "__main__":

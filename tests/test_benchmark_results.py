@@ -63,3 +63,24 @@ def test_where_rows_are_kept_is_no_part_of_the_command() -> None:
         re.sub(results.FILES, "", "--set main --figures-only --out a.jsonl --rows b c --seeds x")
         == "--set main --seeds x"
     )
+
+
+def test_a_benchmark_with_a_folder_of_its_own_writes_its_rows_elsewhere(tmp_path, monkeypatch) -> None:
+    from benchmarks import key_poses
+
+    row = {
+        "task": "t",
+        "world": "nominal",
+        "tracking": "nominal",
+        "picked_up": 1,
+        "hits": 1,
+        "of": 2,
+        "low": 0.0,
+        "high": 1.0,
+    }
+    monkeypatch.setattr(results, "FOLDER", tmp_path)
+    monkeypatch.setattr(key_poses, "skill_of", lambda *_: None)
+    monkeypatch.setattr(key_poses, "judged", lambda *_: row)
+    results.record("poses", "key_poses", ["--out", "runs", "--task", "PutCupOnMat", "--world", "nominal"])
+    assert results.kept()["poses"]["rows"] == [row]
+    assert results.kept()["poses"]["run"]["command"].endswith("key_poses --out runs --task PutCupOnMat --world nominal")

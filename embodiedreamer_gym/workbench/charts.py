@@ -96,12 +96,12 @@ def error_chart(gui: Any) -> Chart:
         line("noise +2 sd", BAND, 0),
         line("noise −2 sd", BAND, 0),
         line("last kept", BEFORE, 1.1, (4, 3)),
-        line("on show", SIMULATED, 1.6),
+        line("current", SIMULATED, 1.6),
     ]
-    return Chart(gui, [*series, mark("this instant", "#cc2924")], MILLI["rad"], [{"series": [1, 2], "fill": BAND}], 210)
+    return Chart(gui, [*series, mark("current time", "#cc2924")], MILLI["rad"], [{"series": [1, 2], "fill": BAND}], 210)
 
 
 def motion_chart(gui: Any) -> Chart:
     """Command, measured and simulated position of a joint."""
     series = [line("command", COMMAND, 1.1), line("measured", MEASURED, 1.7), line("simulated", SIMULATED, 1.3)]
-    return Chart(gui, [*series, mark("this instant", "#cc2924")], "rad", [], 210)
+    return Chart(gui, [*series, mark("current time", "#cc2924")], "rad", [], 210)

@@ -57,7 +57,7 @@ class Scene:
                     vertices = middle + SHRUNK * (vertices - middle)
                 self._arms[arm].append(scene.add_mesh_simple(
                     f"/{arm}/{k}_{name}", vertices, index.reshape(-1, 3), opacity=opacity, flat_shading=True,
-                    color=GHOST if opacity else QUIET, side="double" if opacity is None else "front", cast_shadow=opacity is None,
+                    color=GHOST if opacity else QUIET, side="double" if opacity is None else "front", cast_shadow=False,
                 ))  # fmt: skip
         self._furnish()
 
@@ -123,4 +123,4 @@ class Scene:
         low, middle = float(points[:, 2].min()), points.mean(axis=0)
         self._scene.add_grid("/floor", width=8 * self.size, height=8 * self.size, position=(middle[0], middle[1], low - 0.002),
                              cell_size=self.size / 5, section_size=self.size, cell_color=(225, 228, 232),
-                             section_color=(205, 209, 215), shadow_opacity=0.15)  # fmt: skip
+                             section_color=(205, 209, 215), shadow_opacity=0.0)  # fmt: skip

@@ -57,4 +57,4 @@ def place_camera(server: Any, surface: Surface, position: np.ndarray) -> None:
     middle, size = 0.5 * (points.min(axis=0) + points.max(axis=0)), float(np.ptp(points, axis=0).max())
     camera = server.initial_camera
     camera.look_at, camera.position, camera.fov = tuple(middle), tuple(middle + size * SIDE), FIELD
-    server.scene.configure_default_lights(cast_shadow=True)
+    server.scene.configure_default_lights(cast_shadow=False)  # slow where no graphics card draws

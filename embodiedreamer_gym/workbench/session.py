@@ -212,7 +212,7 @@ class Session:
 
     def _keep(self) -> None:
         if self.model is self.state.base:
-            raise EmbodieDreamerError("the model on show has been kept already.")
+            raise EmbodieDreamerError("the current model has already been kept.")
         self.note("kept")
         label = self.state.label or (f"+ {self.state.effect}" if self.state.effect else "by hand")
         self.change(State(self.model, (*self.state.steps, Step(label, self.model))))

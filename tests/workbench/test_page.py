@@ -141,7 +141,7 @@ def test_logs_without_a_command_show_the_error_of_the_effort(logs, tmp_path) -> 
     comparison = page.session.measure.comparison(page.session.model)
     assert np.array_equal(page.motion._error.data[4], 1e3 * comparison.errors(0)[0][:, 0])
     assert page.motion._error._handle.axes[1]["label"] == "error [mA]"
-    assert page.motion.motion.simulated is None and "hold no command" in page.motion._words.content
+    assert page.motion.motion.simulated is None and "have no commands" in page.motion._words.content
     page.close()
 
 
@@ -158,6 +158,12 @@ def test_what_fails_in_an_environment_is_a_sentence(page, monkeypatch) -> None:
 def test_the_scene_as_a_page_holds_every_part(page) -> None:
     text = scene_page(page.session, page.motion.motion, 5.0)
     assert "__VISER_EMBED_DATA__" in text and len(text) > 500_000
+
+
+def test_nothing_casts_a_shadow(page) -> None:
+    arms = [handle for parts in page.scene._arms.values() for handle in parts]
+    floor = page.server.scene.get_handle_by_name("/floor")
+    assert arms and not any(handle.cast_shadow for handle in arms) and floor.shadow_opacity == 0.0
 
 
 def test_an_arm_without_shapes_is_a_skeleton(logs) -> None:

@@ -11,8 +11,8 @@ from embodiedreamer_gym.workbench.panels.panel import Panel, choose
 NONE = "none"
 ALL = "all chosen joints"
 ASK = (
-    "Choose an effect and move its sliders: the error is simulated again. 'fit' fits everything in the model from there, "
-    "'keep' makes it a step of the staircase above."
+    "Choose an effect and move its sliders: the error is computed again. 'fit' fits all parameters of the model from there, "
+    "'keep' adds the model to the chart of held-out errors above."
 )
 
 

@@ -20,10 +20,10 @@ from embodiedreamer_gym.workbench.session import Session
 TIMES = ("1", "2", "5", "10", "20")  # as large as which differences may be drawn
 VISIBLE = 0.12  # of the robot's size: about how far apart the ends are drawn at most
 SLOW = 0.2  # s between two changes of slider and marks while it plays
-SOLID = "Solid: measured; a link is grey where its joint's error is at the noise, amber above it, red at 20 times the noise. "
-BLUE = "Blue: simulated, drawn {:g} times as far from the measured arm as it is."
-NO_GHOST = "These logs hold no command: the effort that the model needs for the measured motion is compared, and no simulated arm is shown."
-PROPOSED = "The proposed motion. Solid: as commanded. Blue: as the model would follow."
+SOLID = "Solid: measured arm. A link is grey if the error of its joint is at the noise, amber above it, red at 20 times the noise. "
+BLUE = "Blue: simulated arm, its difference enlarged {:g} times."
+NO_GHOST = "These logs have no commands. The measured effort is compared with the effort that the model needs for the measured motion; there is no simulated arm."
+PROPOSED = "The proposed motion. Solid: the commands. Blue: the motion that the model predicts."
 
 
 class MotionPanel(Panel):
@@ -54,7 +54,7 @@ class MotionPanel(Panel):
             gui.add_dropdown("speed", ("0.1", "0.25", "0.5", "1", "2"), initial_value="1"), self._set_speed
         )
         self._loop = self.input(gui.add_checkbox("loop", True), self._set_loop)
-        hint = "The simulated arm is drawn this many times as far from the measured one as it is."
+        hint = "Multiplies the distance between the simulated and the measured arm."
         self._exaggerate = self.input(
             gui.add_dropdown("enlarge error", TIMES, initial_value="1", hint=hint), self._set_times
         )

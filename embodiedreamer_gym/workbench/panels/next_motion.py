@@ -24,7 +24,7 @@ class NextMotionPanel(Panel):
     def build(self) -> None:
         """Add the choices and places."""
         gui, names = self.gui, tuple(self.session.model.catalogue)
-        gui.add_html(html.sentence("Which motion shows which of two effects it is?"))
+        gui.add_html(html.sentence("Propose a motion that distinguishes two effects:"))
         self._first = gui.add_dropdown(
             "effect", names, initial_value="coulomb_friction" if "coulomb_friction" in names else names[0]
         )

@@ -31,7 +31,7 @@ class SearchPanel(Panel):
         self._accept = self.button(
             f"accept: write {self.session.out.name}",
             lambda: self.actions.do("accept"),
-            hint="The model on show, with its history.",
+            hint="Writes the current model and its history.",
         )
         self._accepted = gui.add_html("")
 
