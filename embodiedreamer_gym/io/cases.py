@@ -164,7 +164,8 @@ def _finish(work: Work, settings: dict[str, Any], item: Mapping[str, Any]) -> tu
 
 @contextmanager
 def _lines(path: Path | None) -> Iterator[IO[bytes] | None]:
-    """Open a file to append whole lines to; what an interruption left of a line is removed.
+    """Open a file to append whole lines to; what an interruption left of a line is removed, and after an error a file
+    without a line.
 
     Raises: EmbodieDreamerError where another process has opened it so.
     """
@@ -180,7 +181,12 @@ def _lines(path: Path | None) -> Iterator[IO[bytes] | None]:
                 raise EmbodieDreamerError(f"{path} is being written by another process; give another file.") from error
         file.seek(0)
         file.truncate(file.read().rfind(b"\n") + 1)
-        yield file
+        try:
+            yield file
+        except BaseException:
+            if not file.tell():
+                path.unlink(missing_ok=True)
+            raise
 
 
 def _plain(value: Any) -> Any:

@@ -66,7 +66,7 @@ def learnt_with(
 
     looker.heights, skill = _heights(demonstrations, looker.things, arms)
     policy = KeyPosePolicy(skill, model, looker, episodes.hz, (camera.name,), episodes.frame_size(camera.name))
-    _save(policy, looker, robot, folder)
+    save_key_poses(policy, looker, robot, folder)
     return policy
 
 
@@ -91,7 +91,8 @@ def _grip_height(demonstrations: list[Demonstration], arms: Arms) -> float:
     return float(np.median(next(key.positions[:, 2] for key in skill.keys if key.event)))
 
 
-def _save(policy: KeyPosePolicy, looker: Looker, robot: str, folder: Path) -> None:
+def save_key_poses(policy: KeyPosePolicy, looker: Looker, robot: str, folder: Path) -> None:
+    """Write a policy as `load_key_poses` reads it; robot: a built-in one or a model file."""
     folder.mkdir(parents=True, exist_ok=True)
     write_state(looker.head.state_dict(), folder / WEIGHTS, PolicyError)
     given = str(Path(robot).resolve()) if Path(robot).is_file() else robot
