@@ -258,4 +258,6 @@ def bench_cases(case: Case) -> None:
     case.copy("answers"), case.copy({"cases": "truth", "truth": "cases"}[name])
     mutated(case, name)
     case.command("bench", "score", "--truth", "truth", "--answers", "answers/a.jsonl", "--quiet")
-    case.command("bench", "run", "coulomb", "--cases", "cases", "--out", case.folder / "in.jsonl", "--jobs", 1, "--quiet")
+    case.command(
+        "bench", "run", "coulomb", "--cases", "cases", "--out", case.folder / "in.jsonl", "--jobs", 1, "--quiet"
+    )
