@@ -152,7 +152,7 @@ def _policies(folder: Path) -> None:
 
 
 def _key_poses(folder: Path) -> None:
-    """A policy of two key poses in the frame of a cup, whose head has learnt nothing, and pairs of rollouts."""
+    """A policy of two key poses in the frame of a cup, whose head sees it everywhere, and pairs of rollouts."""
     import torch
 
     from embodiedreamer_gym.envs.cameras import CAMERAS
@@ -171,7 +171,9 @@ def _key_poses(folder: Path) -> None:
         for z, event in ((0.88, False), (0.8, True))
     )
     skill = Skill(keys, ({"cup": (0.5, 0.2, 0.0)},) * 3, "cup", 1.0)
-    looker = Looker(ObjectPoseHead(1), ("cup",), CAMERAS["head"], {"cup": 0.8}, {"cup": (0.0, 0.0, 1.0, 1.0)})
+    head = ObjectPoseHead(1)
+    head.layers[-1].bias.data[:] = torch.tensor([0.0, 9.0])  # the whole picture is the cup
+    looker = Looker(head, ("cup",), CAMERAS["head"], {"cup": 0.8}, {"cup": (0.0, 0.0, 1.0, 1.0)})
     policy = KeyPosePolicy(skill, RobotModel.load("aloha"), looker, 30.0, ("head",), SIZE)
     save_key_poses(policy, looker, "aloha", folder / "key_poses")
 

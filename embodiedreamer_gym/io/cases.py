@@ -99,8 +99,8 @@ class Cases:
 
         Raises: as `read`.
         """
-        there = [path] if path is not None and path.exists() else []
-        done = {self._key(row) for row in self.read(*there, *also)}
+        existing = [path] if path is not None and path.exists() else []
+        done = {self._key(row) for row in self.read(*existing, *also)}
         return [item for key, item in shard.of(list(self.keys.items())) if key not in done]
 
     def record(self, path: Path | None, results: Iterable[tuple[Mapping[str, Any], Mapping[str, Any]]], total: int,
@@ -143,10 +143,10 @@ class Cases:
         try:
             row = json.loads(line)
             self._key(row)
-            there = {name: json.dumps(row[name], sort_keys=True) for name in self.settings if name in row}
+            stored = {name: json.dumps(row[name], sort_keys=True) for name in self.settings if name in row}
         except (ValueError, RecursionError, KeyError, TypeError) as error:
             raise EmbodieDreamerError(f"{where} is no row of these cases: {brief(error)}.") from error
-        for name, text in there.items():
+        for name, text in stored.items():
             wanted = json.dumps(self.settings[name], sort_keys=True)
             if text != wanted:
                 raise EmbodieDreamerError(
