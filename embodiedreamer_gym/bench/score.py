@@ -156,6 +156,8 @@ def read_truth(folder: Path) -> tuple[dict[str, Truth], str]:
         raise EmbodieDreamerError(f"truth {path} is not of format {FORMAT}.")
     try:
         rows = {case: _truth(row, folder / "withheld" / case) for case, row in data["cases"].items()}
+    except EmbodieDreamerError:
+        raise
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise EmbodieDreamerError(f"truth {path} is damaged: {brief(error)}.") from error
     return rows, hashlib.sha256(path.read_bytes()).hexdigest()
