@@ -24,6 +24,7 @@ from embodiedreamer_gym.recordings.episodes import EpisodeSet
 from embodiedreamer_gym.robot import RobotModel
 
 KIND = "embodiedreamer_key_pose"
+MOST = 10_000  # of the numbers in a folder: control rate, size of pictures, heights, ends of areas
 ABOVE = np.linspace(-0.04, 0.12, 9)  # m over the first grip, of heights that a thing's outline may have
 
 
@@ -133,5 +134,11 @@ def load_key_poses(folder: str | Path) -> KeyPosePolicy:
         raise
     except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
         raise damaged from error
+    model = RobotModel.load(robot)
+    postures = {len(key.posture) for key in skill.keys}
+    numbers = [hz, *size, *heights.values(), *(x for area in where.values() for x in area)]
+    good = postures == {len(Arms(model).arm.joints)} and all(len(area) == 4 for area in where.values())
+    if not good or set(things) != set(skill.scenes[0]) or not (np.abs(numbers) <= MOST).all() or min(hz, *size) < 1:
+        raise damaged
     looker = Looker(head.eval(), things, camera, heights, where)  # pyright: ignore[reportArgumentType]
-    return KeyPosePolicy(skill, RobotModel.load(robot), looker, hz, (camera.name,), size)
+    return KeyPosePolicy(skill, model, looker, hz, (camera.name,), size)
