@@ -154,8 +154,8 @@ class Skill:
 
 def _key_of(data: Mapping[str, Any]) -> Key:
     """A key pose of JSON. Raises: KeyError, TypeError or ValueError for what is none."""
-    numbers = {name: float(data[name]) for name in NUMBERS}
-    arrays = {name: np.array(data[name], float) for name in ARRAYS}
+    numbers: dict[str, Any] = {name: float(data[name]) for name in NUMBERS}
+    arrays: dict[str, Any] = {name: np.array(data[name], float) for name in ARRAYS}
     return Key(frame=str(data["frame"]), event=bool(data["event"]), **numbers, **arrays)
 
 
