@@ -171,6 +171,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--only", metavar="TARGET:NUMBER", help="one case; its folder is kept")
     a = parser.parse_args(argv)
     os.environ.setdefault("MPLBACKEND", "Agg")
+    os.environ.setdefault("BROWSER", "true")  # the workbench opens none
     known = targets()
     names = a.targets.split(",") if a.targets else list(known)
     single = [] if a.only is None else [(a.only.partition(":")[0], int(a.only.partition(":")[2] or 0))]

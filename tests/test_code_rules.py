@@ -7,23 +7,21 @@ import inspect
 import re
 import subprocess
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from statistics import median
 
 import pytest
 
 import embodiedreamer_gym
+from benchmarks.size import files, size
 
-PACKAGE = Path(embodiedreamer_gym.__file__).parent
-FILES = {str(path.relative_to(PACKAGE)): path for path in sorted(PACKAGE.rglob("*.py"))}
+FILES = files()
 FORBIDDEN_CALLS = {"eval", "exec", "__import__"}  # a user's --effects FILE.py is loaded through importlib
 FORBIDDEN_IMPORTS = {"pickle", "dill", "cloudpickle", "marshal", "shelve", "yaml", "torchvision", "lpips"}
 UNSAFE_ARGUMENTS = {"allow_pickle": True, "weights_only": False}  # numpy.load, torch.load
 ROOT = Path(__file__).parents[1]
 TEXTS = ("*", "scripts/*", "docs/*", "examples/*", "benchmarks/**/*", "tests/**/*", "embodiedreamer_gym/**/*")
 LONGEST = 300  # raw lines
-NOT_COUNTED = ("standin/", "vis_aligner/camera_calibration/")
 HEAVY = ("torch", "matplotlib", "mujoco", "pybullet")
 
 
@@ -57,15 +55,9 @@ def test_files_are_short() -> None:
     assert median(lengths.values()) <= 110
 
 
-def lines(paths: Iterable[Path]) -> int:
-    """How many lines of these files are not blank."""
-    return sum(bool(line.strip()) for path in paths for line in path.read_text().splitlines())
-
-
 def test_there_are_enough_tests() -> None:
     """Seven lines of tests to ten of the package, without the simulated robot and the search for a camera."""
-    core = [path for name, path in FILES.items() if not name.startswith(NOT_COUNTED)]
-    assert lines(ROOT.joinpath("tests").rglob("*.py")) >= 0.7 * lines(core)
+    assert size()["tests_to_code"] >= 0.7
 
 
 def test_no_file_has_a_path_of_the_machine_it_was_written_on() -> None:

@@ -14,6 +14,7 @@ TEXTS: dict[str, tuple[Callable[[str, Random], str], ...]] = {
     ".json": (texts.change_json,),
     ".jsonl": (arrays.change_jsonl,),
     ".urdf": (texts.change_xml, texts.change_xml, texts.change_words),
+    ".py": (texts.change_words, texts.change_numbers, texts.change_words),
     ".txt": (texts.change_words, texts.change_numbers),
 }
 FILES: dict[str, Callable[[Path, Random], None]] = {

@@ -47,19 +47,16 @@ def lerobot(case: Case) -> None:
 
 def _policy(case: Case, name: str) -> None:
     from embodiedreamer_gym.policies import load_policy
+    from embodiedreamer_gym.policies.protocol import picture_inputs
 
     path = mutated(case, name)
 
     def ask() -> None:
         policy: Any = load_policy(path)
-        size = policy.network.config.image_size
-        frame = np.zeros((1, size[1], size[0], 3), np.uint8)
-        policy(
-            {
-                "agent_pos": np.zeros((1, policy.network.config.state_size), np.float32),
-                "pixels": dict.fromkeys(policy.cameras, frame),
-            }
-        )
+        cameras, size = picture_inputs(policy)
+        frame = np.zeros((1, *(size or (16, 12))[::-1], 3), np.uint8)
+        joints = policy.network.config.state_size if hasattr(policy, "network") else policy.action_size
+        policy({"agent_pos": np.zeros((1, joints), np.float32), "pixels": dict.fromkeys(cameras, frame)})
 
     case.library("load_policy", ask)
     if case.number % 2 == 0:
@@ -87,6 +84,20 @@ def policy(case: Case) -> None:
 @target
 def lerobot_policy(case: Case) -> None:
     _policy(case, "lerobot_policy")
+
+
+@target
+def key_poses(case: Case) -> None:
+    _policy(case, "key_poses")
+
+
+@target
+def preferences(case: Case) -> None:
+    """Pairs of rollouts."""
+    from embodiedreamer_gym.policies.preferences import PreferenceSet
+
+    path = mutated(case, "pairs.hdf5")
+    case.library("PreferenceSet.load", lambda: PreferenceSet.load(path).save(case.out / "again.hdf5"))
 
 
 @target
@@ -146,10 +157,18 @@ def module(case: Case) -> None:
 def bank(case: Case) -> None:
     from embodiedreamer_gym.vis_aligner import load_bank, load_episode
 
-    path = mutated(case, "bank.npz")
-    film = case.copy("film.hdf5")
+    name, shown = case.rng.choice((("bank.npz", "film.hdf5"), ("lit_bank.npz", "shaded.hdf5")))
+    path = mutated(case, name)
+    film = case.copy(shown)
     case.about(film)
-    case.library("load_bank", lambda: load_bank(path).compose(load_episode(film).condition))
+
+    def read() -> None:
+        known, condition = load_bank(path), load_episode(film).condition
+        known.compose(condition)
+        if known.bench is not None and known.bench.light is not None:
+            known.bench.light.on(condition)
+
+    case.library("load_bank", read)
     if case.number % 4 == 0:
         case.command(
             "vis", "render", film, "--aligner", case.copy("lean.pt"), "--bank", path, "--out", case.out / "film.mp4"
@@ -167,18 +186,31 @@ def weights(case: Case) -> None:
 
 
 @target
+def svd(case: Case) -> None:
+    """A folder with a diffusers model; nothing where diffusers is not installed."""
+    from embodiedreamer_gym.vis_aligner import load_aligner
+
+    if not (case.seeds / "svd").is_dir():
+        return
+    path = mutated(case, "svd")
+    case.library("load_aligner", lambda: load_aligner(path, steps=1))
+    if case.number % 4 == 0:
+        case.command("vis", "render", case.copy("film.hdf5"), "--aligner", path, "--out", case.out / "film.mp4")
+
+
+@target
 def film(case: Case) -> None:
     """An episode with its simulated view."""
     from embodiedreamer_gym.vis_aligner import load_episode
 
-    path = mutated(case, "film.hdf5")
+    path = mutated(case, case.rng.choice(("film.hdf5", "shaded.hdf5")))
     case.library("load_episode", lambda: load_episode(path))
     other = case.rng.choice((("vis", "render", path, "--aligner", case.copy("lean.pt"), "--out", case.out / "f.mp4"),
                              ("vis", "bank", path, "--out", case.out / "b.npz")))  # fmt: skip
     case.command(*other)
 
 
-# ---- diagnosis -------------------------------------------------------------------------------------------------
+# ---- benchmark and diagnosis -------------------------------------------------------------------------------------------------
 
 
 @target
@@ -206,4 +238,26 @@ def refits(case: Case) -> None:
         1,
         "--quiet",
         patience=1.5,
+    )
+
+
+@target
+def bench_answers(case: Case) -> None:
+    """Answers to benchmark cases with their predictions: scored, and a run that goes on behind them."""
+    case.copy("truth"), case.copy("cases")
+    path = mutated(case, "answers")
+    answers = path / "a.jsonl"
+    case.command("bench", "score", "--truth", "truth", "--answers", answers, "--json", case.out / "s.json", "--quiet")
+    case.command("bench", "run", "coulomb", "--cases", "cases", "--out", answers, "--jobs", 1, "--quiet")
+
+
+@target
+def bench_cases(case: Case) -> None:
+    """Cases of the benchmark, or their truth."""
+    name = case.rng.choice(("cases", "truth"))
+    case.copy("answers"), case.copy({"cases": "truth", "truth": "cases"}[name])
+    mutated(case, name)
+    case.command("bench", "score", "--truth", "truth", "--answers", "answers/a.jsonl", "--quiet")
+    case.command(
+        "bench", "run", "coulomb", "--cases", "cases", "--out", case.folder / "in.jsonl", "--jobs", 1, "--quiet"
     )

@@ -21,6 +21,10 @@ SEEDS = (
     "bank.npz",
     "film.hdf5",
     "cameras.json",
+    "commands.csv",
+    "cases",
+    "truth",
+    "answers",
 )
 TASK = ("--task", "PutCupOnMat-v0")
 ARM = ("--model", "two.json")
@@ -34,7 +38,10 @@ VERBS: dict[str, tuple[str, ...]] = {  # a command line that works
     "export": (*ARM, "--to", "mjcf", "--out", "out/m.xml"),
     "standin record": ("--effect", "backlash", "--seconds", "1", "--out", "out/s"),
     "bench make": ("--cases", "1", "--seconds", "1", "--out", "out/b"), "bench run": ("coulomb", "--cases", "cases", "--out", "out/a.jsonl"),
-    "bench score": ("--truth", "truth", "--answers", "a.jsonl"),
+    "bench score": ("--truth", "truth", "--answers", "answers/a.jsonl"),
+    "track": ("commands.csv", *ARM, "--out", "out/m.csv"), "workbench": ("log.csv", *ARM, "--no-browser", "--out", "out/m.json"),
+    "standin bank": ("--out", "out/b.npz", "--episodes", "1", "--size", "16x12", "--samples", "1", "--films", "out/f"),
+    "effects": (), "robots": (),
     "standin film": (*TASK, "--out", "out/f", "--frames", "2", "--size", "16x12", "--samples", "1"),
     "demos": (*TASK, "--episodes", "1", "--out", "out/d", "--jobs", "1", "--size", "16x12"),
     "augment": ("--data", "episodes", "--out", "out/a", "--aligner", "lean.pt"),

@@ -4,18 +4,46 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 SIZE = (16, 12)  # of pictures
 STEPS = 6  # of an episode
+HOSE_SPRING = """from embodiedreamer_gym.effects import Parameter, SignalLaw
+
+
+class HoseSpring(SignalLaw):
+    name = "hose_spring"
+    stage = "load"
+    parameters = (Parameter("stiffness", "N m/rad^3", off=0.0, low=0.0, high=2.0, typical=0.1, scale="torque"),)
+    symptom = "the error grows out of proportion with the bend of the joint"
+    reveals = "a slow sweep of one joint through its range"
+    confused_with = ("joint_spring",)
+
+    @staticmethod
+    def law(signal, joint, memory, p):
+        return signal - p.stiffness * joint.position**3, memory
+"""
 TRAIN = ("--steps", "2", "--batch", "2", "--chunk", "4", "--size", "16x12", "--quiet")
 
 
 def write_seeds(folder: Path) -> None:
     """Write all seeds into a folder; the same bytes each time."""
-    for write in (_recordings, _sage, _other_logs, _episodes, _lerobot_set, _policies, _vision, _training):
+    for write in (
+        _recordings,
+        _sage,
+        _other_logs,
+        _episodes,
+        _lerobot_set,
+        _policies,
+        _key_poses,
+        _vision,
+        _svd,
+        _training,
+        _bench,
+    ):
         write(folder)
 
 
@@ -42,6 +70,11 @@ def _recordings(folder: Path) -> None:
     frames = {"head": list(_pictures(len(log.time)))}
     save_recording(log.with_(frames=frames), folder / "log.hdf5")
     save_cameras(CAMERAS, folder / "cameras.json")
+    rows = [f"{t:.2f},{0.2 * np.sin(t):.4f},{0.1 * t:.4f}" for t in np.arange(0, 1, 0.02)]
+    (folder / "commands.csv").write_text("\n".join(["time,shoulder.command,elbow.command", *rows]) + "\n")
+    mark = {"recording": "log", "frame": 0, "link": "upper", "point": [0.1, 0.0, 0.0], "pixel": [5.0, 6.0], "sd": 1.0}
+    (folder / "marks.json").write_text(json.dumps({"marks": [{**mark, "frame": k} for k in range(3)]}))
+    (folder / "hose_spring.py").write_text(HOSE_SPRING)
 
 
 def _pictures(count: int, first: int = 0) -> Iterator[np.ndarray]:
@@ -118,14 +151,49 @@ def _policies(folder: Path) -> None:
     checkpoint(folder / "lerobot_policy")
 
 
+def _key_poses(folder: Path) -> None:
+    """A policy of two key poses in the frame of a cup, whose head sees it everywhere, and pairs of rollouts."""
+    import torch
+
+    from embodiedreamer_gym.envs.cameras import CAMERAS
+    from embodiedreamer_gym.policies.act.object_pose_head import ObjectPoseHead
+    from embodiedreamer_gym.policies.key_pose.looking import Looker
+    from embodiedreamer_gym.policies.key_pose.policy import KeyPosePolicy
+    from embodiedreamer_gym.policies.key_pose.skill import Key, Skill
+    from embodiedreamer_gym.policies.key_pose.training import save_key_poses
+    from embodiedreamer_gym.policies.preferences import PreferenceSet, Trajectory
+    from embodiedreamer_gym.robot import RobotModel
+
+    torch.manual_seed(0)
+    turns, posture = np.tile(np.diag([1.0, -1.0, -1.0]), (3, 1, 1)), np.array([0.0, 1.2, -1.0, 0.0, 0.5, 0.0])
+    keys = tuple(
+        Key("cup", np.tile([0.0, 0.0, z], (3, 1)), turns, event, 0.0, 0.1, 0.1, 0.2, 0.001, posture)
+        for z, event in ((0.88, False), (0.8, True))
+    )
+    skill = Skill(keys, ({"cup": (0.5, 0.2, 0.0)},) * 3, "cup", 1.0)
+    head = ObjectPoseHead(1)
+    head.layers[-1].bias.data[:] = torch.tensor([0.0, 9.0])  # the whole picture is the cup
+    looker = Looker(head, ("cup",), CAMERAS["head"], {"cup": 0.8}, {"cup": (0.0, 0.0, 1.0, 1.0)})
+    policy = KeyPosePolicy(skill, RobotModel.load("aloha"), looker, 30.0, ("head",), SIZE)
+    save_key_poses(policy, looker, "aloha", folder / "key_poses")
+
+    def rollout(distance: float, attempt: int) -> Trajectory:
+        seen, actions = {"agent_pos": np.zeros((2, 14), np.float32)}, np.full((2, 4, 14), distance, np.float32)
+        outcome = {"distance": distance, "is_success": 0.0}
+        return Trajectory(seen, actions, actions, np.full(2, 4), 0, attempt, outcome)
+
+    PreferenceSet.choose([rollout(0.1, 0), rollout(0.3, 1)]).save(folder / "pairs.hdf5")
+
+
 def _vision(folder: Path) -> None:
-    """An episode with its simulated view, a reference bank, and weights of a tiny video model."""
+    """An episode with its simulated view, reference banks without and with light, and weights of a tiny video model."""
     import torch
 
     from embodiedreamer_gym.pipelines.prepare import write_episode
     from embodiedreamer_gym.vis_aligner import make_bank, save_bank
     from embodiedreamer_gym.vis_aligner.checkpoint import save_lean
     from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
+    from tests.vis_aligner import lamps
     from tests.vis_aligner.scenes import episode
 
     torch.manual_seed(0)
@@ -134,6 +202,21 @@ def _vision(folder: Path) -> None:
     poses = [{"cup": np.array([0, 0.1, 0, 0, 0, 0, 1.0])}] * 2
     save_bank(make_bank(films, poses, [np.zeros(14)] * 2), folder / "bank.npz")
     write_episode(films[0], folder / "film.hdf5")
+    shaded = [lamps.filmed(3, seed) for seed in range(2)]
+    lit = make_bank(shaded)
+    save_bank(replace(lit, bench=replace(lit.bench, light=lamps.lamps())), folder / "lit_bank.npz")
+    write_episode(shaded[0], folder / "shaded.hdf5")
+
+
+def _svd(folder: Path) -> None:
+    """A folder with a tiny Stable Video Diffusion, where diffusers is installed."""
+    from importlib.util import find_spec
+
+    if find_spec("diffusers"):
+        from embodiedreamer_gym.vis_aligner.svd import save_svd
+        from tests.vis_aligner.tiny_svd import tiny_svd
+
+        save_svd(tiny_svd(chunk=3), folder / "svd")
 
 
 def _training(folder: Path) -> None:
@@ -142,3 +225,13 @@ def _training(folder: Path) -> None:
 
     if main(["policy", "train", "--data", str(folder / "episodes"), "--out", str(folder / "training"), *TRAIN]):
         raise SystemExit("the seed of the resume checkpoints cannot be trained; see the error above.")
+
+
+def _bench(folder: Path) -> None:
+    """Two cases of the benchmark, their truth, and answers with predictions."""
+    from embodiedreamer_gym.bench.cases import make_cases
+    from embodiedreamer_gym.bench.run import run_entries
+
+    make_cases(folder / "cases", folder / "truth", 2, 2, ("none", "single"), ("position",), seconds=1.0)
+    (folder / "answers").mkdir()
+    run_entries(["coulomb"], folder / "cases", folder / "answers" / "a.jsonl")

@@ -88,6 +88,43 @@ def motor_calibration(case: Case) -> None:
     case.library("read_motor_calibration", lambda: read_motor_calibration(path))
 
 
+@target
+def trajectory(case: Case) -> None:
+    """Commands or a log that a model is to follow, and commands that an arm is to play."""
+    from embodiedreamer_gym.robot import RobotModel
+    from embodiedreamer_gym.robot.play import SafeMotion
+
+    case.copy("two.urdf")
+    arm = case.copy("two.json")
+    path = mutated(case, case.rng.choice(("commands.csv", "commands.csv", "log.csv")))
+    case.library("SafeMotion.load", lambda: SafeMotion.load(path, RobotModel.load(arm), speed=50.0))
+    case.command(
+        "track", path, "--model", arm, "--out", case.out / "sent.csv", "--json", case.out / "e.json", "--quiet"
+    )
+
+
+@target
+def marks(case: Case) -> None:
+    """Points that were marked in frames."""
+    case.copy("two.urdf")
+    log, path = case.copy("log.hdf5"), mutated(case, "marks.json")
+    case.command("vis", "camera", "--model", "two.urdf", "--joints", "shoulder,elbow", log, "--marks", path,
+                 "--out", case.out / "camera.json", "--quiet", patience=1.5)  # fmt: skip
+
+
+@target
+def effects_file(case: Case) -> None:
+    """A user's effect, which is executed."""
+    from embodiedreamer_gym.effects import load_effects
+
+    case.copy("two.urdf")
+    path, arm, log = mutated(case, "hose_spring.py"), case.copy("two.json"), case.copy("log.csv")
+    case.library("load_effects", lambda: load_effects(path))
+    if case.number % 4 == 0:
+        case.command("add", "hose_spring", "--effects", path, "--model", arm, "--train", log, "--test", log, "--jobs", 1,
+                     "--out", case.out / "m.json", "--quiet")  # fmt: skip
+
+
 # ---- models, URDFs, cameras ------------------------------------------------------------------------------------
 
 

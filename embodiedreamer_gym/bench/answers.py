@@ -21,6 +21,7 @@ FIELDS = ("entry", "case", "verdict", "effects", "predictions", "seconds", "fail
 RUN_FIELDS = ("version", "commit", "machine", "date")
 EFFECT_FIELDS = ("name", "probability", "joints", "parameters")
 MOST_TEXT = 200  # characters of a name
+LARGEST = 1e100  # of a predicted number, whose square is finite
 
 
 @dataclass(frozen=True)
@@ -223,8 +224,8 @@ def read_prediction(path: Path, joints: tuple[str, ...], signal: str, time: np.n
     except (RecordingError, ValueError) as error:
         raise EmbodieDreamerError(str(error) if str(path) in str(error) else f"{path}: {error}.") from error
     own = values[:, header.index("time")]
-    if not np.isfinite(values).all() or len(own) < 2 or (np.diff(own) <= 0).any():
-        raise EmbodieDreamerError(f"{path}: a number is not finite, or the times do not increase.")
+    if not (np.abs(values) <= LARGEST).all() or len(own) < 2 or (np.diff(own) <= 0).any():
+        raise EmbodieDreamerError(f"{path}: a number is not finite or above {LARGEST:g}, or the times do not increase.")
     step = np.median(np.diff(time))
     if own[0] > time[0] + step or own[-1] < time[-1] - step:
         raise EmbodieDreamerError(f"{path}: it covers {own[0]:g} to {own[-1]:g} s, not {time[0]:g} to {time[-1]:g} s.")

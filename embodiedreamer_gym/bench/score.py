@@ -156,7 +156,9 @@ def read_truth(folder: Path) -> tuple[dict[str, Truth], str]:
         raise EmbodieDreamerError(f"truth {path} is not of format {FORMAT}.")
     try:
         rows = {case: _truth(row, folder / "withheld" / case) for case, row in data["cases"].items()}
-    except (KeyError, TypeError, AttributeError) as error:
+    except EmbodieDreamerError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise EmbodieDreamerError(f"truth {path} is damaged: {brief(error)}.") from error
     return rows, hashlib.sha256(path.read_bytes()).hexdigest()
 
@@ -168,7 +170,11 @@ def _truth(row: Mapping[str, Any], folder: Path) -> Truth:
     sensor = [one for one in row["sensor_sd"] if one is not None]
     noise = float(np.mean(sensor)) if sensor else None
     visible = row["visibility"] is None or row["visibility"] >= VISIBLE
-    return Truth(row["tier"], row["observation"], row["effects"], row["nominal_rms"], noise, logs, visible)
+    effects = {
+        str(name): {str(key): {str(at): float(x) for at, x in values.items()} for key, values in parameters.items()}
+        for name, parameters in row["effects"].items()
+    }
+    return Truth(str(row["tier"]), str(row["observation"]), effects, float(row["nominal_rms"]), noise, logs, visible)
 
 
 @dataclass(frozen=True)
@@ -206,14 +212,14 @@ class Row:
     @property
     def right_joints(self) -> bool:
         """Whether each effect is named on exactly the joints (or end effectors) it acts on."""
-        said = {effect.name: effect.joints for effect in self.answer.effects}
-        return all(set(said.get(name) or ()) == set(at) for name, at in places(self.truth.effects).items())
+        joints = {effect.name: effect.joints for effect in self.answer.effects}
+        return all(set(joints.get(name) or ()) == set(at) for name, at in places(self.truth.effects).items())
 
     @property
     def right_family(self) -> bool:
         """Whether all that is named is of the family of the hidden effect."""
-        said = {family_of(name) for name in self.answer.names}
-        return self.answer.verdict in ("missing", "ambiguous") and said == {
+        named = {family_of(name) for name in self.answer.names}
+        return self.answer.verdict in ("missing", "ambiguous") and named == {
             family_of(name) for name in self.truth.effects
         }
 

@@ -29,6 +29,7 @@ GROUPS = {
     "policy": "Train policies on demonstrations and evaluate them in the environments.",
     "vis": "The video model that turns simulated frames into realistic ones.",
 }
+LONGEST_WORD = 1000  # characters of a word that an error prints
 HZ = {"--rate": "--hz"}
 LEARNING_RATE = {"--rate": "--learning-rate"}
 VIS_ALIGNER = {"--dream": "--vis-aligner"}
@@ -92,13 +93,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         execute(sys.argv[1:] if argv is None else argv)
     except EmbodieDreamerError as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"error: {_sentence(str(error))}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # the reader of a pipe has enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:  # a file of the user's that no verb has checked: too long a name, no permission
-        print(f"error: {error.filename or 'a file'}: {error.strerror or error}", file=sys.stderr)
+        text = f"{error.filename or 'a file'}: {error.strerror or error}"
+        print(f"error: {_sentence(text)}", file=sys.stderr)
         return 2
     except BaseException as error:
         # A compiler's callback may have swallowed the interrupt; what fails then is a consequence of it.
@@ -110,6 +112,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         for number, handler in before.items():
             signal.signal(number, handler)
     return 0
+
+
+def _sentence(text: str) -> str:
+    """A message on one line, in which a very long word, such as a path that cannot be one, is cut short."""
+    return " ".join(word if len(word) <= LONGEST_WORD else f"{word[:100]}..." for word in text.split())
 
 
 def _interrupted(error: BaseException | None) -> bool:

@@ -99,8 +99,8 @@ class Cases:
 
         Raises: as `read`.
         """
-        there = [path] if path is not None and path.exists() else []
-        done = {self._key(row) for row in self.read(*there, *also)}
+        existing = [path] if path is not None and path.exists() else []
+        done = {self._key(row) for row in self.read(*existing, *also)}
         return [item for key, item in shard.of(list(self.keys.items())) if key not in done]
 
     def record(self, path: Path | None, results: Iterable[tuple[Mapping[str, Any], Mapping[str, Any]]], total: int,
@@ -143,10 +143,10 @@ class Cases:
         try:
             row = json.loads(line)
             self._key(row)
-            there = {name: json.dumps(row[name], sort_keys=True) for name in self.settings if name in row}
+            stored = {name: json.dumps(row[name], sort_keys=True) for name in self.settings if name in row}
         except (ValueError, RecursionError, KeyError, TypeError) as error:
             raise EmbodieDreamerError(f"{where} is no row of these cases: {brief(error)}.") from error
-        for name, text in there.items():
+        for name, text in stored.items():
             wanted = json.dumps(self.settings[name], sort_keys=True)
             if text != wanted:
                 raise EmbodieDreamerError(
@@ -164,7 +164,8 @@ def _finish(work: Work, settings: dict[str, Any], item: Mapping[str, Any]) -> tu
 
 @contextmanager
 def _lines(path: Path | None) -> Iterator[IO[bytes] | None]:
-    """Open a file to append whole lines to; what an interruption left of a line is removed.
+    """Open a file to append whole lines to; what an interruption left of a line is removed, and after an error a file
+    without a line.
 
     Raises: EmbodieDreamerError where another process has opened it so.
     """
@@ -180,7 +181,12 @@ def _lines(path: Path | None) -> Iterator[IO[bytes] | None]:
                 raise EmbodieDreamerError(f"{path} is being written by another process; give another file.") from error
         file.seek(0)
         file.truncate(file.read().rfind(b"\n") + 1)
-        yield file
+        try:
+            yield file
+        except BaseException:
+            if not file.tell():
+                path.unlink(missing_ok=True)
+            raise
 
 
 def _plain(value: Any) -> Any:

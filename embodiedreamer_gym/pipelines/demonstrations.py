@@ -109,32 +109,32 @@ def record_lerobot(wanted: Demonstrations, episodes: int, folder: str | Path, jo
     pyarrow or av.
     """
     folder = Path(folder)
-    said = {**wanted.settings(), "episodes": episodes}
+    settings = {**wanted.settings(), "episodes": episodes}
     if folder.exists():
-        return _whole(folder / ABOUT, said)
+        return _whole(folder / ABOUT, settings)
     parts = folder.with_name(f".{folder.name}.episodes")
     check_video(wanted.size)
     failed = record_demonstrations(wanted, episodes, parts, jobs, progress)
     source, joints = open_episodes(parts), load_robot(wanted.robot).joints
-    with LeRobotWriter(folder, source.hz, joints, robot_type="aloha", about={**said, "failed": failed}) as writer:
+    with LeRobotWriter(folder, source.hz, joints, robot_type="aloha", about={**settings, "failed": failed}) as writer:
         copy_episodes(source, writer, count=episodes)
     shutil.rmtree(parts)
     return failed
 
 
-def _whole(path: Path, said: dict[str, Any]) -> int:
+def _whole(path: Path, settings: dict[str, Any]) -> int:
     """How many attempts failed for a set that is there.
 
     Raises: RecordingError where it is not the one that is wanted.
     """
     try:
-        there = dict(read_json(path))
-        failed = int(there.pop("failed"))
+        stored = dict(read_json(path))
+        failed = int(stored.pop("failed"))
     except (KeyError, ValueError, TypeError) as error:
         raise RecordingError(
             f"{path.parents[1]} exists already and is no set of demonstrations; give another folder."
         ) from error
-    check_settings(path.parents[1], there, said)
+    check_settings(path.parents[1], stored, settings)
     return failed
 
 
@@ -149,9 +149,9 @@ def _there(wanted: Demonstrations, folder: Path) -> tuple[int, int]:
         path = folder / f"episode_{number}.hdf5"
         if path not in paths:
             raise RecordingError(f"{folder} has other episodes, without {path.name}; give another folder.")
-        there = read_settings(path, "demonstration", "demonstration")
-        attempts = int(there.pop("attempt", 0)) + 1
-        check_settings(path, there, wanted.settings())
+        stored = read_settings(path, "demonstration", "demonstration")
+        attempts = int(stored.pop("attempt", 0)) + 1
+        check_settings(path, stored, wanted.settings())
     return len(paths), attempts
 
 

@@ -45,10 +45,10 @@ LEARNING_RATE, CLONING_LEARNING_RATE = 3e-5, 1e-4  # of Adam
 class Study:
     """A policy, an environment, and a folder with what each cycle left: weights, pairs, and a row, written last."""
 
-    def __init__(self, a: StudySettings, out: Path, said: Any) -> None:
+    def __init__(self, a: StudySettings, out: Path, progress: Any) -> None:
         from embodiedreamer_gym.policies import load_policy
 
-        self.a, self.out, self.said = a, out, said
+        self.a, self.out, self.progress = a, out, progress
         self.policy: Any = load_policy(a.policy)  # one with a network
         if not hasattr(getattr(self.policy, "network", None), "mean"):
             raise PolicyError(f"policy {a.policy} has no network to fine-tune; give one that `policy train` wrote.")
@@ -67,7 +67,7 @@ class Study:
 
     def close(self) -> None:
         """End the progress and the environment."""
-        self.said.close()
+        self.progress.close()
         self.env.close()
 
     def folder(self, cycle: int) -> Path:
@@ -88,10 +88,10 @@ class Study:
             except Exception as error:  # whatever a damaged or foreign file raises
                 raise PolicyError(f"{folder / WEIGHTS} is damaged, or of another policy; remove {folder}.") from error
             return _read(folder / ROW)
-        told = self._learn(cycle, folder) if cycle else {}
+        learnt = self._learn(cycle, folder) if cycle else {}
         with atomic_file(folder / WEIGHTS, PolicyError) as part:
             torch.save(self.policy.network.state_dict(), part)
-        row = {"cycle": cycle, **self._judge(), **told}
+        row = {"cycle": cycle, **self._judge(), **learnt}
         write_json(row, folder / ROW)
         shutil.rmtree(folder / ROLLOUTS, ignore_errors=True)
         return row
@@ -99,12 +99,12 @@ class Study:
     def _rolled(self, seeds: range, tries: int, noise: float, folder: Path | None = None) -> list[Any]:
         """What `rolled` gives, in the order of the seeds, of as many processes as there may be."""
         if self.a.jobs == 1:
-            return rolled(self.a, self.policy, self.env, seeds, tries, noise, folder, self.said)
+            return rolled(self.a, self.policy, self.env, seeds, tries, noise, folder, self.progress)
         parts = [seeds[k :: self.a.jobs] for k in range(self.a.jobs)]
 
         def show(number: int, _: list[Any]) -> None:
             count = sum(map(len, parts[:number]))
-            self.said("rollouts", count, len(seeds), processes=f"{number} of {len(parts)}")
+            self.progress("rollouts", count, len(seeds), processes=f"{number} of {len(parts)}")
 
         calls = [(self.a, self.policy, part, tries, noise, folder) for part in parts]
         done = many(_rolled_alone, calls, self.a.jobs, show)
@@ -139,7 +139,7 @@ class Study:
             found += tries
         pairs = PreferenceSet.choose(found, a.metric, a.pairing, a.top, a.margin)
         pairs.save(folder / PAIRS)
-        tuned = fine_tune(self.policy.network, pairs, self.config, self.said)
+        tuned = fine_tune(self.policy.network, pairs, self.config, self.progress)
         kept = -1 if tuned.stopped is None else -2  # the epoch whose weights are there
         return {"pairs": len(pairs), "contrast": pairs.contrast, "gradient": tuned.gradient, "winners": tuned.winner[kept],
                 "losers": tuned.loser[kept], "stopped": tuned.stopped}  # fmt: skip
@@ -153,20 +153,20 @@ class Study:
             weights = reward_weights(found, a.metric).tolist()
         else:
             found = filtered(found, a.metric, a.method, a.top or 25)
-        clone(self.policy.network, found, self.config, weights, self.said)
+        clone(self.policy.network, found, self.config, weights, self.progress)
         return {"pairs": len(found)}
 
 
 def rolled(a: StudySettings, policy: Any, env: Any, seeds: range, tries: int, noise: float, folder: Path | None,
-           said: Any = None) -> list[Any]:  # fmt: skip
+           progress: Any = None) -> list[Any]:  # fmt: skip
     """Files of the tries from each seed's start, written into a folder; without one, the outcome of one try."""
     from embodiedreamer_gym.wrappers import preference_rollout as rollout
 
     kind = rollout.PreferenceRolloutWrapper if a.envs == 1 else rollout.PreferenceRolloutVectorWrapper
     player = kind(env, tries=tries, noise=noise, per=a.per)
     if folder is not None:
-        return player.record(policy, seeds, folder, progress=said)
-    return [one.outcome for one in player.rollouts(policy, seeds, progress=said)]
+        return player.record(policy, seeds, folder, progress=progress)
+    return [one.outcome for one in player.rollouts(policy, seeds, progress=progress)]
 
 
 def _rolled_alone(a: StudySettings, policy: Any, *given: Any) -> list[Any]:

@@ -11,7 +11,7 @@ from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 
-from embodiedreamer_gym.errors import EmbodieDreamerError, PolicyError
+from embodiedreamer_gym.errors import EmbodieDreamerError, ModelError, PolicyError
 
 MOST = 1_000_000  # actions of a chunk, and numbers of an action
 HOW = "a folder of `embodiedreamer policy train`, a folder with a LeRobot ACT checkpoint, or package.module:function"
@@ -50,7 +50,7 @@ def load_policy(spec: str | Path) -> Policy:
             if is_key_pose(folder):
                 return load_key_poses(folder)
             return load_lerobot(folder) if is_lerobot(folder) else ActPolicy.load(folder)
-        except PolicyError as error:
+        except (PolicyError, ModelError) as error:
             raise error if str(folder) in str(error) else PolicyError(f"policy {folder}: {error}") from error
     module, colon, name = str(spec).partition(":")
     if not colon or not all(part.isidentifier() for part in [*module.split("."), name]):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping
 from importlib import resources
@@ -14,6 +13,7 @@ from embodiedreamer_gym.io.files import read_json as read_checked_json
 
 ASSETS = Path(str(resources.files("embodiedreamer_gym") / "assets"))
 BUILT_IN_URDF = "embodiedreamer:"  # prefix of a URDF that the package ships
+LARGEST = 1e100  # of a number in a model file, whose square is finite
 KEYS = ("name", "robot", "servo", "rotor_inertia", "viscous_friction", "command_hold", "effects", "estimated", "fixed",
         "urdf_error", "transmission", "intervals")  # fmt: skip
 
@@ -91,12 +91,12 @@ def names(value: Any, what: str, path: Path) -> tuple[str, ...]:
 
 
 def numbers(value: Any, count: int, what: str, path: Path) -> list[float]:
-    """A JSON list of finite numbers, one per joint.
+    """A JSON list of finite numbers of at most LARGEST, one per joint.
 
     Raises: ModelError for anything else.
     """
     if not isinstance(value, list) or len(value) != count or not all(_is_number(v) for v in value):
-        raise ModelError(f"model {path}: {what} must be a list of {count} finite numbers.")
+        raise ModelError(f"model {path}: {what} must be a list of {count} finite numbers of at most {LARGEST:g}.")
     return [float(v) for v in value]
 
 
@@ -147,8 +147,8 @@ def by_joint(value: Any, joints: tuple[str, ...], what: str, path: Path) -> dict
         return dict(zip(joints, numbers(value, len(joints), what, path), strict=True))
     if isinstance(value, dict) and all(_is_number(v) for v in value.values()):
         return {k: float(v) for k, v in value.items()}
-    raise ModelError(f"model {path}: {what} must map joints to finite numbers.")
+    raise ModelError(f"model {path}: {what} must map joints to finite numbers of at most {LARGEST:g}.")
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST

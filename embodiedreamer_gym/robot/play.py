@@ -77,7 +77,7 @@ class SafeMotion:
             low, high = self.command[:, j].min(), self.command[:, j].max()
             if not (self.lower[j] - slack[j] <= low and high <= self.upper[j] + slack[j]):
                 raise RobotError(
-                    f"{joint} is sent to {low:.3f} .. {high:.3f}, beyond its limits {self.lower[j]:.3f} .. {self.upper[j]:.3f}"
+                    f"{joint} is sent to {low:.4g} .. {high:.4g}, beyond its limits {self.lower[j]:.3f} .. {self.upper[j]:.3f}"
                 )
             if rate[:, j].max() > SLACK * self.speed[j]:
                 raise RobotError(
@@ -99,9 +99,11 @@ class SafeMotion:
         command = command[:, [joints.index(joint) for joint in model.joints]]
         tree, n = model.tree, model.n
         lower, upper = np.nan_to_num(tree.lower, neginf=-np.pi), np.nan_to_num(tree.upper, posinf=np.pi)
-        return SafeMotion(
-            model.joints, time, command, lower, upper, np.minimum(tree.velocity, speed), np.full(n, error)
-        )
+        limits = lower, upper, np.minimum(tree.velocity, speed), np.full(n, error)
+        try:
+            return SafeMotion(model.joints, time, command, *limits)
+        except RobotError as reason:
+            raise RobotError(f"{path}: {reason}") from reason
 
 
 class ModelArm:

@@ -14,6 +14,7 @@ from embodiedreamer_gym.recordings.hdf5 import POSITION, open_hdf5
 from embodiedreamer_gym.vis_aligner.clip import Episode
 from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, Condition
 
+MOST_PARTS, MOST_POINTS = 255, 1000  # rigid parts, whose numbers are bytes; points of a hull
 ADVICE = "film or copy it again"
 
 
@@ -31,12 +32,20 @@ def load_episode(path: str | Path, camera: str = "head") -> Episode:
         shape = file.dataset(images).shape
         if len(shape) != 4 or max(shape[1:3]) > MAX_EDGE:
             raise VisionError(f"/{images} has shape {shape}; (T, H, W, 3) with at most {MAX_EDGE} pixels is expected.")
-        keys = {"classes": 3, "rgb": 4, "depth": 3, "parts": 3, "projections": 1}  # axes shared with the images
-        places = {f"{simulated}/{name}": shape[:axes] for name, axes in keys.items()}
+        axes = {"classes": 3, "rgb": 4, "depth": 3, "parts": 3}  # shared with the images
+        places = {f"{simulated}/{name}": shape[:count] for name, count in axes.items()}
+        projected, hull = (
+            file.dataset(key).shape if key in file else () for key in (f"{simulated}/projections", f"{simulated}/hulls")
+        )
+        parts = tuple(min(count, MOST_PARTS) for count in projected[1:2])
+        places[f"{simulated}/projections"] = shape[0], *parts, 3, 4
+        places[f"{simulated}/hulls"] = *parts, *(min(count, MOST_POINTS) for count in hull[1:2]), 3
         places |= {images: shape, f"observations/clean/{camera}": shape}
         for key, expected in places.items():
-            if key in file and file.dataset(key).shape[: len(expected)] != expected:
-                raise VisionError(f"/{key} has shape {file.dataset(key).shape}, the images {shape}; they must agree.")
+            if key in file and file.dataset(key).shape != expected:
+                raise VisionError(
+                    f"/{key} has shape {file.dataset(key).shape}, the images {shape}; they must agree, it must be {expected}."
+                )
         rgb, classes, frames = (file.read(key) for key in (f"{simulated}/rgb", f"{simulated}/classes", images))
         optional = (
             *(f"{simulated}/{name}" for name in ("depth", "parts", "projections", "hulls")),

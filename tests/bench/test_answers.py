@@ -80,6 +80,7 @@ def test_the_command_says_what_is_wrong(made, tmp_path, capsys):
     [
         ("", "no column time"), ("time,b.position\n0,1\n1,1\n", "no column a.position"), ("time,a.position\n", "no row"),
         ("time,a.position\n0,1\n1,x\n", "could not convert"), ("time,a.position\n0,1\n1,nan\n", "not finite"),
+        ("time,a.position\n0,1\n1,1e308\n", "above 1e.100"),
         ("time,a.position\n0,1\n0,1\n", "not increase"), ("time,a.position\n0,1\n0.5,1\n", "it covers 0 to 0.5"),
         ("time,a.position\n0,1\n1\n", "1 values"),
     ],

@@ -1,14 +1,16 @@
 """Scores: of answers that are right throughout, of one that always says the same, and of none."""
 
 import json
+import shutil
 
 import pytest
 
 from embodiedreamer_gym.bench.answers import Answer, NamedEffect, answer_line, write_prediction
 from embodiedreamer_gym.bench.cases import signal_of
 from embodiedreamer_gym.bench.intervals import clopper_pearson, median_interval
-from embodiedreamer_gym.bench.score import score
+from embodiedreamer_gym.bench.score import read_truth, score
 from embodiedreamer_gym.cli.command import main
+from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.standin.labels import places
 
 
@@ -118,3 +120,13 @@ def test_a_bad_shard_is_one_sentence(text, made, tmp_path, capsys):
     error = capsys.readouterr().err
     assert error.startswith("error: argument --shard: ") and "is no shard; give I/N such as 1/4" in error
     assert error.count("\n") == 1 and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("field", "value"), [("sensor_sd", [[1.0], 1.0]), ("effects", [1]), ("nominal_rms", "x")])
+def test_a_damaged_truth_is_one_sentence(field, value, made, tmp_path):
+    shutil.copytree(made.truth, tmp_path / "truth")
+    data = json.loads((tmp_path / "truth" / "truth.json").read_text())
+    next(iter(data["cases"].values()))[field] = value
+    (tmp_path / "truth" / "truth.json").write_text(json.dumps(data))
+    with pytest.raises(EmbodieDreamerError, match=r"truth\.json is damaged"):
+        read_truth(tmp_path / "truth")

@@ -257,6 +257,12 @@ def test_a_log_of_an_arm_that_stands_still_is_one_error(work, logs, capsys) -> N
     assert err.splitlines()[-1].startswith("error: no usable sample is left in still")
 
 
+def test_a_path_too_long_to_be_one_is_cut_short(tmp_path, capsys) -> None:
+    assert cli.main(["policy", "train", "--data", "9" * 5000, "--out", str(tmp_path / "p")]) == 2
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
+    assert line.startswith(f"error: {'9' * 100}... File name too long") and not (tmp_path / "p").exists()
+
+
 def test_dashes_are_no_value(work, capsys) -> None:
     code, _, err = run(capsys, "compare", "--model", "two.json", "log.csv", "--json=--")
     assert code == 2 and err == "error: --json=--: '--' cannot be a value.\n"

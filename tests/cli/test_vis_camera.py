@@ -125,7 +125,7 @@ def test_mistakes_are_one_sentence(
         ({"sd": float("nan")}, "number 0: sd must be 1 finite numbers"),
         ({"sd": 10**30}, "number 0: sd must be 1 finite numbers"),
         ({"link": 10**30}, "number 0: link must be the name of a link, not 10000"),
-        ({"link": "tail"}, "no visible link 'tail'"),
+        ({"link": "tail"}, "m.json, number 0: the robot has no visible link 'tail'"),
         ({"recording": "none"}, "are of none of the recordings shot"),
     ],
 )

@@ -163,6 +163,12 @@ def test_an_error_keeps_the_rows_before_it(tmp_path: Path) -> None:
     assert len(CASES.read(path)) == 6
 
 
+def test_an_error_before_the_first_row_leaves_no_file(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError):
+        list(CASES.run(lambda case: {"share": 1 / case["number"]}, tmp_path / "rows.jsonl"))
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("backend", ["threading", "dask"])
 def test_other_backends_run_the_cases(backend: str, tmp_path: Path) -> None:
     """Dask: its scheduler and workers on this machine."""

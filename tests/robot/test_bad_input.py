@@ -125,6 +125,7 @@ def test_a_bad_robot(arm: Path, key: str, value, words: str) -> None:
         ("servo", {"stiffness": [1.0]}, "stiffness must be a list of 2 finite numbers"),
         ("servo", {"stiffness": [1.0, float("nan")]}, "2 finite numbers"),
         ("servo", {"stiffness": [1.0, True]}, "2 finite numbers"),
+        ("servo", {"damping": [5.0, 1e308]}, "2 finite numbers of at most 1e.100"),
         ("servo", {"stiffness": [1.0, -1.0]}, "finite and not negative"),
         ("rotor_inertia", 0.1, "rotor_inertia must be a list of 2"),
         ("command_hold", "cubic", "none of linear, hold, unknown"),

@@ -129,11 +129,13 @@ def test_an_interrupt_stops_the_arm_where_it_is(model, commands) -> None:
 
 
 def test_commands_beyond_the_limits_are_refused_before_anything_moves(model, commands, tmp_path) -> None:
-    with pytest.raises(RobotError, match=r"faster than its limit of 0\.50"):
+    with pytest.raises(RobotError, match=rf"{commands.name}: .*faster than its limit of 0\.50"):
         SafeMotion.load(commands, model, speed=0.5)
     text = commands.read_text()
     commands.write_text(text.replace(",0.800000", ",9.000000"))
-    with pytest.raises(RobotError, match=r"shoulder is sent to 0.500 .. 9.000, beyond its limits -3.000 .. 3.000"):
+    with pytest.raises(
+        RobotError, match=rf"{commands.name}: shoulder is sent to 0.5 .. 9, beyond its limits -3.000 .. 3.000"
+    ):
         SafeMotion.load(commands, model)
     commands.write_text(text.replace("elbow", "knee"))
     with pytest.raises(RobotError, match="commands knee, shoulder, but the model's joints are shoulder, elbow"):

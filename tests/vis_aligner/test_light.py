@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 import torch
 
 from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.pipelines.prepare import write_episode
+from embodiedreamer_gym.vis_aligner import load_episode
 from embodiedreamer_gym.vis_aligner.bench import make_bench
 from embodiedreamer_gym.vis_aligner.clip import Episode, References
 from embodiedreamer_gym.vis_aligner.condition import ROBOT, TABLE
@@ -148,3 +151,14 @@ def test_a_light_that_cannot_be_is_refused(change, sentence: str) -> None:
 def test_pictures_of_another_size_are_refused() -> None:
     with pytest.raises(VisionError, match="64, 48"):
         lamps().shade(view(OVER).crop((slice(0, 20), slice(0, 20))))
+
+
+def test_a_film_with_hulls_survives_its_file_and_larger_hulls_are_not_read(tmp_path) -> None:
+    path, key = tmp_path / "film.hdf5", "observations/sim/head/hulls"
+    write_episode(filmed(2), path)
+    assert np.array_equal(load_episode(path).condition.hulls, filmed(2).condition.hulls)
+    with h5py.File(path, "a") as file:
+        del file[key]
+        file.create_dataset(key, (40_000_000, 14), "u1", chunks=(64, 14))  # a few kB that become GB
+    with pytest.raises(VisionError, match=r"film\.hdf5: .*hulls has shape \(40000000, 14\).*must be \(1, 14, 3\)"):
+        load_episode(path)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +28,8 @@ from embodiedreamer_gym.policies.key_pose.frames import (
 Array = np.ndarray
 FEWEST = 3  # demonstrations of the same form
 ARRAYS = ("positions", "rotations", "posture")  # of a key pose
+NUMBERS = ("opening", "before", "after", "speed", "spread")  # of a key pose
+LARGEST, SLOWEST = 1000.0, 1e-4  # of these numbers; of speeds, m/s
 TURN = 0.1  # m that a rad of a thing's direction counts as, between scenes
 
 
@@ -104,7 +106,7 @@ class Skill:
     def as_dict(self) -> dict[str, Any]:
         """Fit for JSON."""
         keys = [
-            {**{name: getattr(key, name) for name in ("frame", "event", "opening", "before", "after", "speed", "spread")},
+            {**{name: getattr(key, name) for name in ("frame", "event", *NUMBERS)},
              **{name: getattr(key, name).tolist() for name in ARRAYS}}
             for key in self.keys
         ]  # fmt: skip
@@ -114,9 +116,7 @@ class Skill:
     def of(data: dict[str, Any]) -> Skill:
         """From JSON. Raises: PolicyError where it is no such thing."""
         try:
-            keys = tuple(
-                Key(**{**key, **{name: np.array(key[name], float) for name in ARRAYS}}) for key in data["keys"]
-            )
+            keys = tuple(_key_of(one) for one in data["keys"])
             scenes = tuple({name: tuple(map(float, one)) for name, one in scene.items()} for scene in data["scenes"])
             count = len(scenes)
             good = keys and all(k.positions.shape == (count, 3) and k.rotations.shape == (count, 3, 3) for k in keys)
@@ -125,13 +125,38 @@ class Skill:
             raise PolicyError(f"these are no key poses: {error!r}.") from error
         if not good:
             raise PolicyError("these are no key poses: the numbers of demonstrations differ.")
+        skill._check()
         return skill
+
+    def _check(self) -> None:
+        """Raises: PolicyError for numbers, rotations, frames or scenes that no training writes."""
+        things = set(self.scenes[0]) if self.scenes else set[str]()
+        whole = all(set(scene) == things and all(len(one) == 3 for one in scene.values()) for scene in self.scenes)
+        if not things or not whole:
+            raise PolicyError(
+                "these are no key poses: the scenes must have the same things, each with x, y and an angle."
+            )
+        places = np.array([list(scene.values()) for scene in self.scenes])
+        for number, key in enumerate(self.keys):
+            arrays = [places, *(np.asarray(getattr(key, name), float) for name in (*NUMBERS, *ARRAYS))]
+            turned = np.abs(np.linalg.det(key.rotations) - 1.0).max() < 1e-3
+            if not turned or any((np.abs(one) <= LARGEST).sum() < one.size for one in arrays):
+                raise PolicyError(f"these are no key poses: number {number} has numbers that no pose has.")
+            if {thing(key.frame), self.side} - things or key.posture.ndim != 1 or key.speed < SLOWEST:
+                raise PolicyError(f"these are no key poses: number {number} has an unknown frame, posture or speed.")
 
     def __str__(self) -> str:
         lines = [f"{len(self.scenes)} demonstrations; the arm on the side of the {self.side} acts"]
         lines += [f"{number}. {'gripper ' if key.event else ''}in the frame {key.frame}, spread {1e3 * key.spread:.1f} mm"
                   for number, key in enumerate(self.keys, 1)]  # fmt: skip
         return "\n".join(lines)
+
+
+def _key_of(data: Mapping[str, Any]) -> Key:
+    """A key pose of JSON. Raises: KeyError, TypeError or ValueError for what is none."""
+    numbers: dict[str, Any] = {name: float(data[name]) for name in NUMBERS}
+    arrays: dict[str, Any] = {name: np.array(data[name], float) for name in ARRAYS}
+    return Key(frame=str(data["frame"]), event=bool(data["event"]), **numbers, **arrays)
 
 
 def learn(demonstrations: Sequence[Demonstration], arms: Arms) -> Skill:
@@ -190,7 +215,7 @@ def _key(row: Sequence[KeyInstant], bent: Sequence[Array], scenes: Sequence[Scen
     seconds = [max(i.arrival - a, 1) / f for a, i, f in zip(starts, row, hz, strict=True)]
     before = [(i.step - i.arrival) / f for i, f in zip(row, hz, strict=True)]
     after = [(i.departure - i.step) / f for i, f in zip(row, hz, strict=True)]
-    speed = float(np.median(np.divide(way, seconds)))
+    speed = max(float(np.median(np.divide(way, seconds))), SLOWEST)
     opening = float(np.median([i.opening for i in row]))
     wide, name, positions, rotations = best
     posture = np.median([angles[i.step] for angles, i in zip(bent, row, strict=True)], axis=0)

@@ -24,6 +24,7 @@ from embodiedreamer_gym.recordings.episodes import EpisodeSet
 from embodiedreamer_gym.robot import RobotModel
 
 KIND = "embodiedreamer_key_pose"
+MOST = 10_000  # of the numbers in a folder: control rate, size of pictures, heights, ends of areas
 ABOVE = np.linspace(-0.04, 0.12, 9)  # m over the first grip, of heights that a thing's outline may have
 
 
@@ -66,7 +67,7 @@ def learnt_with(
 
     looker.heights, skill = _heights(demonstrations, looker.things, arms)
     policy = KeyPosePolicy(skill, model, looker, episodes.hz, (camera.name,), episodes.frame_size(camera.name))
-    _save(policy, looker, robot, folder)
+    save_key_poses(policy, looker, robot, folder)
     return policy
 
 
@@ -91,7 +92,8 @@ def _grip_height(demonstrations: list[Demonstration], arms: Arms) -> float:
     return float(np.median(next(key.positions[:, 2] for key in skill.keys if key.event)))
 
 
-def _save(policy: KeyPosePolicy, looker: Looker, robot: str, folder: Path) -> None:
+def save_key_poses(policy: KeyPosePolicy, looker: Looker, robot: str, folder: Path) -> None:
+    """Write a policy as `load_key_poses` reads it; robot: a built-in one or a model file."""
     folder.mkdir(parents=True, exist_ok=True)
     write_state(looker.head.state_dict(), folder / WEIGHTS, PolicyError)
     given = str(Path(robot).resolve()) if Path(robot).is_file() else robot
@@ -132,5 +134,11 @@ def load_key_poses(folder: str | Path) -> KeyPosePolicy:
         raise
     except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
         raise damaged from error
+    model = RobotModel.load(robot)
+    postures = {len(key.posture) for key in skill.keys}
+    numbers = [hz, *size, *heights.values(), *(x for area in where.values() for x in area)]
+    good = postures == {len(Arms(model).arm.joints)} and all(len(area) == 4 for area in where.values())
+    if not good or set(things) != set(skill.scenes[0]) or not (np.abs(numbers) <= MOST).all() or min(hz, *size) < 1:
+        raise damaged
     looker = Looker(head.eval(), things, camera, heights, where)  # pyright: ignore[reportArgumentType]
-    return KeyPosePolicy(skill, RobotModel.load(robot), looker, hz, (camera.name,), size)
+    return KeyPosePolicy(skill, model, looker, hz, (camera.name,), size)

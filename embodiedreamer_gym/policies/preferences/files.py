@@ -46,10 +46,10 @@ def load_trajectories(path: str | Path) -> tuple[list[Trajectory], dict[str, Any
             if about.get("kind") != KIND or about["version"] != VERSION:
                 raise PolicyError(f"{path} holds no trajectories of this version.")
             rows = [_read(Hdf5File(file.file, path), f"{number:06d}") for number in range(about["count"])]
-            return rows, json.loads(about["about"])
+            return rows, dict(json.loads(about["about"]))
     except RecordingError as error:  # whatever a damaged or foreign file raises
         if isinstance(error.__cause__, PolicyError):
-            raise error.__cause__ from None
+            raise PolicyError(str(error)) from error
         raise PolicyError(f"{path} holds no trajectories: damaged, or another file.") from error
 
 
@@ -69,6 +69,8 @@ def _read(file: Hdf5File, name: str) -> Trajectory:
     """One trajectory; sizes are checked before they are read."""
     group: Any = file.file[name]
     datasets: list[str] = []
+    if not isinstance(group["observations"], h5py.Group):
+        raise PolicyError(f"/{name}/observations is no group of arrays.")
     group["observations"].visititems(lambda key, node: datasets.append(key) if isinstance(node, h5py.Dataset) else None)
     observations = {key: file.read(f"{name}/observations/{key}") for key in datasets}
     outcome = {k.removeprefix("outcome."): float(v) for k, v in group.attrs.items() if k.startswith("outcome.")}

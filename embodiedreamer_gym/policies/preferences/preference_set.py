@@ -84,11 +84,11 @@ class PreferenceSet:
         trajectories, about = load_trajectories(path)
         if set(about) != {"metric", "pairing", "gaps"}:
             raise PolicyError(f"{path} holds rollouts, but no preference set; choose pairs of them first.")
-        half = len(about["gaps"])
-        return PreferenceSet(
-            tuple(trajectories[:half]),
-            tuple(trajectories[half:]),
-            tuple(about["gaps"]),
-            about["metric"],
-            about["pairing"],
-        )
+        try:
+            gaps = tuple(float(gap) for gap in about["gaps"])
+            halves = tuple(trajectories[: len(gaps)]), tuple(trajectories[len(gaps) :])
+            return PreferenceSet(*halves, gaps, str(about["metric"]), str(about["pairing"]))
+        except PolicyError as error:
+            raise PolicyError(f"{path}: {error}") from error
+        except (TypeError, ValueError, OverflowError) as error:
+            raise PolicyError(f"{path} holds no preference set: its gaps are no list of numbers.") from error

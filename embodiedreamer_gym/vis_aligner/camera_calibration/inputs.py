@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from embodiedreamer_gym.errors import VisionError
+from embodiedreamer_gym.errors import ModelError, VisionError
 from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.io.files import read_json
 from embodiedreamer_gym.recordings import Recording
@@ -98,7 +98,10 @@ def read_marks(path: Path, logs: Sequence[Recording], surface: Any, fixed: bool)
         if not isinstance(entry["link"], str):
             raise VisionError(f"{where}: link must be the name of a link, not {json.dumps(entry['link'])[:40]}.")
         place = _numbers(entry["point"], 3, f"{where}: point")
-        point.append(surface.locate(entry["link"], place[None], logs[log].position[[entry["frame"]]])[0])
+        try:
+            point.append(surface.locate(entry["link"], place[None], logs[log].position[[entry["frame"]]])[0])
+        except ModelError as error:
+            raise VisionError(f"{where}: {error}") from error
         pixel.append(_numbers(entry["pixel"], 2, f"{where}: pixel"))
         sd.append(_numbers([entry.get("sd", 1.0)], 1, f"{where}: sd")[0])
         stand.append(0 if fixed else log)

@@ -110,3 +110,23 @@ def test_robots_without_gripper_are_refused() -> None:
 
 def test_an_axis_has_no_direction() -> None:
     assert folded(0.3 + np.pi) == pytest.approx(0.3) and folded(-1.0) == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("speed", [0.1]), ("speed", 0.0), ("before", 1e9), ("frame", "spoon"), ("posture", [[0.0] * 6]), ("positions", [[float("nan")] * 3] * 12),
+     ("rotations", [[[0.0] * 3] * 3] * 12), ("opening", None)],
+)  # fmt: skip
+def test_a_damaged_key_pose_is_one_sentence(skill: Skill, name: str, value) -> None:
+    data = json.loads(json.dumps(skill.as_dict()))
+    data["keys"][1][name] = value
+    with pytest.raises(PolicyError, match="these are no key poses"):
+        Skill.of(data)
+
+
+@pytest.mark.parametrize("scene", [{}, {"bar": [0.5, 0.3]}, {"bar": [0.5, 0.3, 0.0]}])
+def test_a_damaged_scene_is_one_sentence(skill: Skill, scene: dict) -> None:
+    data = json.loads(json.dumps(skill.as_dict()))
+    data["scenes"][1] = scene
+    with pytest.raises(PolicyError, match="these are no key poses"):
+        Skill.of(data)

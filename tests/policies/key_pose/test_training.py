@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,10 @@ def test_a_folder_brings_it_back(
     (tmp_path / "weights.pt").write_bytes(b"no")
     (tmp_path / "config.json").write_text((out / "config.json").read_text())
     with pytest.raises(PolicyError, match="damaged"):
+        load_policy(tmp_path)
+    config = json.loads((out / "config.json").read_text())
+    (tmp_path / "config.json").write_text(json.dumps(config | {"camera": config["camera"] | {"size": [None, 480]}}))
+    with pytest.raises(PolicyError, match=f"policy {tmp_path}: a picture's size"):
         load_policy(tmp_path)
     (tmp_path / "config.json").write_text('{"type": "embodiedreamer_key_pose"}')
     with pytest.raises(PolicyError, match="damaged"):

@@ -72,6 +72,19 @@ def test_a_damaged_file_is_one_sentence(roll, tmp_path: Path) -> None:
         file["action"] = np.zeros(3)
     with pytest.raises(PolicyError, match="no trajectories of this version"):
         load_trajectories(tmp_path / "other.hdf5")
+    path = save_trajectories([roll(0), roll(1)], tmp_path / "flat.hdf5")
+    with h5py.File(path, "a") as file:
+        del file["000001"]["observations"]
+        file["000001"]["observations"] = np.zeros(3)
+    with pytest.raises(PolicyError, match=r"flat\.hdf5: /000001/observations is no group"):
+        load_trajectories(path)
+    path = save_trajectories([roll(0)], tmp_path / "gaps.hdf5", {"metric": "distance", "pairing": "p", "gaps": None})
+    with pytest.raises(PolicyError, match=r"gaps\.hdf5 holds no preference set: its gaps are no list of numbers"):
+        PreferenceSet.load(path)
+    pairs = {"metric": "distance", "pairing": "p", "gaps": [0.1]}
+    path = save_trajectories([roll(0), roll(1, k=2)], tmp_path / "two.hdf5", pairs)
+    with pytest.raises(PolicyError, match=r"two\.hdf5: trajectories have different actions"):
+        PreferenceSet.load(path)
     path = save_trajectories([roll(0), roll(1)], tmp_path / "cut.hdf5")
     with h5py.File(path, "a") as file:
         del file["000001"]["means"]
