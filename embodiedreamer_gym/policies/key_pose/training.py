@@ -66,7 +66,7 @@ def learnt_with(
 
     looker.heights, skill = _heights(demonstrations, looker.things, arms)
     policy = KeyPosePolicy(skill, model, looker, episodes.hz, (camera.name,), episodes.frame_size(camera.name))
-    _save(policy, looker, robot, folder)
+    save(policy, looker, robot, folder)
     return policy
 
 
@@ -91,13 +91,15 @@ def _grip_height(demonstrations: list[Demonstration], arms: Arms) -> float:
     return float(np.median(next(key.positions[:, 2] for key in skill.keys if key.event)))
 
 
-def _save(policy: KeyPosePolicy, looker: Looker, robot: str, folder: Path) -> None:
+def save(policy: KeyPosePolicy, looker: Looker, robot: str, folder: Path) -> None:
+    """Write a policy to a folder; robot: a built-in one or a model file."""
     folder.mkdir(parents=True, exist_ok=True)
     write_state(looker.head.state_dict(), folder / WEIGHTS, PolicyError)
     given = str(Path(robot).resolve()) if Path(robot).is_file() else robot
     config = {
         "type": KIND, "robot": given, "hz": policy.hz, "picture_size": list(policy.picture_size), "things": list(looker.things), "heights": looker.heights,
         "areas": {name: list(area) for name, area in looker.areas.items()},
+        "shapes": {name: shape.tolist() for name, shape in looker.shapes.items()},
         "camera": asdict(looker.camera), "skill": policy.skill.as_dict(),
     }  # fmt: skip
     write_json(config, folder / CONFIG, PolicyError)
@@ -121,6 +123,7 @@ def load_key_poses(folder: str | Path) -> KeyPosePolicy:
         camera = Camera(**data["camera"])
         heights = {name: float(data["heights"][name]) for name in things}
         where = {name: tuple(float(x) for x in data["areas"][name]) for name in things}
+        shapes = {str(name): np.array(shape, float).reshape(-1, 3) for name, shape in data.get("shapes", {}).items()}
         robot, hz, skill = str(data["robot"]), float(data["hz"]), Skill.of(data["skill"])
         width, height = (int(x) for x in data["picture_size"])
         size = width, height
@@ -132,5 +135,5 @@ def load_key_poses(folder: str | Path) -> KeyPosePolicy:
         raise
     except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
         raise damaged from error
-    looker = Looker(head.eval(), things, camera, heights, where)  # pyright: ignore[reportArgumentType]
+    looker = Looker(head.eval(), things, camera, heights, where, shapes)  # pyright: ignore[reportArgumentType]
     return KeyPosePolicy(skill, RobotModel.load(robot), looker, hz, (camera.name,), size)
