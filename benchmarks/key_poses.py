@@ -123,10 +123,10 @@ def judged(a: argparse.Namespace, task: str, world: str, look: str, mode: str) -
         env = make_stand_in(task, hidden(), chunk=CHUNK, pictures="none", wrap=wrap)
     aloha: Any = env.unwrapped
     if look == "true":
-        policy = KeyPosePolicy(skill_of(a, task), RobotModel.load("aloha"), lambda _: {}, 30.0)
+        policy, pictures = KeyPosePolicy(skill_of(a, task), RobotModel.load("aloha"), lambda _: {}, 30.0), []
     else:
         policy, pictures = trained(a, task, look), traced(a, task)[0]
-        looker = policy.look
+    looker = policy.look
 
     def one(number: int) -> dict[str, Any]:
         if look == "true":

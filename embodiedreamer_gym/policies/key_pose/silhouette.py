@@ -34,7 +34,7 @@ class View:
         seen = (points - start) @ turn @ matrix.T
         return seen[:, :2] / seen[:, 2:]
 
-    def outline(self, shape: Array, pose: Sequence[float]) -> tuple[Array, slice, slice]:
+    def outline(self, shape: Array, pose: Sequence[float] | Array) -> tuple[Array, slice, slice]:
         """Share of each pixel inside the outline of a thing at a pose, in the rows and columns around it.
 
         shape: points (k, 3), whose convex hull it is, m, z in the world and x, y about its origin.
