@@ -73,17 +73,14 @@ def compare_policies(run: EvaluationSettings, against: str, progress: ProgressCa
     Raises: as `policy_runs.play`.
     """
     parts: tuple[list[Evaluation], list[Evaluation]] = ([], [])
-    found: Comparison | None = None
     for begun in range(0, run.episodes, BLOCK):
         block = replace(run, seed=run.seed + begun, episodes=min(BLOCK, run.episodes - begun))
         for rows, policy in zip(parts, (run.policy, against), strict=True):
             video = None if run.video is None else run.video / ("policy" if rows is parts[0] else "against")
             rows.append(play(replace(block, policy=policy, video=video), progress))
-        found = Comparison(_joined(parts[0]), _joined(parts[1]), run.episodes)
-        if found.decided:
+        if Comparison(_joined(parts[0]), _joined(parts[1]), run.episodes).decided:
             break
-    assert found is not None  # the option takes at least one episode
-    return found
+    return Comparison(_joined(parts[0]), _joined(parts[1]), run.episodes)
 
 
 def _joined(parts: list[Evaluation]) -> Evaluation:

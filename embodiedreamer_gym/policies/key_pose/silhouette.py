@@ -74,15 +74,12 @@ def fitted(shares: Array, shape: Array, view: View, first: Sequence[float]) -> L
         inside, rows, columns = view.outline(shape, pose)
         return -float((inside * odds[rows, columns]).sum())
 
-    best: tuple[Lying, float] | None = None
+    found = []
     for start in _starts(shape, first):
         simplex = np.vstack([start, start + np.diag(STEP)])
-        found = minimize(lost, start, method="Nelder-Mead", options={**SEARCH, "initial_simplex": simplex})
-        if best is None or found.fun < best[1]:
-            x, y, angle = (float(v) for v in found.x)
-            best = (x, y, angle), float(found.fun)
-    assert best is not None
-    return best[0]
+        found.append(minimize(lost, start, method="Nelder-Mead", options={**SEARCH, "initial_simplex": simplex}))
+    x, y, angle = (float(v) for v in min(found, key=lambda one: one.fun).x)
+    return x, y, angle
 
 
 def _starts(shape: Array, first: Sequence[float]) -> list[Array]:
