@@ -30,6 +30,9 @@ WIDEST = 160  # pixels
              " (default: object_pose if the data have masks, else act)", choices=("act", "object_pose", "key_pose")),
     o.option("--robot", "M", f"key_pose: robot of the episodes: {o.MODELS}", "aloha"),
     o.option("--camera-file", "FILE", "key_pose: calibrated cameras (default: the built-in ones)"),
+    o.option("--scenes", "N", "key_pose: learn to see the objects from N generated first frames of other scenes, whose objects have known"
+             " shapes, instead of from the images in the data (simulated demonstrations)", None, o.COUNT),
+    o.option("--bank", "FILE", "key_pose: bank of photos for --scenes: lab, or a file", "lab"),
     o.DEVICE,
     o.SEED,
     o.QUIET,
@@ -45,6 +48,8 @@ def run(a, progress):
     device = find_device(a.device)
     if device.type == "cpu":
         torch.set_num_threads(1)  # two threads on two busy cores took seven times as long
+    if a.scenes is not None and a.kind != "key_pose":
+        raise PolicyError("--scenes teaches policies of kind key_pose; give --kind key_pose too.")
     if a.kind == "key_pose":
         return f"{a.out}: {_key_poses(a, progress)}"
     sets = [open_episodes(one) for one in a.data]
@@ -67,6 +72,10 @@ def _key_poses(a, progress) -> str:
     from embodiedreamer_gym.policies.key_pose.training import train_key_poses
     from embodiedreamer_gym.recordings.episodes import mixed, open_episodes
 
+    if a.scenes is not None:
+        from embodiedreamer_gym.pipelines.key_pose_scenes import train_on_scenes
+
+        return str(train_on_scenes(a.data, a.out, a.scenes, a.bank, a.robot, a.seed, progress).skill)
     known = CAMERAS if a.camera_file is None else load_cameras(a.camera_file)
     names = a.cameras or ["head"]
     if len(names) != 1 or names[0] not in known:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 EDGES = 24  # around a turned shape
 MARGIN = 0.001  # m that PyBullet adds around a mesh that touches
@@ -62,6 +64,16 @@ class Shape:
     def file(self) -> str:
         """Name of a turned shape's mesh."""
         return "turned-" + "-".join(f"{1e6 * x:.0f}" for x in self.size) + ".obj"
+
+    def corners(self) -> np.ndarray:
+        """Points (k, 3) in the prop's frame, m, whose convex hull is the shape's."""
+        if self.kind == "box":
+            points = 0.5 * np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * self.size
+        else:
+            angles = np.arange(EDGES) * 2 * np.pi / EDGES
+            rings = [(r * np.cos(angles), r * np.sin(angles), np.full(EDGES, z)) for r, z in self.outline if r > 0]
+            points = np.concatenate([np.stack(ring, axis=1) for ring in rings])
+        return points @ Rotation.from_euler("xyz", self.rpy).as_matrix().T + self.position
 
     def mesh(self) -> str:
         """A turned shape as Wavefront OBJ, its faces seen from outside."""

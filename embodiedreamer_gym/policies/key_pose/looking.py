@@ -14,6 +14,7 @@ from embodiedreamer_gym.io.progress import ProgressCallback
 from embodiedreamer_gym.policies.act.object_pose_head import ObjectPoseHead
 from embodiedreamer_gym.policies.act.statistics import PIXEL_MEAN, PIXEL_SCALE
 from embodiedreamer_gym.policies.key_pose.frames import Scene
+from embodiedreamer_gym.policies.key_pose.silhouette import View, fitted
 from embodiedreamer_gym.recordings.episodes import EpisodeSet
 
 Array = np.ndarray
@@ -32,18 +33,20 @@ class Looker:
     """Finds things in the pictures of one camera that stands still.
 
     things: names, in the order of the head's classes; heights: thing -> height (m) at which its outline is taken to lie;
+    shapes: thing -> points (k, 3) of its convex hull, m, z in the world and x, y about its origin, where its shape is known; then
+    its pose comes from its outline, see `silhouette`, else from the middle of its mask's extent.
     areas: thing -> left, top, right and bottom end, as shares of the picture, of where it may be, see `areas`.
     Raises: PolicyError for a camera on a moving link.
     """
 
     def __init__(
         self, head: ObjectPoseHead, things: Sequence[str], camera: Camera, heights: Mapping[str, float],
-        areas: Mapping[str, Area] | None = None,
+        areas: Mapping[str, Area] | None = None, shapes: Mapping[str, Array] | None = None,
     ) -> None:  # fmt: skip
         if camera.link is not None:
             raise PolicyError(f"key poses need a camera that stands still; {camera.name} sits on {camera.link}.")
         self.head, self.things, self.camera, self.heights = head, tuple(things), camera, dict(heights)
-        self.areas = dict(areas or {})
+        self.areas, self.shapes = dict(areas or {}), dict(shapes or {})
 
     def __call__(self, pictures: Mapping[str, Array]) -> Scene | None:
         """Things of one observation; None where one is not seen.
@@ -52,22 +55,31 @@ class Looker:
         """
         if self.camera.name not in pictures:
             raise PolicyError(f"the observation has no picture of the camera {self.camera.name}.")
-        outlines = self.outlines(np.asarray(pictures[self.camera.name])[None])[0]
-        if any(one is None for one in outlines.values()):
-            return None
-        return {name: self.place(one, self.heights[name]) for name, one in outlines.items() if one is not None}
+        picture = np.asarray(pictures[self.camera.name])
+        size = picture.shape[1], picture.shape[0]
+        view, rays, scene = View(self.camera, size), self._rays(size), {}
+        for name, share in zip(self.things, self.shares(picture), strict=True):
+            mask = largest(share, size[0])
+            if mask.sum() < FEWEST:
+                return None
+            scene[name] = self.place(rays[mask], self.heights[name])
+            if name in self.shapes:
+                scene[name] = fitted(share, self.shapes[name], view, scene[name])
+        return scene
+
+    def shares(self, picture: Array) -> list[Array]:
+        """For each thing, probability (H, W) of the pixels of a picture (H, W, 3); 0 where the thing cannot be."""
+        size = picture.shape[1], picture.shape[0]
+        with torch.inference_mode():
+            found = self.head.logits(normalised(picture[None])).softmax(1)[0, 1:].cpu().numpy()
+        return [np.where(self._inside(name, size), share, 0.0) for name, share in zip(self.things, found, strict=True)]
 
     def outlines(self, pictures: Array) -> list[dict[str, Array | None]]:
         """Directions (k, 3) in the world in which each thing's pixels are seen, for pictures (N, H, W, 3); None for none."""
         size = pictures.shape[2], pictures.shape[1]
         rays, found = self._rays(size), []
         for picture in pictures:
-            with torch.inference_mode():
-                shares = self.head.logits(normalised(picture[None])).softmax(1)[0, 1:].cpu().numpy()
-            masks = [
-                largest(np.where(self._inside(name, size), share, 0.0), size[0])
-                for name, share in zip(self.things, shares, strict=True)
-            ]
+            masks = [largest(share, size[0]) for share in self.shares(picture)]
             seen = {
                 name: rays[mask] if mask.sum() >= FEWEST else None
                 for name, mask in zip(self.things, masks, strict=True)
@@ -112,10 +124,15 @@ def largest(shares: Array, width: int) -> Array:
 
 def areas(episodes: EpisodeSet, camera: str) -> dict[str, Area]:
     """Where in the pictures each thing is at the beginning of episodes, widened by `WIDER` of the picture to each side."""
-    found: dict[str, Area] = {}
     firsts = np.concatenate([episodes.masks(i, camera, 0, 1) for i in range(len(episodes.episodes))])
+    return areas_of(firsts, episodes.objects)
+
+
+def areas_of(firsts: Array, objects: Mapping[str, int]) -> dict[str, Area]:
+    """The same from masks (N, H, W) and the number of each thing in them."""
+    found: dict[str, Area] = {}
     size = np.array(firsts.shape[:0:-1])
-    for name, number in episodes.objects.items():
+    for name, number in objects.items():
         rows, columns = np.nonzero((firsts == number).any(0))
         ends = (
             np.array([[columns.min(), rows.min()], [columns.max() + 1, rows.max() + 1]])

@@ -100,6 +100,7 @@ def save_key_poses(policy: KeyPosePolicy, looker: Looker, robot: str, folder: Pa
     config = {
         "type": KIND, "robot": given, "hz": policy.hz, "picture_size": list(policy.picture_size), "things": list(looker.things), "heights": looker.heights,
         "areas": {name: list(area) for name, area in looker.areas.items()},
+        "shapes": {name: shape.tolist() for name, shape in looker.shapes.items()},
         "camera": asdict(looker.camera), "skill": policy.skill.as_dict(),
     }  # fmt: skip
     write_json(config, folder / CONFIG, PolicyError)
@@ -123,6 +124,7 @@ def load_key_poses(folder: str | Path) -> KeyPosePolicy:
         camera = Camera(**data["camera"])
         heights = {name: float(data["heights"][name]) for name in things}
         where = {name: tuple(float(x) for x in data["areas"][name]) for name in things}
+        shapes = {str(name): np.array(shape, float).reshape(-1, 3) for name, shape in data.get("shapes", {}).items()}
         robot, hz, skill = str(data["robot"]), float(data["hz"]), Skill.of(data["skill"])
         width, height = (int(x) for x in data["picture_size"])
         size = width, height
@@ -136,9 +138,10 @@ def load_key_poses(folder: str | Path) -> KeyPosePolicy:
         raise damaged from error
     model = RobotModel.load(robot)
     postures = {len(key.posture) for key in skill.keys}
-    numbers = [hz, *size, *heights.values(), *(x for area in where.values() for x in area)]
+    numbers = [hz, *size, *heights.values(), *(x for area in where.values() for x in area),
+               *(x for shape in shapes.values() for x in shape.flat)]  # fmt: skip
     good = postures == {len(Arms(model).arm.joints)} and all(len(area) == 4 for area in where.values())
     if not good or set(things) != set(skill.scenes[0]) or not (np.abs(numbers) <= MOST).all() or min(hz, *size) < 1:
         raise damaged
-    looker = Looker(head.eval(), things, camera, heights, where)  # pyright: ignore[reportArgumentType]
+    looker = Looker(head.eval(), things, camera, heights, where, shapes)  # pyright: ignore[reportArgumentType]
     return KeyPosePolicy(skill, model, looker, hz, (camera.name,), size)
