@@ -5,12 +5,15 @@ python -m benchmarks.droid_video --cameras cam0.json cam1.json --out DIR [--step
 
 One model for both static cameras, from the shipped weights; pictures of 160 x 96. The last two episodes are held out. The
 objects' masks are not known, nor is the bench's backdrop: the cameras were pushed between episodes. What a hand moves is
-therefore not told to the model. Data: see droid_camera.
+therefore not told to the model. Everything is done twice, with the Panda's own hand and with what `vis carve` finds of the real
+one in the other episodes (but those whose camera is doubtful). Each model has a gallery of the other episodes. "hand": pixels
+that show the carved hand or the Panda's, in both cases the same. Data: see droid_camera.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,30 +30,55 @@ from embodiedreamer_gym.engines.bullet.rendering import Renderer
 from embodiedreamer_gym.engines.frame import stacked
 from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.io.video import save_picture
+from embodiedreamer_gym.robot.carved_urdf import add_visual
+from embodiedreamer_gym.robot.surface import Surface
 from embodiedreamer_gym.vis_aligner import Condition, Episode, load_aligner, metrics
+from embodiedreamer_gym.vis_aligner.bench import make_gallery
+from embodiedreamer_gym.vis_aligner.camera_calibration import Footage
 from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames
+from embodiedreamer_gym.vis_aligner.carving import carve
 from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner
-from embodiedreamer_gym.vis_aligner.clip import ROBOT
-from embodiedreamer_gym.vis_aligner.held_out import evaluate_aligner, tables
+from embodiedreamer_gym.vis_aligner.clip import Bench
+from embodiedreamer_gym.vis_aligner.condition import ROBOT
+from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, HeldOutResult, evaluate_aligner, tables
 from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train
 
+PANDA = Path(pybullet_data.getDataPath()) / "franka_panda" / "panda.urdf"
+HAND, ARM_PARTS = "panda_hand", 9  # parts of the arm, before the hand and the fingers
 SIZE = (160, 96)
 HELD = EPISODES[-2:]
 
 
-def cameras(path: Path) -> dict[str, Camera]:
-    """Episode -> camera, of that fit in a file of droid_camera that is nearest to unused marks in all nine places."""
+def cameras(path: Path) -> tuple[dict[str, Camera], set[str]]:
+    """Episode -> camera, of that fit in a file of droid_camera that is nearest to unused marks in all nine places, and the
+    episodes whose camera is doubtful.
+    """
     fits = [row for row in json.loads(path.read_text()) if row["stands"] == len(EPISODES)]
     if not fits:
         raise SystemExit(f"{path} holds no camera of all {len(EPISODES)} episodes; run droid_camera again.")
-    best = min(fits, key=lambda row: row["median"])["fit"]["stands"]
-    return {e: Camera(**stand["camera"]) for e, stand in zip(EPISODES, best, strict=True)}
+    best = min(fits, key=lambda row: row["median"])["fit"]
+    found = {e: Camera(**stand["camera"]) for e, stand in zip(EPISODES, best["stands"], strict=True)}
+    return found, {name.rpartition("/")[2] for name in best["doubtful"]}
 
 
-def episodes(data: Path, number: int, found: dict[str, Camera]) -> dict[str, Episode]:
-    """Real frames and the simulated Panda in the same joint positions."""
+def carved(data: Path, found: Sequence[tuple[dict[str, Camera], set[str]]], out: Path) -> Path:
+    """The Panda's URDF with the real hand, of the episodes that are not held out."""
+    surface, footage, places = Surface(PANDA, JOINTS), [], []
+    for number, (places_of, doubtful) in enumerate(found):
+        for episode in [e for e in EPISODES if e not in HELD and e not in doubtful]:
+            angles = joint_angles(data, episode)
+            frames = VideoFrames(data / "videos" / episode / f"{number}.mp4", len(angles))
+            footage.append(Footage(frames, surface.link_poses(HAND, angles)[:, None], name=episode))
+            places.append(places_of[episode])
+    shape = carve(footage, places)
+    print(f"{shape!r} from {len(footage)} clips")
+    add_visual(PANDA, HAND, shape.vertices, shape.faces, (shape.colour / 255).tolist(), out)
+    return out
+
+
+def episodes(data: Path, number: int, found: dict[str, Camera], urdf: Path) -> dict[str, Episode]:
+    """Real frames and the simulated robot in the same joint positions."""
     client, made = World(), {}
-    urdf = Path(pybullet_data.getDataPath()) / "franka_panda" / "panda.urdf"
     robot = client.loadURDF(str(urdf), useFixedBase=True)
     index = {client.getJointInfo(robot, j)[1].decode(): j for j in range(client.getNumJoints(robot))}
     parts = [(robot, link) for link in range(-1, client.getNumJoints(robot))]
@@ -63,8 +91,8 @@ def episodes(data: Path, number: int, found: dict[str, Camera]) -> dict[str, Epi
             seen.append(renderer.capture(camera, SIZE, classes={robot: ROBOT}, parts=parts))
         video = VideoFrames(data / "videos" / episode / f"{number}.mp4", len(angles))
         frames = np.stack([cv2.resize(video[k], SIZE, interpolation=cv2.INTER_AREA) for k in range(len(angles))])
-        name = f"{episode}_camera{number}"
-        made[episode] = Episode(name, frames, Condition(**stacked(seen)), appearance=name)
+        condition = Condition(**stacked(seen))
+        made[episode] = Episode(f"{episode}_camera{number}", frames, condition, appearance=f"camera{number}/{episode}")
     renderer.close()
     client.disconnect()
     return made
@@ -81,25 +109,57 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--strips", type=Path, help="folder for pictures")
     a = parser.parse_args(arguments)
     torch.set_num_threads(1)
-    both = [episodes(a.data, number, cameras(path)) for number, path in enumerate(a.cameras)]
+    a.out.mkdir(parents=True, exist_ok=True)
+    found = [cameras(path) for path in a.cameras]
+    robots = {"URDF": PANDA, "carved hand": carved(a.data, found, a.out / "panda_carved.urdf")}
+    films = {
+        name: [episodes(a.data, number, places, urdf) for number, (places, _) in enumerate(found)]
+        for name, urdf in robots.items()
+    }
+    judged = {name: judge(a, name, both) for name, both in films.items()}
+    for number, with_hand in enumerate(films["carved hand"]):
+        for name, results in judged.items():
+            print(f"\n## camera {number}, {name}, episodes {' and '.join(HELD)}, not seen in training\n")
+            print(tables(results[number], markdown=True))
+            errors = [
+                hand_error(result, with_hand[e].condition) for result, e in zip(results[number], HELD, strict=True)
+            ]
+            for way in (AFTER_TRUE, CLOSED):
+                values = [10 * np.log10(255**2 / error[way]) for error in errors]
+                print(f"hand, {way}: {np.mean(values):.2f} dB ({', '.join(f'{value:.1f}' for value in values)})")
+    if a.strips is not None:
+        a.strips.mkdir(parents=True, exist_ok=True)
+        for plain, better in zip(*(itertools.chain(*results) for results in judged.values()), strict=True):
+            clips = {"simulated": better.clips["simulated"], "without": plain.clips[CLOSED], "carved": better.clips[CLOSED],
+                     "real": better.clips["real"]}  # fmt: skip
+            save_picture(metrics.strip(clips, columns=6), a.strips / f"droid_{better.episode.name}.jpg")
+
+
+def judge(a: argparse.Namespace, name: str, both: Sequence[dict[str, Episode]]) -> list[list[HeldOutResult]]:
+    """Train on the episodes that are not held out, and judge the others: for each camera a result for each."""
     aligner = load_aligner(a.aligner)
 
     def said(stage: str, step: int, loss: float) -> None:
         if step % 100 == 0:
-            print(f"{stage}: step {step} of {a.steps}, loss {loss:.4f}", flush=True)
+            print(f"{name}, {stage}: step {step} of {a.steps}", flush=True)
 
-    known = [one[e] for one in both for e in EPISODES if e not in HELD]
-    train(aligner, known, TrainingConfig(steps=a.steps, learning_rate=5e-4), a.out, said)  # pyright: ignore[reportArgumentType]
-    save_aligner(aligner, a.out)
-    for number, one in enumerate(both):
-        judged = [evaluate_aligner(aligner, one[e]) for e in HELD]
-        print(
-            f"\n## camera {number}, episodes {' and '.join(HELD)}, not seen in training\n\n{tables(judged, markdown=True)}"
-        )
-        if a.strips is not None:
-            a.strips.mkdir(parents=True, exist_ok=True)
-            for j in judged:
-                save_picture(metrics.strip(j.clips, columns=6), a.strips / f"droid_{j.episode.name}.jpg")
+    known = [[one[e] for e in EPISODES if e not in HELD] for one in both]
+    out = a.out / name.replace(" ", "_")
+    config = TrainingConfig(steps=a.steps, learning_rate=5e-4)
+    train(aligner, list(itertools.chain(*known)), config, out, said)  # pyright: ignore[reportArgumentType]
+    save_aligner(aligner, out)
+    nothing = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    benches = [Bench(nothing, nothing[..., 0] > 0, make_gallery(those)) for those in known]
+    return [
+        [evaluate_aligner(aligner, one[e], bench=bench) for e in HELD] for one, bench in zip(both, benches, strict=True)
+    ]
+
+
+def hand_error(result: HeldOutResult, condition: Condition) -> dict[str, float]:
+    """Mean square error of the pixels that show the hand in a condition with it."""
+    real = result.clips["real"].astype(float)
+    hand = np.asarray(condition.parts)[1 : len(real) + 1] > ARM_PARTS
+    return {way: float(((result.clips[way] - real)[hand] ** 2).mean()) for way in (AFTER_TRUE, CLOSED)}
 
 
 if __name__ == "__main__":

@@ -95,8 +95,16 @@ def evaluate(a, progress):
         progress("episodes evaluated", number + 1, len(episodes), PSNR=f"{psnr:.1f} dB")
         if a.strips is not None:
             a.strips.mkdir(parents=True, exist_ok=True)
-            save_picture(metrics.strip(results[-1].clips, zoom=2), a.strips / f"{episode.name}.png")
-    rows = [{"episode": j.episode.name, "measures": {k: m.as_dict() for k, m in j.measures.items()}} for j in results]
+            clips = {**results[-1].clips, "of no class": results[-1].marked()}
+            save_picture(metrics.strip(clips, zoom=2), a.strips / f"{episode.name}.png")
+    rows = [
+        {
+            "episode": j.episode.name,
+            "unclassed_share": j.unclassed_share,
+            "measures": {k: m.as_dict() for k, m in j.measures.items()},
+        }
+        for j in results
+    ]
     return o.Result(tables(results), {"aligner": repr(aligner), "episodes": rows})
 
 

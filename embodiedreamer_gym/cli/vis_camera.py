@@ -4,14 +4,14 @@ from pathlib import Path
 from typing import Any
 
 from embodiedreamer_gym.cli import options as o
-from embodiedreamer_gym.errors import EmbodieDreamerError
+from embodiedreamer_gym.cli import vis_inputs as i
 
 
 @o.verb(
     o.RECORDINGS,
-    o.option("--model", "M", f"{o.MODELS}, or a .urdf with --joints", o.REQUIRED),
-    o.option("--joints", "A,B", "joint names in the logs, if the model is a .urdf"),
-    o.option("--camera", "NAME", "camera of the recordings (default: the only one)"),
+    o.option("--model", "M", i.URDF, o.REQUIRED),
+    i.JOINTS,
+    i.CAMERA,
     o.option("--video", "FILE", "video of each recording that has no frames", None, Path, nargs="+"),
     o.option("--masks", "DIR", "masks of the robot: DIR/RECORDING/*.png, one per frame", None, Path),
     o.option("--start", "FILE.json", "camera file with a first guess", None, Path),
@@ -34,7 +34,12 @@ def run(a, progress):
     from embodiedreamer_gym.recordings import load_recordings
     from embodiedreamer_gym.robot.surface import Surface
     from embodiedreamer_gym.vis_aligner.camera_calibration import calibrate_camera
-    from embodiedreamer_gym.vis_aligner.camera_calibration.inputs import first_guess, read_footage, read_marks
+    from embodiedreamer_gym.vis_aligner.camera_calibration.inputs import (
+        camera_name,
+        first_guess,
+        read_footage,
+        read_marks,
+    )
     from embodiedreamer_gym.vis_aligner.camera_calibration.overlay import overlay
 
     surface = _surface(a, Surface)
@@ -42,9 +47,10 @@ def run(a, progress):
     footage = read_footage(logs, surface, a.camera, a.video, a.masks)
     marks = None if a.marks is None else read_marks(a.marks, logs, surface, a.fixed)
     start = None if a.start is None else first_guess(load_cameras(a.start), a.start)
+    name = a.camera or ("camera" if a.video else camera_name(None, logs[0]))
     fit = calibrate_camera(
-        surface.body, footage, start=start, marks=marks, fixed=a.fixed, free=_listed(a.free),
-        loose=_listed(a.loose), margin=a.margin, name=a.camera or "camera", seed=a.seed, report=progress,
+        surface.body, footage, start=start, marks=marks, fixed=a.fixed, free=i.listed(a.free),
+        loose=i.listed(a.loose), margin=a.margin, name=name, seed=a.seed, report=progress,
     )  # fmt: skip
     save_cameras(fit.cameras, a.out)
     text = str(fit)
@@ -60,14 +66,5 @@ def run(a, progress):
 def _surface(a, surface: Any) -> Any:
     from embodiedreamer_gym.robot import RobotModel
 
-    if not a.model.endswith(".urdf"):
-        if a.joints:
-            raise EmbodieDreamerError("--joints is for a .urdf; a model file names its joints.")
-        return surface.of_model(RobotModel.load(a.model))
-    if not a.joints:
-        raise EmbodieDreamerError(f"{a.model} is a URDF; name the logs' columns with --joints a,b,c.")
-    return surface(a.model, _listed(a.joints))
-
-
-def _listed(text: str) -> tuple[str, ...]:
-    return tuple(part.strip() for part in text.split(",") if part.strip())
+    joints = i.joints_of_urdf(a)
+    return surface.of_model(RobotModel.load(a.model)) if joints is None else surface(a.model, joints)

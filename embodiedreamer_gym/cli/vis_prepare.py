@@ -5,20 +5,23 @@ from pathlib import Path
 from typing import Any
 
 from embodiedreamer_gym.cli import options as o
+from embodiedreamer_gym.cli import vis_inputs as i
 from embodiedreamer_gym.errors import EmbodieDreamerError
 
 
 @o.verb(
     o.option("episodes", "REC", o.FILES, o.REQUIRED, nargs="+"),
-    o.option("--model", "M", o.MODELS, "aloha"),
-    o.option("--cameras", "FILE", "calibrated cameras (default: the built-in ones)", None, Path),
-    o.option("--camera", "NAME", "camera of the video", "head"),
+    o.option("--model", "M", i.URDF, "aloha"),
+    i.JOINTS,
+    i.CAMERAS,
+    i.CAMERA,
     o.option("--masks", "DIR", "masks DIR/<recording>/000000.png, ...: 0 none, 3 object, 4 goal", None, Path),
     o.option("--detector", "DIR", "masks from text: local folder with Grounding DINO", None, Path),
     o.option("--segmenter", "DIR", "masks from text: local folder with SAM", None, Path),
     o.option("--object", "WORDS", "description of the object, e.g. 'red cup'"),
     o.option("--goal", "WORDS", "description of the goal, e.g. 'blue mat'"),
     o.DEVICE,
+    o.HZ,
     o.SIZE,
     o.out_folder("output folder of <recording>.hdf5, ..."),
     o.QUIET,
@@ -29,16 +32,16 @@ def run(a, progress):
     from embodiedreamer_gym.geometry.camera import read_size
     from embodiedreamer_gym.pipelines.prepare import prepare, write_episode
     from embodiedreamer_gym.recordings import load_recordings
-    from embodiedreamer_gym.robot import RobotModel
+    from embodiedreamer_gym.vis_aligner.camera_calibration.inputs import camera_name
 
     size = read_size(a.size)
     cameras = CAMERAS if a.cameras is None else load_cameras(a.cameras)
-    if a.camera not in cameras:
-        raise EmbodieDreamerError(f"no camera is named '{a.camera}'; give one of {', '.join(cameras)}.")
     masks = _masks(a)
-    model, recordings = RobotModel.load(a.model), load_recordings(*a.episodes)
-    for recording in recordings:
-        episode = prepare(recording, model, cameras[a.camera], size, masks(recording.name), progress)
+    model = i.robot_model(a)
+    recordings = load_recordings(*a.episodes, hz=a.hz, joints=model.joints)
+    used = [i.camera_of(cameras, camera_name(a.camera, one), one.name) for one in recordings]
+    for recording, camera in zip(recordings, used, strict=True):
+        episode = prepare(recording, model, camera, size, masks(recording.name), progress)
         a.out.mkdir(parents=True, exist_ok=True)
         write_episode(episode, a.out / f"{recording.name}.hdf5")
     return f"{len(recordings)} episodes in {a.out}"

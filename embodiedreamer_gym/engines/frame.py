@@ -18,7 +18,8 @@ class Frame:
     parts: (H, W) uint8, number of the rigid part, from 1; 0 elsewhere.
     projections: (L, 3, 4) float32 of the L parts: (u, v, 1) depth = projection (x, y, z, 1), from m in the part's frame
     to pixels.
-    hulls: (L, P, 3) float32, points of each part's convex hull, m in its frame; all zero for a part without a shape.
+    hulls: (L, P, 3) float32, points of each part's convex hull, m in its frame; all zero for a part without a shape; none
+    (0, 0, 3) where they are not known.
     """
 
     rgb: np.ndarray
@@ -38,9 +39,12 @@ class Frame:
 
 
 def stacked(frames: Sequence[Frame]) -> dict[str, np.ndarray]:
-    """Stack frames (at least one) of one world: arrays (T, ...) by the names of `Frame.as_dict`, the hulls (L, P, 3) once."""
+    """Stack frames (at least one) of one world: arrays (T, ...) by the names of `Frame.as_dict`, the hulls (L, P, 3) once,
+    or not at all where they are not known.
+    """
     rows = [frame.as_dict() for frame in frames]
-    return {key: one if key == "hulls" else np.stack([row[key] for row in rows]) for key, one in rows[0].items()}
+    data = {key: np.stack([row[key] for row in rows]) for key in rows[0] if key != "hulls"}
+    return data | ({"hulls": frames[0].hulls} if len(frames[0].hulls) else {})
 
 
 def projections(matrix: np.ndarray, camera_position: np.ndarray, camera_axes: np.ndarray,

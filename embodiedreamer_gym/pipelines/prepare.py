@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.recordings.hdf5 import new_hdf5
 from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.vis_aligner.bench import PLACE
 from embodiedreamer_gym.vis_aligner.clip import Episode
 from embodiedreamer_gym.vis_aligner.condition import ROBOT, Condition
 from embodiedreamer_gym.vis_aligner.masks import MaskSource, no_masks
@@ -50,7 +53,13 @@ def prepare(
             parts = np.where(things > ROBOT, 0, robot.parts)
             seen.append(replace(robot, segmentation=classes, parts=parts))
             shown("simulated view", number + 1, len(positions))
-    return Episode(recording.name, np.stack(real), Condition(**stacked(seen)))
+    return Episode(recording.name, np.stack(real), Condition(**stacked(seen)), appearance=_place(camera))
+
+
+def _place(camera: Camera) -> str:
+    """Name of what a camera shows from where it stands: another one for each pose and lens."""
+    values = [camera.position, camera.rotation, camera.size, camera.fx, camera.fy, camera.cx, camera.cy]
+    return f"{camera.name}{PLACE}{hashlib.sha256(json.dumps(values).encode()).hexdigest()[:8]}"
 
 
 def write_episode(episode: Episode, path: str | Path, camera: str = "head") -> None:
@@ -60,6 +69,8 @@ def write_episode(episode: Episode, path: str | Path, camera: str = "head") -> N
     """
     packing = {"compression": "gzip", "compression_opts": 1}
     with new_hdf5(path, VisionError) as file:
+        if episode.appearance:
+            file.attrs["look"] = json.dumps({"name": episode.appearance})
         file.create_dataset(f"observations/images/{camera}", data=episode.frames, **packing)
         for key, data in vars(episode.condition).items():
             if data is not None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,18 @@ class RobotModel(RobotData):
         Raises: ModelError (EffectError for an unknown effect) in one sentence.
         """
         return model_file.read_model(source, catalogue, RobotModel)
+
+    @staticmethod
+    def of_urdf(urdf: str | Path, joints: Sequence[str]) -> RobotModel:
+        """A model of a URDF alone; joints: names of those that the logs have, in the order of their columns.
+
+        Raises: ModelError in one sentence.
+        """
+        path = Path(urdf)
+        if not os.path.isfile(path):
+            raise ModelError(f"URDF {path} does not exist.")
+        data = {"robot": {"urdf": path.name, "joints": list(joints)}}
+        return model_file.model_of(data, path, CATALOGUE, RobotModel)
 
     def save(self, path: str | Path) -> None:
         """Write the model as JSON (beside, then renamed); the URDF's path is stored relative to it.

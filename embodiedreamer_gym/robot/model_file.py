@@ -33,7 +33,14 @@ def read_model(source: str | Path, catalogue: Mapping[str, type[Effect]], kind: 
     Raises: ModelError (EffectError for an unknown effect) in one sentence.
     """
     path = files.find_model(source)
-    data = files.read_json(path)
+    return model_of(files.read_json(path), path, catalogue, kind)
+
+
+def model_of(data: dict[str, Any], path: Path, catalogue: Mapping[str, type[Effect]], kind: type[Model]) -> Model:
+    """The model of a file's JSON object; path: of the file, for relative paths and messages.
+
+    Raises: ModelError (EffectError for an unknown effect) in one sentence.
+    """
     robot, servo = files.table(data, "robot", ROBOT_KEYS, path), files.table(data, "servo", SERVO_KEYS, path)
     urdf = files.urdf_path(robot["urdf"], path)
     joints = files.names(robot.get("joints"), "robot.joints", path)

@@ -64,6 +64,21 @@ class Surface:
 
         Raises: ModelError when the angles are not (T, n) finite numbers.
         """
+        places = self._places(angles)
+        return np.stack([places[name] for name in self.body.names], axis=1)
+
+    def link_poses(self, link: str, angles: np.ndarray) -> np.ndarray:
+        """Poses (T, 4, 4) of a link, whether it has a shape or not, as `poses`.
+
+        Raises: ModelError for a link that the robot does not have, or when the angles are not (T, n) finite numbers.
+        """
+        places = self._places(angles)
+        if link not in places:
+            raise ModelError(f"the robot has no link '{link}'; it has {', '.join(places)}.")
+        return places[link]
+
+    def _places(self, angles: np.ndarray) -> dict[str, np.ndarray]:
+        """Poses (T, 4, 4) of all links in the root link's frame."""
         angles = np.asarray(angles, float)
         if angles.ndim != 2 or angles.shape[1] != len(self.joints):
             raise ModelError(
@@ -78,7 +93,7 @@ class Surface:
         for joint in self._order:
             motion = joint_poses(joint, joint_values(joint, given), len(angles))
             places[joint.child] = places[joint.parent] @ motion
-        return np.stack([places[name] for name in self.body.names], axis=1)
+        return places
 
     def points(self, angles: np.ndarray) -> np.ndarray:
         """Vertices (T, K, 3) of the body in the root link's frame, m, at joint angles (T, n)."""

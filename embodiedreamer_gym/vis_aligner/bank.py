@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.bench import make_bench
+from embodiedreamer_gym.vis_aligner.bench import bench_of, make_bench
 from embodiedreamer_gym.vis_aligner.clip import Bench, Episode
 from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, OBJECT, ROBOT, Condition
 
@@ -173,7 +173,8 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
     plate = np.ma.median(free, axis=0)
     holes = np.ma.getmaskarray(plate)[..., 0]
     filled = np.round(plate.filled(0)).astype(np.uint8)
-    bench = make_bench([*episodes, *more])
+    here, elsewhere = _by_place(episodes, more)
+    bench = make_bench(here, elsewhere)
     if holes.any():  # an object stood there in every first frame: what is behind it, else a guess
         seen_behind = holes & bench.seen
         filled[seen_behind] = bench.picture[seen_behind]
@@ -183,6 +184,25 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
         for i, (frame, seen) in enumerate(zip(firsts, classes, strict=True))
     ]
     return Bank(filled, tuple(entries), bench)
+
+
+def _by_place(episodes: Sequence[Episode], more: Sequence[Episode]) -> tuple[list[Episode], list[Episode]]:
+    """The episodes, and those of `more` by a camera in the same place and in other places.
+
+    Raises: VisionError where the episodes are of several places, or of another bench.
+    """
+    place, bench = episodes[0].appearance, bench_of(episodes[0])
+    for episode in episodes:
+        if episode.appearance != place:
+            raise VisionError(
+                f"{episodes[0].name} and {episode.name} show the bench from two places of the camera, or two benches; a "
+                "bank is of one, so give the episodes of the other place with --more, which takes the robot from them."
+            )
+    for episode in more:
+        if bench_of(episode) != bench:
+            raise VisionError(f"{episodes[0].name} and {episode.name} show two benches; a bank is of one.")
+    elsewhere = [one for one in more if one.appearance != place]
+    return [*episodes, *(one for one in more if one.appearance == place)], elsewhere
 
 
 # ---- outlines --------------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -21,20 +21,24 @@ EDGE = 1.0 / 128  # of the width: how near to a thing a pixel may be partly that
 PAIRS = 8  # of frames of an episode, of which the grain is taken
 MOVING = 5.0  # times the median difference of two frames, above which something has moved
 PHOTOS = 40  # of the robot in different poses
+PLACE = "/"  # in the name of an appearance, between the bench and where its camera stood
 
 
-def make_bench(episodes: Sequence[Episode]) -> Bench:
+def make_bench(episodes: Sequence[Episode], elsewhere: Sequence[Episode] = ()) -> Bench:
     """The background and gallery of episodes before one bench.
+
+    elsewhere: more episodes before it, by a camera in other places; only the gallery has photos of them.
 
     Each pixel of the picture is the median over those in which neither robot nor object is there: the median, because
     shadows pass over every place now and then; where the light is found, of the table without shadows. The gallery, where the robot's parts are known, has poses that differ.
     Raises: VisionError without an episode, or where sizes differ.
     """
-    if len({e.condition.size for e in episodes}) != 1:
+    if len({e.condition.size for e in (*episodes, *elsewhere)}) != 1 or not episodes:
         raise VisionError("a bench is known from at least one episode, and from episodes of one size.")
     frames, views, links = _photos(episodes)
     light = fit_light(frames, views)
-    return Bench(*_behind(episodes, light), _gallery(frames, views, links), light, grain_of(episodes))
+    gallery = make_gallery([*episodes, *elsewhere]) if elsewhere else _gallery(frames, views, links)
+    return Bench(*_behind(episodes, light), gallery, light, grain_of(episodes))
 
 
 def grain_of(episodes: Sequence[Episode]) -> float | None:
@@ -112,15 +116,24 @@ def _gallery(frames: Sequence[np.ndarray], views: Sequence[Condition], links: in
 
 
 def with_benches(episodes: Sequence[Episode]) -> list[Episode]:
-    """The episodes, each with the bench of all episodes before it; its gallery is of other episodes."""
-    groups: dict[str, list[Episode]] = {}
+    """The episodes, each with the bench of all episodes before it; its gallery is of other episodes, also of those before the
+    same bench by a camera in another place.
+    """
+    places: dict[str, list[Episode]] = {}
+    benches: dict[str, list[Episode]] = {}
     for episode in episodes:
-        groups.setdefault(episode.appearance, []).append(episode)
-    made: dict[str, Iterator[Bench]] = {}
-    for appearance, those in groups.items():
-        behind, halves = _behind(those), (make_gallery(those[1::2]), make_gallery(those[::2]))
-        made[appearance] = itertools.cycle([Bench(*behind, gallery) for gallery in halves])
-    return [replace(e, bench=next(made[e.appearance])) for e in episodes]
+        places.setdefault(episode.appearance, []).append(episode)
+        benches.setdefault(bench_of(episode), []).append(episode)
+    behind = {name: _behind(those) for name, those in places.items()}
+    galleries = {
+        name: itertools.cycle([make_gallery(those[1::2]), make_gallery(those[::2])]) for name, those in benches.items()
+    }
+    return [replace(e, bench=Bench(*behind[e.appearance], next(galleries[bench_of(e)]))) for e in episodes]
+
+
+def bench_of(episode: Episode) -> str:
+    """The bench's name in that of an appearance, see `PLACE`."""
+    return episode.appearance.partition(PLACE)[0]
 
 
 def _free(condition: Condition) -> np.ndarray:

@@ -12,6 +12,8 @@ from embodiedreamer_gym.vis_aligner import metrics
 from embodiedreamer_gym.vis_aligner.aligner import Aligner, generate
 from embodiedreamer_gym.vis_aligner.clip import Bench, Episode
 
+MARK = (255, 0, 255)  # RGB
+MOST_NAMED = 12  # episodes
 AFTER_TRUE, CLOSED, CLEAN = "after true frames", "closed loop", "without noise"
 
 
@@ -19,12 +21,23 @@ AFTER_TRUE, CLOSED, CLEAN = "after true frames", "closed loop", "without noise"
 class HeldOutResult:
     """Clips and measures of one episode, by name.
 
-    clips: each (T, H, W, 3) uint8; the reference is not among the T frames.
+    clips: each (T, H, W, 3) uint8; the reference is not among the T frames; unclassed (T, H, W) bool: pixels of true frames that
+    show something which moves and belongs to no class.
     """
 
     episode: Episode
     clips: Mapping[str, np.ndarray]
     measures: Mapping[str, metrics.Measures]
+    unclassed: np.ndarray
+
+    @property
+    def unclassed_share(self) -> float:
+        """Share of the pixels that show something which moves and is neither robot nor object: no model can move it."""
+        return float(self.unclassed.mean())
+
+    def marked(self) -> np.ndarray:
+        """The true frames (T, H, W, 3) with these pixels in one colour."""
+        return np.where(self.unclassed[..., None], np.array(MARK, np.uint8), self.clips["real"])
 
 
 def evaluate_aligner(
@@ -54,11 +67,18 @@ def evaluate_aligner(
     )
     simulated = episode.condition.rgb[1 : count + 1]
     measures = metrics.evaluate_all(clips, truth, simulated, chunk=k)
-    return HeldOutResult(episode, {"simulated": simulated, **clips, "real": truth.frames}, measures)
+    unclassed = metrics.unclassed_region(episode.frames, classes)[1 : count + 1]
+    return HeldOutResult(episode, {"simulated": simulated, **clips, "real": truth.frames}, measures, unclassed)
 
 
 def tables(results: Sequence[HeldOutResult], markdown: bool = False) -> str:
     """Measures over episodes, mean and spread, and the drift from chunk to chunk."""
     rows = {name: metrics.summarise([j.measures[name] for j in results]) for name in results[0].measures}
     drifting = {name: row for name, row in rows.items() if name in (AFTER_TRUE, CLOSED, "copy last")}
-    return f"{metrics.table(rows, markdown=markdown)}\n\n{metrics.drift_table(drifting, markdown=markdown)}"
+    shares = ", ".join(f"{j.episode.name} {j.unclassed_share:.1%}" for j in results[:MOST_NAMED])
+    unclassed = (
+        f"moves and is neither robot nor object, share of the pixels: {shares}{', ...' * (len(results) > MOST_NAMED)}"
+    )
+    return (
+        f"{metrics.table(rows, markdown=markdown)}\n\n{metrics.drift_table(drifting, markdown=markdown)}\n\n{unclassed}"
+    )

@@ -37,7 +37,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
     camera: name of a camera, or None.
     size: its picture's width and height, pixels; the environment's own where None.
     every: n.
-    Raises: SimulationError for k or n below 1, an action space that is no box, a camera without an ALOHA environment, or
+    Raises: SimulationError for k or n below 1, an action space that is no box, a camera of an environment without `capture`, or
     chunks of another length inside.
     """
 
@@ -51,8 +51,8 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         one = env.action_space
         if not isinstance(one, spaces.Box):
             raise SimulationError(f"ActionChunk takes actions that are arrays, not a {type(one).__name__}.")
-        if camera is not None and not isinstance(env.unwrapped, AlohaEnv):
-            raise SimulationError(f"only ALOHA environments have a camera '{camera}'; leave it out.")
+        if camera is not None:
+            _check_capture(env, camera)
         self.k, self.every, self.camera = int(k), int(every), camera
         inner = chunks_inside(env)
         self._chunked = inner is not None
@@ -84,6 +84,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
                 f"{_text(size)} after every {every or self.every}; leave camera, size and every of ActionChunk out."
             )
         if self.camera is None:
+            _check_capture(self.env, camera)
             self.camera, self.size, self.every = camera, check_size("size", size), every or self.every
             gym.utils.RecordConstructorArgs.__init__(self, k=self.k, camera=camera, size=self.size, every=self.every)
 
@@ -138,10 +139,9 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     def _frame(self) -> Frame | None:
         """What the camera sees at this instant; None without a camera."""
-        aloha = self.env.unwrapped
-        if self.camera is None or not isinstance(aloha, AlohaEnv):
+        if self.camera is None:
             return None
-        return aloha.capture(self.camera, self.size)
+        return self.env.unwrapped.capture(self.camera, self.size)  # pyright: ignore[reportAttributeAccessIssue]
 
     def _chunk_info(self, rewards: list[float], successes: list[bool], frames: list[Frame | None]) -> dict[str, Any]:
         """The entries of info that describe a chunk."""
@@ -165,6 +165,15 @@ def chunks_inside(env: gym.Env) -> ActionChunk | None:
             return env
         env = env.env
     return None
+
+
+def _check_capture(env: gym.Env, camera: str) -> None:
+    """Raises: SimulationError for an environment without ground truth of what its cameras see."""
+    if not callable(getattr(env.unwrapped, "capture", None)):
+        raise SimulationError(
+            f"the environment has no method capture(camera, size) that returns a Frame, as the ALOHA environments have; give "
+            f"it one, or leave the camera '{camera}' out."
+        )
 
 
 def _text(size: Any) -> str:

@@ -24,6 +24,8 @@ SHOWING = ("pixels", "pixels_agent_pos")
 class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """Replaces the head camera's pictures by those of a video model; reward and physics stay as they are.
 
+    An environment of yours needs attributes `obs_type` ("pixels" or "pixels_agent_pos") and `image_size` and a method
+    `capture(camera, size)` that returns a `Frame` (`engines.frame`), as `RobotView.at` does.
     The wrapped environment may be an `ActionChunk(env, k)`; another one is wrapped in an `ActionChunk` of the aligner's
     chunk, so that the action is (k, 14). The observation shows the last frame of a chunk, which is the reference
     of the next chunk, beside the anchor, the first frame of the episode. At a reset the reference is composed from photos
@@ -55,7 +57,7 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
         )
         self.aligner, photos = load_aligner(aligner, device=device), load_bank(bank)
         gym.Wrapper.__init__(self, filmed(env, photos, self.aligner.chunk, chunk, every))
-        self.bank = photos.of(_props(env.unwrapped.task))  # pyright: ignore[reportAttributeAccessIssue]
+        self.bank = photos.of(_props(getattr(env.unwrapped, "task", None)))
         self.observation_space = _with_picture(self.env.observation_space, picture(self.bank))
         self._frames = GeneratedFrames(self.aligner, self.bank, 1, grain)
         self.editor, self._rng = editor, np.random.default_rng()
@@ -87,12 +89,10 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
         return None if self.render_mode is None else self._frames.shown[0]
 
     def _edit(self, references: References) -> References:
+        if self.editor is None:
+            return references
         names = self.env.unwrapped.segmentation_classes  # pyright: ignore[reportAttributeAccessIssue]
-        return (
-            references
-            if self.editor is None
-            else edited(references, self.editor, int(self._rng.integers(2**31)), names=names)
-        )
+        return edited(references, self.editor, int(self._rng.integers(2**31)), names=names)
 
 
 class VisAlignerVectorWrapper(VectorWrapper):
@@ -208,9 +208,9 @@ def _chosen(bank: Bank, options: Mapping[str, Any] | None) -> tuple[dict[str, An
     return options | entry.options(), entry
 
 
-def _props(task: Task) -> list[str]:
-    """Names of the objects in a task's scene."""
-    return [prop.name for prop in task.props]
+def _props(task: Task | None) -> list[str]:
+    """Names of the objects in a task's scene; none where there is no task."""
+    return [] if task is None else [prop.name for prop in task.props]
 
 
 def _pixels(space: spaces.Space | None) -> spaces.Space | None:

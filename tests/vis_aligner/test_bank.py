@@ -56,6 +56,18 @@ def test_a_scene_is_painted_from_photos_of_its_objects(bank: Bank) -> None:
         both.of(["can", "box"])
 
 
+def test_a_bank_is_of_one_place_of_the_camera() -> None:
+    here, there, other = (replace(episode(k), appearance=name) for k, name in enumerate(("a/1", "a/2", "b/1")))
+    there = replace(there, frames=there.frames // 2)
+    with pytest.raises(
+        VisionError, match="drawn_0 and drawn_1 show the bench from two places of the camera, or two benches"
+    ):
+        make_bank([here, there])
+    with pytest.raises(VisionError, match="drawn_0 and drawn_2 show two benches"):
+        make_bank([here], more=[other])
+    assert np.array_equal(make_bank([here], more=[there]).bench.picture, make_bank([here]).bench.picture)
+
+
 def test_a_bank_survives_its_file(bank: Bank, tmp_path) -> None:
     save_bank(bank, tmp_path / "bank.npz")
     again = load_bank(tmp_path / "bank.npz")

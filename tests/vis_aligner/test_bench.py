@@ -63,6 +63,21 @@ def test_a_gallery_has_poses_that_differ_and_none_of_the_episode_itself() -> Non
     assert make_gallery([replace(one, condition=bare)]) is None
 
 
+def test_cameras_in_two_places_share_the_robots_photos_and_no_plate() -> None:
+    clip = board([(0.0, 0.0, 1.0, angle) for angle in (0.0, 0.5, 1.0, 1.5)])
+    here, there = (
+        Episode(name, clip.rgb // 2 + np.uint8(k), tilted(clip, (k, k + 0.1, k + 0.2, k + 0.3)), appearance=f"a/{name}")
+        for k, name in ((0, "1"), (1, "2"))
+    )
+    one, two = with_benches([here, there])
+    assert (one.bench.gallery.frames[:, 0, 0, 0] == there.frames[0, 0, 0, 0]).all()
+    assert (two.bench.gallery.frames[:, 0, 0, 0] == here.frames[0, 0, 0, 0]).all()
+    assert (two.bench.picture.astype(int) - one.bench.picture)[one.bench.seen].min() == 1
+    found = make_bench([here], [there])
+    assert len(found.gallery) == 8 and (found.picture == one.bench.picture).all()
+    assert len(np.unique(found.gallery.frames[:, 0, 0, 0])) == 2
+
+
 def tilted(clip: Condition, angles) -> Condition:
     """The condition, its part turned away from the camera by some angles, one after the other."""
     projections = clip.projections.copy()

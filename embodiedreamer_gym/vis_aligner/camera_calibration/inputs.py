@@ -37,14 +37,17 @@ def read_footage(
     footage = []
     for k, log in enumerate(logs):
         rows = len(log.time)
-        frames = log.frames[_name(camera, log)] if videos is None else VideoFrames(videos[k], rows)
+        frames = log.frames[camera_name(camera, log)] if videos is None else VideoFrames(videos[k], rows)
         pictures = None if masks is None else _masks(masks, log.name, len(logs), rows)
         footage.append(Footage(frames, surface.poses(log.position), pictures, log.name))
     return footage
 
 
-def _name(asked: str | None, log: Recording) -> str:
-    """Name of the camera whose frames are taken."""
+def camera_name(asked: str | None, log: Recording) -> str:
+    """Name of the camera whose frames are taken, the only one where none is asked for.
+
+    Raises: VisionError where the recording does not have it, or has several.
+    """
     names = list(log.frames)
     if not names:
         raise VisionError(f"{log.name}: the recording has no frames; give --video FILE for each.")

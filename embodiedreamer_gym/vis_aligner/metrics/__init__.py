@@ -18,7 +18,7 @@ from embodiedreamer_gym.vis_aligner.metrics.image_metrics import (
     temporal_error,
 )
 from embodiedreamer_gym.vis_aligner.metrics.lpips import Lpips
-from embodiedreamer_gym.vis_aligner.metrics.regions import moving_region, static_background
+from embodiedreamer_gym.vis_aligner.metrics.regions import moving_region, static_background, unclassed_region
 from embodiedreamer_gym.vis_aligner.metrics.segmenter import Segmenter, mask_iou
 from embodiedreamer_gym.vis_aligner.metrics.summary import Figure, Summary, summarise
 from embodiedreamer_gym.vis_aligner.metrics.tables import drift_table, table
@@ -29,6 +29,7 @@ __all__ = [
     "colour_shift_frames", "copy_first", "copy_last", "drift_curve", "drift_table", "evaluate", "evaluate_all",
     "frechet_distance", "gradient_psnr", "mask_iou", "moving_region", "psnr", "psnr_frames", "random_features",
     "raw_simulation", "ssim", "ssim_frames", "static_background", "strip", "summarise", "table", "temporal_error",
+    "unclassed_region",
 ]  # fmt: skip
 
 __getattr__ = deprecated_names(

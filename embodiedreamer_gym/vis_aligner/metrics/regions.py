@@ -15,6 +15,9 @@ from embodiedreamer_gym.vis_aligner.metrics.checks import check_classes, check_f
 
 ROBOT = 2  # its class number; below it stand background (0) and table (1), above it the task's props
 MOVED = 12.0  # 1/255: more than that, averaged over 3x3 pixels, has changed; 13 sd of a sensor's noise of 2/255
+SHADOW = (0.4, 2.5)  # times the median colour: in a shadow, and out of one where the median is in a shadow
+AROUND = 0.03  # of the picture's width, around robot and props, where nothing is said of unknown things
+PICTURES = 40  # of a clip, of which the background's median is taken
 MARGIN = 0.015  # of the picture's width, by which what moved is widened
 
 
@@ -39,6 +42,33 @@ def moving_region(
         changed = (cv2.absdiff(cv2.blur(frame, (3, 3)), before).max(axis=2) > MOVED) | (classes[i] != first)
         moved[i] = cv2.dilate(changed.astype(np.uint8), disc) > 0
     return moved
+
+
+def unclassed_region(frames: np.ndarray, classes: np.ndarray) -> np.ndarray:
+    """Pixels (T, H, W), bool, of true frames that show something which moves and is neither robot nor prop.
+
+    Those without a class that differ, averaged over 3x3 pixels, by more than MOVED in a channel from the median of the
+    frames in which nothing is there, and also from it in any shadow, which scales all channels alike. What lies within AROUND
+    of robot or props is left out: there the outline may be off. Grey things in front of grey are missed.
+    frames: (T, H, W, 3) and classes (T, H, W), uint8.
+    Raises: VisionError when sizes differ.
+    """
+    frames = check_frames(frames, "true frames")
+    things = (check_classes(classes, frames) >= ROBOT).astype(np.uint8)
+    side = 2 * max(1, round(AROUND * frames.shape[2])) + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    free = np.stack([cv2.dilate(one, kernel) == 0 for one in things])
+    some = np.unique(np.linspace(0, len(frames) - 1, PICTURES).round().astype(int))
+    soft = np.stack([cv2.blur(frame, (3, 3)) for frame in frames[some]]).astype(np.float32)
+    behind = np.ma.median(np.ma.masked_array(soft, np.repeat(~free[some][..., None], 3, axis=3)), axis=0)
+    known, behind = ~np.ma.getmaskarray(behind)[..., 0], np.asarray(np.ma.filled(behind, 0.0), np.float32)
+    found = np.empty(free.shape, bool)
+    for i, frame in enumerate(frames):
+        now = cv2.blur(frame, (3, 3)).astype(np.float32)
+        scale = (now * behind).sum(axis=2) / np.maximum((behind * behind).sum(axis=2), 1.0)
+        shaded = behind * np.clip(scale, *SHADOW)[..., None]
+        found[i] = free[i] & known & (np.abs(now - shaded).max(axis=2) > MOVED)
+    return found
 
 
 def static_background(classes: np.ndarray, reference_classes: np.ndarray, moving: np.ndarray) -> np.ndarray:

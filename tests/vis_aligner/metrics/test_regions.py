@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.metrics import moving_region, static_background
+from embodiedreamer_gym.vis_aligner.metrics import moving_region, static_background, unclassed_region
 from embodiedreamer_gym.vis_aligner.metrics.regions import numbers_of
 
 
@@ -68,3 +68,20 @@ def test_regions_by_class_names() -> None:
     for bad in (names[:2], (*names, "pen"), (*names, "objects")):
         with pytest.raises(VisionError, match="class names"):
             numbers_of(bad)
+
+
+def test_a_thing_without_class_is_found_and_a_shadow_is_not() -> None:
+    rng, size = np.random.default_rng(0), (48, 64)
+    background = np.clip(rng.normal(0, 2, (20, *size, 3)) + np.array([180.0, 160.0, 120.0]), 0, 255)
+    classes = np.ones((20, *size), np.uint8)
+    background[:, 30:, :16] *= np.linspace(1.0, 0.5, 20)[:, None, None, None]  # a shadow that deepens
+    classes[:, :8, 40:] = 2  # the arm, and its edge that is drawn a pixel too narrow
+    background[:, :9, 39:] = (60, 60, 64)
+    thing = np.zeros((20, *size), bool)
+    for t in range(20):  # something red that is pushed
+        thing[t, 20:26, 10 + 2 * t : 16 + 2 * t] = True
+    background[thing] = (200, 40, 40)
+    found = unclassed_region(background.astype(np.uint8), classes)
+    assert found[thing].mean() > 0.95 and found[~thing].mean() < 0.02
+    classes[thing] = 3
+    assert not unclassed_region(background.astype(np.uint8), classes).any()

@@ -1,0 +1,54 @@
+"""What the verbs that look at recordings with video have in common: the robot, and where the camera stood."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from embodiedreamer_gym.cli import options as o
+from embodiedreamer_gym.errors import EmbodieDreamerError
+
+URDF = f"{o.MODELS}, or a .urdf with --joints"
+JOINTS = o.option("--joints", "A,B", "joint names in the logs, if the model is a .urdf")
+CAMERAS = o.option("--cameras", "FILE", "calibrated cameras (default: the built-in ones)", None, Path)
+CAMERA = o.option("--camera", "NAME", "camera of the recordings (default: the only one)")
+
+
+def listed(text: str) -> tuple[str, ...]:
+    """Names of a text, separated by commas."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def joints_of_urdf(a) -> tuple[str, ...] | None:
+    """Joints of a model that is a URDF; None for another model.
+
+    Raises: EmbodieDreamerError for a URDF without joints, or joints without a URDF.
+    """
+    if not a.model.endswith(".urdf"):
+        if a.joints:
+            raise EmbodieDreamerError("--joints is for a .urdf; a model file names its joints.")
+        return None
+    if not a.joints:
+        raise EmbodieDreamerError(f"{a.model} is a URDF; name the logs' columns with --joints a,b,c.")
+    return listed(a.joints)
+
+
+def robot_model(a) -> Any:
+    """The robot model that the options name, of a model file, a built-in robot or a URDF."""
+    from embodiedreamer_gym.robot import RobotModel
+
+    joints = joints_of_urdf(a)
+    return RobotModel.load(a.model) if joints is None else RobotModel.of_urdf(a.model, joints)
+
+
+def camera_of(cameras: Mapping[str, Any], name: str, recording: str) -> Any:
+    """The camera of a recording, under its own name or, as `vis camera` writes it without --fixed, with the recording's.
+
+    Raises: EmbodieDreamerError where there is none.
+    """
+    for key in (f"{name}/{recording}", name):
+        if key in cameras:
+            return cameras[key].with_(name=name)
+    raise EmbodieDreamerError(
+        f"no camera is named '{name}' or '{name}/{recording}'; there are {', '.join(cameras)}. Cameras that were moved "
+        "between recordings are known for those recordings only that `vis camera` was given."
+    )
