@@ -71,6 +71,7 @@ def test_a_benchmark_with_a_folder_of_its_own_writes_its_rows_elsewhere(tmp_path
     row = {
         "task": "t",
         "world": "nominal",
+        "look": "true",
         "tracking": "nominal",
         "picked_up": 1,
         "hits": 1,

@@ -137,7 +137,7 @@ def test_a_bad_robot(arm: Path, key: str, value, words: str) -> None:
         ("effects", PAYLOAD, "effects must be a list"),
         ("effects", ["payload"], "an object with a name"),
         ("effects", [PAYLOAD, PAYLOAD], "listed twice"),
-        ("effects", [{**PAYLOAD, "mass": {"tip": 50}}], "mass of tip is 50 kg, outside its bounds 0 .. 5"),
+        ("effects", [{**PAYLOAD, "mass": {"tip": 60}}], "mass of tip is 60 kg, outside its bounds 0 .. 50"),
         ("effects", [{**PAYLOAD, "mass": {"hand": 1}}], "names 'hand'; its arms are tip"),
         ("effects", [{**COULOMB, "torque": {"knee": 1}}], "names 'knee'; its joints are shoulder, elbow"),
         ("effects", [{**COULOMB, "torque": "much"}], "must map joints to finite numbers"),
