@@ -35,6 +35,7 @@ def run(a, progress):
     from embodiedreamer_gym.robot.surface import Surface
     from embodiedreamer_gym.vis_aligner.camera_calibration import calibrate_camera
     from embodiedreamer_gym.vis_aligner.camera_calibration.inputs import (
+        GIVE_VIDEO,
         camera_name,
         first_guess,
         read_footage,
@@ -47,7 +48,7 @@ def run(a, progress):
     footage = read_footage(logs, surface, a.camera, a.video, a.masks)
     marks = None if a.marks is None else read_marks(a.marks, logs, surface, a.fixed)
     start = None if a.start is None else first_guess(load_cameras(a.start), a.start)
-    name = a.camera or ("camera" if a.video else camera_name(None, logs[0]))
+    name = a.camera or ("camera" if a.video else camera_name(None, logs[0], GIVE_VIDEO))
     fit = calibrate_camera(
         surface.body, footage, start=start, marks=marks, fixed=a.fixed, free=i.listed(a.free),
         loose=i.listed(a.loose), margin=a.margin, name=name, seed=a.seed, report=progress,

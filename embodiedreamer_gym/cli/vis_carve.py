@@ -19,7 +19,6 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
 )  # fmt: skip
 def run(a, progress):
     """Add to a robot model the shape of a hand or tool that its URDF lacks, carved from recordings with video."""
-    from embodiedreamer_gym.envs.cameras import CAMERAS, load_cameras
     from embodiedreamer_gym.recordings import load_recordings
     from embodiedreamer_gym.robot.carved_urdf import add_visual
     from embodiedreamer_gym.robot.surface import Surface
@@ -31,7 +30,7 @@ def run(a, progress):
         raise EmbodieDreamerError(f"{a.out} cannot be written; give a file name.json.")
     model = i.robot_model(a)
     surface = Surface.of_model(model, skeleton=True)
-    cameras = CAMERAS if a.cameras is None else load_cameras(a.cameras)
+    cameras = i.load_camera_file(a)
     footage, places = [], []
     logs = load_recordings(*a.recordings, hz=a.hz, joints=model.joints)
     for number, log in enumerate(logs):

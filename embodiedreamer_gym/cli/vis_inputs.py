@@ -40,6 +40,20 @@ def robot_model(a) -> Any:
     return RobotModel.load(a.model) if joints is None else RobotModel.of_urdf(a.model, joints)
 
 
+def load_camera_file(a) -> Mapping[str, Any]:
+    """The cameras of the file that the options name, or the built-in ones.
+
+    Raises: EmbodieDreamerError where none is of the name that the options give.
+    """
+    from embodiedreamer_gym.envs.cameras import CAMERAS as BUILT_IN
+    from embodiedreamer_gym.envs.cameras import load_cameras
+
+    cameras = BUILT_IN if a.cameras is None else load_cameras(a.cameras)
+    if a.camera is not None and not any(name.partition("/")[0] == a.camera or name == a.camera for name in cameras):
+        raise EmbodieDreamerError(f"no camera is named '{a.camera}'; give one of {', '.join(cameras)}.")
+    return cameras
+
+
 def camera_of(cameras: Mapping[str, Any], name: str, recording: str) -> Any:
     """The camera of a recording, under its own name or, as `vis camera` writes it without --fixed, with the recording's.
 

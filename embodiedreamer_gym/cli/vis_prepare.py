@@ -28,14 +28,13 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
 )
 def run(a, progress):
     """Prepare real recordings with video for training: add the simulator's view."""
-    from embodiedreamer_gym.envs.cameras import CAMERAS, load_cameras
     from embodiedreamer_gym.geometry.camera import read_size
     from embodiedreamer_gym.pipelines.prepare import prepare, write_episode
     from embodiedreamer_gym.recordings import load_recordings
     from embodiedreamer_gym.vis_aligner.camera_calibration.inputs import camera_name
 
     size = read_size(a.size)
-    cameras = CAMERAS if a.cameras is None else load_cameras(a.cameras)
+    cameras = i.load_camera_file(a)
     masks = _masks(a)
     model = i.robot_model(a)
     recordings = load_recordings(*a.episodes, hz=a.hz, joints=model.joints)

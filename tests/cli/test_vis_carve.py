@@ -22,7 +22,8 @@ TRIANGLE = np.eye(3), np.array([[0, 1, 2]])
     [
         (["--link", "nose"], "the robot has no link 'nose'; it has"),
         (["--link", "left_link6"], "moves in none of the recordings"),
-        (["--link", "left_link6", "--camera", "top"], "there is no camera 'top'; it has head"),
+        (["--link", "left_link6", "--camera", "left_wrist"], "there is no camera 'left_wrist'; it has head"),
+        (["--link", "left_link6", "--camera", "nose"], "no camera is named 'nose'; give one of head"),
         (["--link", "left_link6", "--cameras", "c.json"], "no camera is named 'head' or 'head/still'; there are top"),
         (["--link", "left_link6", "--out", "robot.urdf"], "give a file name.json"),
         (["--link", "left_link6", "--reach", "9"], "--reach: 9 is not a number of 0.05 to 0.5"),

@@ -80,6 +80,6 @@ def test_what_does_not_fit_is_refused(log, tmp_path, capsys) -> None:
         prepare(recording.with_(frames={"left_wrist": recording.frames["head"]}), model, CAMERAS["left_wrist"], SIZE)
     save_recording(recording.with_(frames={}), tmp_path / "take_1.hdf5")
     arguments = ["vis", "prepare", str(tmp_path / "take_1.hdf5"), "--out", str(tmp_path / "out"), "--quiet"]
-    assert main(arguments) == 2 and "no video" in capsys.readouterr().err
+    assert main(arguments) == 2 and "the recording has no frames." in capsys.readouterr().err
     assert main([*arguments, "--size", "big"]) == 2 and main([*arguments, "--camera", "top"]) == 2
     assert not (tmp_path / "out").exists()

@@ -19,6 +19,7 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames
 
 MARK = ("recording", "frame", "link", "point", "pixel")  # keys of a mark; "sd" may be added
 LARGEST = 1e6  # m or pixels, of a number in a marks file
+GIVE_VIDEO = "; give --video FILE for each"
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 
 
@@ -37,20 +38,20 @@ def read_footage(
     footage = []
     for k, log in enumerate(logs):
         rows = len(log.time)
-        frames = log.frames[camera_name(camera, log)] if videos is None else VideoFrames(videos[k], rows)
+        frames = log.frames[camera_name(camera, log, GIVE_VIDEO)] if videos is None else VideoFrames(videos[k], rows)
         pictures = None if masks is None else _masks(masks, log.name, len(logs), rows)
         footage.append(Footage(frames, surface.poses(log.position), pictures, log.name))
     return footage
 
 
-def camera_name(asked: str | None, log: Recording) -> str:
-    """Name of the camera whose frames are taken, the only one where none is asked for.
+def camera_name(asked: str | None, log: Recording, advice: str = "") -> str:
+    """Name of the camera whose frames are taken, the only one where none is asked for; advice: for a recording without.
 
     Raises: VisionError where the recording does not have it, or has several.
     """
     names = list(log.frames)
     if not names:
-        raise VisionError(f"{log.name}: the recording has no frames; give --video FILE for each.")
+        raise VisionError(f"{log.name}: the recording has no frames{advice}.")
     if asked is None and len(names) > 1:
         raise VisionError(f"{log.name}: choose one of its cameras with --camera: {', '.join(names)}.")
     if asked is not None and asked not in names:
