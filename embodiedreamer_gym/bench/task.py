@@ -87,6 +87,9 @@ def _motion(path: Path, start: dict[str, Any]) -> Recording:
         return log.with_(effort=np.zeros(log.position.shape), effort_unit="N m")
     joints, time, command = read_commands(path)
     place = np.array([float(start[joint]) for joint in joints])
+    if not np.isfinite(place).all():
+        file = path.parent.parent / "case.json"
+        raise EmbodieDreamerError(f"{file} is no case of the benchmark: the start of {path.stem} is not finite.")
     hold = rest if rest in ("linear", "hold") else "unknown"
     still = np.tile(place, (len(time), 1))
     return Recording(path.stem, joints, time, still, command, command_hold=hold, noise=np.full(len(joints), 1e-3))

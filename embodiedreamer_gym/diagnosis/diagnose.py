@@ -32,6 +32,7 @@ from embodiedreamer_gym.diagnosis.verdict import (
 from embodiedreamer_gym.diagnosis.wording import Attempt
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.effects.inertial_error import InertialError
+from embodiedreamer_gym.effects.rotor_inertia import RotorInertia
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
 from embodiedreamer_gym.io.parallel import ended_workers
@@ -118,20 +119,29 @@ def _explainable(search: Search, state: SearchState) -> np.ndarray | None:
 def _stands(search: Search, result: Attempt) -> bool:
     """Whether a verdict on the URDF's own masses stands: nothing is missing, or one effect is that outlasts wrong masses.
 
-    It has to be more probable than none where masses and rotor inertias are estimated beside it.
+    Where masses are estimated beside it, and rotor inertias if it is not one, it has to be more probable than no effect, and
+    than a special case of it: what wrong masses leave of a simple law, a richer one may take up.
     """
     if result.verdict == "nothing_missing":
         return True
     if result.verdict == "unknown" or len(result.state.steps) > 1:
         return False
-    evidence = []
-    for model in (result.calibrated.model, result.final.model):
-        model = model.with_(given=model.given - {"rotor_inertia"}).with_effect(InertialError)
-        problem = Problem(model, search.train)
-        fit = minimise(problem, problem.start, progress=search.progress)
-        search.rollouts += problem.rollouts
-        evidence.append(log_evidence(problem, fit))
-    return evidence[1] > evidence[0] + np.log(ODDS)
+    without = result.calibrated.model
+    (effect,) = [e for e in result.final.model.effects if not without.has_effect(type(e))]
+    places = tuple({place for values in effect.values.values() for place in values})
+    special_cases = [search.catalogue[name] for name in type(effect).generalises if name in search.catalogue]
+    rivals = [without, *(without.with_effect(kind, places) for kind in special_cases if not without.has_effect(kind))]
+    given = without.given - ({"rotor_inertia"} if not isinstance(effect, RotorInertia) else set())
+    *least, named = (_evidence(search, model.with_(given=given)) for model in [*rivals, result.final.model])
+    return named > max(least) + np.log(ODDS)
+
+
+def _evidence(search: Search, model: RobotModel) -> float:
+    """Logarithm of the evidence of a model whose masses are estimated."""
+    problem = Problem(model.with_effect(InertialError), search.train)
+    fit = minimise(problem, problem.start, progress=search.progress)
+    search.rollouts += problem.rollouts
+    return log_evidence(problem, fit)
 
 
 def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:

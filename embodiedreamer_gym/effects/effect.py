@@ -55,14 +55,15 @@ class JointState:
     """What a law may know of the joints: arrays (B, n), generalised units (rad, m or 0..1 of a gripper), seconds.
 
     torque: of the drive, N m; external: what gravity, centrifugal and Coriolis forces and the laws of the stage "load" exert
-    on the joint beside it, N m, with the sign of the joint; only for budgets that say `feels_external`, else None.
+    on the joint beside it, N m, with the sign of the joint; only for budgets that say `feels_external`, else None. dt and
+    time: numbers, or of each row, (B, 1).
     """
 
     position: Array
     velocity: Array
     torque: Array
-    dt: float
-    time: float
+    dt: Any
+    time: Any
     external: Array | None = None
 
 

@@ -189,14 +189,25 @@ def _smoothed_effort(recording: Recording) -> np.ndarray:
 
 
 def _unknown(recording: Recording) -> np.ndarray:
-    """Samples (T, n) whose friction is not known: at a rest, and beside one that outlasts a reversal; both ends."""
-    still, half = resting(recording), 2 * smoothing_half(recording)
+    """Samples (T, n) whose friction is not known: at a rest or a reversal, and beside it; both ends.
+
+    How long a joint stood still at a reversal is known no better than to the window of the filter.
+    """
+    still, half = resting(recording), smoothing_half(recording)
+    forward = smooth_motion(recording).velocity > 0
+    turning = still.copy()
+    turning[1:] |= forward[1:] != forward[:-1]
     long = still.copy()
     for k in range(1, SHORT + 1):
         long[k:-k] &= still[2 * k :] & still[: -2 * k]
-    wide = still | (maximum_filter1d(long.astype(np.int8), 2 * (half + SHORT) + 1, axis=0) > 0)
-    wide[:half] = wide[-half:] = True
+    wide = _widened(turning, half) | _widened(long, 2 * half + SHORT)
+    wide[: 2 * half] = wide[-2 * half :] = True
     return wide
+
+
+def _widened(samples: np.ndarray, by: int) -> np.ndarray:
+    """Samples (T, n) and as many beside them to either side."""
+    return np.asarray(maximum_filter1d(samples.astype(np.int8), 2 * by + 1, axis=0) > 0)
 
 
 def effort_scale(model: RobotModel) -> np.ndarray:

@@ -11,6 +11,7 @@ from embodiedreamer_gym.recordings.recording import Recording, Recordings
 SHORTEST = 4.0  # s
 LONGEST = 12.0  # s
 FEWEST = 16  # samples of a piece
+EFFORT_HZ = 100.0  # of logs without commands, whose efforts are compared after smoothing over 0.12 s
 BURN_IN = 0.5  # s at a window's start that are simulated but not compared: the motion before is not in the window
 
 
@@ -50,8 +51,9 @@ def thin(recordings: Sequence[Recording], seconds: float) -> Recordings:
     """Recordings of at most about `seconds` in all: where they hold more, the window of each with the most motion.
 
     Windows are 4 to 12 s long; of more recordings than have room at 4 s, every second, third, ... is taken.
+    Those without a command are averaged to 100 Hz.
     """
-    recordings = list(recordings)
+    recordings = [averaged(r, EFFORT_HZ) if r.command is None else r for r in recordings]
     if sum(r.duration for r in recordings) <= 1.2 * seconds:
         return Recordings(recordings)
     step = int(np.ceil(len(recordings) * SHORTEST / seconds))
@@ -63,6 +65,27 @@ def thin(recordings: Sequence[Recording], seconds: float) -> Recordings:
         length = min(share / count, LONGEST)
         result += _most_active(recording, length, count) if recording.duration > 1.5 * length else [recording]
     return Recordings(result)
+
+
+def averaged(recording: Recording, hz: float) -> Recording:
+    """The recording at about `hz` samples per second where it has at least half as many more: means of consecutive samples.
+
+    A mean is usable where all of its samples are.
+    """
+    count = int(recording.hz / hz + 0.5)
+    if count < 2 or recording.time.size < FEWEST * count:
+        return recording
+    rows = recording.time.size // count * count
+
+    def mean(signal: np.ndarray) -> np.ndarray:
+        return signal[:rows].reshape(-1, count, *signal.shape[1:]).mean(axis=1)
+
+    optional = {k: getattr(recording, k) for k in ("command", "velocity", "effort")}
+    return recording.with_(
+        time=mean(recording.time), position=mean(recording.position), usable=mean(recording.usable) == 1.0,
+        **{k: None if v is None else mean(v) for k, v in optional.items()},
+        noise=recording.noise / np.sqrt(count), quantum=recording.quantum / np.sqrt(count), frames={},
+    )  # fmt: skip
 
 
 def _most_active(recording: Recording, length: float, count: int) -> list[Recording]:

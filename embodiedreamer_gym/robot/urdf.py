@@ -16,6 +16,7 @@ from embodiedreamer_gym.errors import ModelError
 MOST_JOINTS = 300
 MOST_BYTES = 20_000_000
 DEEPEST = 20  # tags inside each other; a URDF needs six
+FARTHEST = 1e4  # m, from one joint to the next
 MOVABLE = ("revolute", "continuous", "prismatic")
 SHAPE = {"box": 3, "cylinder": 2, "sphere": 1}  # numbers that a shape has
 
@@ -130,6 +131,11 @@ def _check_numbers(robot: yourdfpy.Robot, path: Path) -> None:
             value = getattr(joint, what)
             if value is not None and not np.all(np.isfinite(np.asarray(value, float))):
                 raise ModelError(f"{path.name}: the {what} of joint '{joint.name}' is not finite.")
+        if joint.origin is not None and np.abs(joint.origin[:3, 3]).max() > FARTHEST:
+            raise ModelError(
+                f"{path.name}: the origin of joint '{joint.name}' is {np.abs(joint.origin[:3, 3]).max():g} m away; at most "
+                f"{FARTHEST:g} m is taken. URDF lengths are in metres."
+            )
         if joint.type in MOVABLE and (np.shape(joint.axis) != (3,) or not np.linalg.norm(joint.axis) > 0):
             raise ModelError(f"joint '{joint.name}' of {path.name} has an axis of length zero.")
 

@@ -138,6 +138,14 @@ class _Track:
         external = None if self.external is None else self.external[:, k]
         return JointState(self.position[:, k], self.velocity[:, k], torque[:, k], float(self.steps[k]), time, external)
 
+    def _all_samples(self, torque: np.ndarray) -> JointState:
+        """The state at all samples of all parameter sets, in rows (P T, n), for laws without memory; dt, time (P T, 1)."""
+        n = torque.shape[2]
+        dt, time = (np.tile(x, self.count)[:, None] for x in (self.steps, self.recording.time - self.recording.time[0]))
+        external = None if self.external is None else self.external.reshape(-1, n)
+        position, velocity, drive = (x.reshape(-1, n) for x in (self.position, self.velocity, torque))
+        return JointState(position, velocity, drive, dt, time, external)
+
     def _laws(self, stage: str, signal: np.ndarray, torque: np.ndarray) -> np.ndarray:
         """What a stage makes of a signal (P, T, n), sample by sample; the memories of its laws run along."""
         laws = self.drive.laws[stage]
@@ -156,13 +164,12 @@ class _Track:
 
     def _friction(self, torque: np.ndarray) -> np.ndarray:
         """Torque (P, T, n) that all friction takes of the motion; where a joint may stand still, in proportion."""
-        taken = np.zeros_like(torque)
-        for k in range(torque.shape[1]):
-            joint = self._joint(k, torque)
-            for effect, p in self.drive.budgets:
-                both = effect.friction(joint, p)
-                if both is not None:
-                    taken[:, k] += np.where(joint.velocity > 0, both[0], both[1])
+        taken, joint = np.zeros_like(torque), self._all_samples(torque)
+        for effect, p in self.drive.budgets:
+            of_samples = {k: np.repeat(v, torque.shape[1], axis=0) for k, v in vars(p).items()}
+            both = effect.friction(joint, SimpleNamespace(**of_samples))
+            if both is not None:
+                taken += np.where(joint.velocity > 0, *both).reshape(torque.shape)
         return taken * np.clip(self.velocity / self.slow, -1.0, 1.0)
 
     def _smoothed(self, torque: np.ndarray, times: int = 1) -> np.ndarray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from embodiedreamer_gym.errors import MissingExtraError, VisionError
 from embodiedreamer_gym.io.files import read_json, write_json
 from embodiedreamer_gym.learning.device import find_device
 from embodiedreamer_gym.vis_aligner.aligner import MOST_FRAMES
-from embodiedreamer_gym.vis_aligner.svd_aligner import SvdAligner, SvdSettings
+from embodiedreamer_gym.vis_aligner.svd_aligner import CELL, SvdAligner, SvdSettings
 
 SETTINGS = "embodiedreamer.json"
 PREDICTION = "v"  # what the network predicts; former settings do not say, and then it was the clean latents
@@ -63,6 +62,10 @@ def load_svd(folder: str | Path, steps: int | None = None, seed: int = 0, device
             "embodiedreamer vis train EPISODES --model svd --from DIR."
         )
     unet, vae = (_load_part(kind, folder / name).to(where) for kind, name in ((unet_kind, "unet"), (vae_kind, "vae")))
+    if 2 ** (len(vae.config.down_block_types) - 1) != CELL:
+        raise VisionError(
+            f"{folder / 'vae'} is no autoencoder of Stable Video Diffusion, whose latents are {CELL} pixels wide."
+        )
     return SvdAligner(unet, vae, chunk, STEPS if steps is None else steps, seed, folder.name, settings)
 
 
@@ -72,7 +75,7 @@ def _load_part(kind: Any, folder: Path) -> Any:
     Raises: VisionError where there is none, or its config.json asks for more weights than its files hold.
     """
     try:
-        config = json.loads((folder / "config.json").read_text("utf-8"))
+        config = read_json(folder / "config.json", VisionError)
         for name, value in config.items():
             if any(n > (MOST_LAYERS if name.endswith("per_block") else MOST_CHANNELS) for n in _whole_numbers(value)):
                 raise ValueError(f"{name} in {folder.name}/config.json is too large")
@@ -82,7 +85,16 @@ def _load_part(kind: Any, folder: Path) -> Any:
             raise ValueError(f"{folder.name}/config.json asks for {count} weights, its files are smaller")
         options = {"use_safetensors": True, "torch_dtype": torch.float32, "low_cpu_mem_usage": False}
         return kind.from_pretrained(str(folder), local_files_only=True, **options)
-    except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError, ArithmeticError) as error:
+    except (
+        VisionError,
+        OSError,
+        LookupError,
+        TypeError,
+        ValueError,
+        AttributeError,
+        RuntimeError,
+        ArithmeticError,
+    ) as error:
         what = " ".join(str(error).split())[:200]
         raise VisionError(f"{folder.parent} holds no svd aligner (folders unet and vae): {what}") from error
 

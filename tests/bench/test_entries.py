@@ -1,6 +1,7 @@
 """Entries: each answers a small case, the same again, and what it does not know is left open."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -90,6 +91,21 @@ def test_a_damaged_case_is_one_sentence(made, tmp_path, capsys):
 
 def test_the_help_names_every_entry():
     assert tuple(ENTRIES) == bench_run.ENTRIES
+
+
+def test_a_start_that_is_not_finite_names_its_file(made, tmp_path, capsys):
+    """Of a motion that is to be predicted."""
+    shutil.copytree(made.cases, tmp_path / "cases")
+    file = tmp_path / "cases" / made.folder("0001").relative_to(made.cases) / "case.json"
+    data = json.loads(file.read_text())
+    start = next(iter(data["predict"].values()))
+    start[next(iter(start))] = float("nan")
+    file.write_text(json.dumps(data))
+    assert (
+        main(["bench", "run", "ladder", "--cases", str(tmp_path / "cases"), "--out", str(tmp_path / "a"), "--quiet"])
+        == 2
+    )
+    assert f"{file} is no case of the benchmark: the start of" in capsys.readouterr().err
 
 
 @pytest.mark.slow

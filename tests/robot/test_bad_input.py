@@ -45,6 +45,7 @@ def arm(tmp_path: Path) -> Path:
         ('izz="0.003"', 'izz="inf"', "inertial of link 'fore' is not finite"),
         (ELBOW, '<axis xyz="0 0 0"/>', "an axis of length zero"),
         ('xyz="0.25 0 0"', 'xyz="0.25 nan 0"', "origin of joint 'elbow' is not finite"),
+        ('xyz="0.25 0 0"', 'xyz="2e9 0 0"', "origin of joint 'elbow' is 2e\\+09 m away; at most 10000 m"),
         ('<link name="base"/>', '<link name="base"/><link name="island"/>', "one root link, but has 2"),
         ('<link name="base"/>', '<link name="base"/><link name="fore"/>', "two links named 'fore'"),
         ('joint name="elbow"', 'joint name="shoulder"', "two joints named 'shoulder'"),

@@ -38,7 +38,7 @@ def misfit(model: RobotModel, log: Recording) -> np.ndarray:
     """Rms (n,) of measured less simulated effort over its spread."""
     signals = Signals(model, [log])
     error, usable = signals.errors(run_sets(model, signals.recordings))[0][0], signals.usable[0]
-    assert usable.mean() > 0.5
+    assert usable.mean() > 0.4
     size = np.std(np.asarray(log.effort), axis=0)
     return np.array([np.sqrt(np.mean(error[usable[:, j], j] ** 2)) / size[j] for j in range(model.n)])
 

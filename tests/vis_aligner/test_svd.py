@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 
 import numpy as np
@@ -116,6 +117,7 @@ def test_bad_folders_and_sizes_are_refused(tmp_path) -> None:
         ("unet/config.json", {"block_out_channels": "wide"}, "holds no svd aligner"),
         ("unet/config.json", {"num_attention_heads": [0, 0]}, "holds no svd aligner"),
         ("vae/config.json", [], "holds no svd aligner"),
+        ("vae/config.json", {"down_block_types": ["DownEncoderBlock2D"]}, "latents are 8 pixels wide"),
     ],
 )
 def test_settings_of_other_types_or_huge_sizes_are_refused(tmp_path, saved_svd, file, change, said) -> None:
@@ -123,6 +125,14 @@ def test_settings_of_other_types_or_huge_sizes_are_refused(tmp_path, saved_svd, 
     path = tmp_path / "svd" / file
     path.write_text(json.dumps({**json.loads(path.read_text()), **change} if isinstance(change, dict) else change))
     with pytest.raises(VisionError, match=said):
+        load_svd(tmp_path / "svd")
+
+
+def test_a_pipe_in_place_of_a_config_is_refused(tmp_path, saved_svd) -> None:
+    shutil.copytree(saved_svd, tmp_path / "svd")
+    (tmp_path / "svd/vae/config.json").unlink()
+    os.mkfifo(tmp_path / "svd/vae/config.json")
+    with pytest.raises(VisionError, match="is no regular file"):
         load_svd(tmp_path / "svd")
 
 
