@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from embodiedreamer_gym.diagnosis.coupled_motors import coupling_notes
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, summarise
 from embodiedreamer_gym.diagnosis.error_ceiling import explainable_shares
 from embodiedreamer_gym.diagnosis.explainable import explainable_chi2
@@ -98,13 +99,14 @@ def diagnose(
             other = _attempt(search, looser, max_effects)
             if not (result.verdict != "unknown" and len(result.state.steps) > 1 and other.verdict == "unknown"):
                 result = other
-    baseline = None
+    baseline, notes = None, notes_on(model, logs)
     if result.state.start[1].signals.by_effort:
         baseline = float(np.nanmean(least_squares_rms(model, train, all_test)))
+        notes += coupling_notes(result.final.model, train, test)
     return summarise(
         result, model=model, ranking=search.ranking, unobservable=search.unobservable, catalogue=catalogue, test=all_test,
         rollouts=search.rollouts, seconds=time.perf_counter() - begun, baseline=baseline,
-        notes=notes_on(model, logs),
+        notes=notes,
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from embodiedreamer_gym.cli.command import main
 from embodiedreamer_gym.diagnosis import compare, diagnose
+from embodiedreamer_gym.diagnosis.coupled_motors import SHARE, coupled_joints, coupling_notes
 from embodiedreamer_gym.diagnosis.explainable import explainable_chi2
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.effects.coulomb_friction import CoulombFriction
@@ -19,7 +20,7 @@ from embodiedreamer_gym.phys_aligner import calibrate
 from embodiedreamer_gym.phys_aligner.calibration import fit_least_squares, with_nuisances
 from embodiedreamer_gym.phys_aligner.evidence import log_evidence
 from embodiedreamer_gym.phys_aligner.linear_baseline import least_squares_rms
-from embodiedreamer_gym.recordings import Recordings, load_recordings
+from embodiedreamer_gym.recordings import Recordings, load_recordings, smooth_motion
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.cases import draw_case
 from embodiedreamer_gym.standin.labels import draw_at_rest
@@ -65,6 +66,26 @@ def test_a_simple_law_on_wrong_masses_is_not_called_a_richer_one(tmp_path) -> No
     found = diagnose(model, *(load_recordings(tmp_path / part) for part in ("train", "test")), jobs=1)
     assert found.effects == ("coulomb_friction",)
     assert set(found.joints["coulomb_friction"]) == set(drawn.hidden["coulomb_friction"]["torque"])
+
+
+def rubbed_wrist(log):
+    """Efforts (T, n) of a log with 0.4 N m of dry friction more on joint 6."""
+    return np.asarray(log.effort) + 0.4 * np.sign(smooth_motion(log).velocity) * np.eye(6)[5]
+
+
+def test_coupled_motors_are_found_and_single_ones_are_not_suspected(rubbing) -> None:
+    """A current of joint 5 that holds half of joint 6's."""
+    model, train, test = rubbing
+    mixing = np.eye(6)
+    mixing[4, 5] = 0.5
+    for matrix, expected in ((np.eye(6), []), (mixing, [("joint5", "joint6")])):
+        logs = [[r.with_(effort=rubbed_wrist(r) @ matrix.T) for r in part] for part in (train, test)]
+        rubbed = model.with_effect(CoulombFriction)
+        found = coupled_joints(calibrate(rubbed, logs[0]).model, *logs)
+        assert [(joint, other) for _, joint, other in found] == expected
+        assert all(SHARE <= share <= 1 for share, _, _ in found)
+        notes = coupling_notes(calibrate(rubbed, logs[0]).model, *logs)
+        assert len(notes) == len(expected) and all("of joint5 follows the friction of joint6" in n for n in notes)
 
 
 def test_scale_and_offset_of_an_effort_are_learnt_once(plain, tmp_path) -> None:
