@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn
@@ -91,7 +91,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         ours = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) is not signal.SIG_IGN]
         before = {number: signal.signal(number, interrupt) for number in ours}
     try:
-        execute(sys.argv[1:] if argv is None else argv)
+        execute(sys.argv[1:] if argv is None else argv, lambda: bool(interrupted))
     except EmbodieDreamerError as error:
         print(f"error: {_sentence(str(error))}", file=sys.stderr)
         return 2
@@ -126,10 +126,11 @@ def _interrupted(error: BaseException | None) -> bool:
     return error is not None
 
 
-def execute(argv: Sequence[str]) -> None:
+def execute(argv: Sequence[str], interrupted: Callable[[], bool] = bool) -> None:
     """Parse the options and run the verb.
 
-    Raises: EmbodieDreamerError in one sentence for whatever the user can mend.
+    interrupted: whether the user has interrupted it, which a compiler's callback may swallow.
+    Raises: KeyboardInterrupt in that case, at the next sign of progress or before anything is written; EmbodieDreamerError in one sentence for whatever the user can mend.
     """
     for word in argv:
         if word.startswith("--") and word.endswith("=--"):  # argparse makes an empty list of it
@@ -137,12 +138,14 @@ def execute(argv: Sequence[str]) -> None:
     a = build_parser().parse_args(renamed(list(argv)))
     outputs = {kind: [getattr(a, name) for name in a.verb.outputs(kind)] for kind in (o.output_file, o.output_folder)}
     check_outputs(*outputs[o.output_file], folders=outputs[o.output_folder])
-    progress = Progress(a.quiet)
+    progress = Progress(a.quiet, interrupted)
     progress.starting(" ".join(word for word in argv[:2] if not word.startswith("-")))
     try:
         result = a.verb.run(a, progress)
     finally:
         progress.close()
+    if interrupted():
+        raise KeyboardInterrupt
     if result is not None:
         (result if isinstance(result, o.Result) else o.Result(result)).write(a)
 

@@ -9,6 +9,7 @@ import threading
 import time
 import warnings
 import weakref
+from collections.abc import Callable
 from typing import Any, Protocol
 
 SILENCE = 8.0  # seconds between lines in a log, where nothing changes stage
@@ -54,10 +55,11 @@ class Progress:
     """Shows progress: one line that changes on a terminal, lines in a log; a thread repeats it where a step takes long.
 
     quiet: show nothing.
+    interrupted: whether the work has to end; then a call raises KeyboardInterrupt.
     """
 
-    def __init__(self, quiet: bool = False) -> None:
-        self._quiet, self._terminal = quiet, sys.stderr.isatty()
+    def __init__(self, quiet: bool = False, interrupted: Callable[[], bool] = bool) -> None:
+        self._quiet, self._terminal, self._interrupted = quiet, sys.stderr.isatty(), interrupted
         self._begun = self._stage_begun = time.monotonic()
         self._stage, self._text, self._first = "", "", 0
         self._last, self._urgent, self._shown, self._width = -float("inf"), False, "", 0
@@ -66,6 +68,8 @@ class Progress:
 
     def __call__(self, stage: str, done: int = 0, total: int | None = None, /, **quantities: object) -> None:
         """Show the stage, its steps and the quantities; see `ProgressCallback`."""
+        if self._interrupted():
+            raise KeyboardInterrupt
         if self._quiet:
             return
         now = time.monotonic()

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from embodiedreamer_gym import diagnosis
 from embodiedreamer_gym.cli import command as cli
 from embodiedreamer_gym.recordings import load_recordings, save_recording
 from embodiedreamer_gym.robot import RobotModel
@@ -318,6 +319,32 @@ def test_an_interrupt_that_a_callback_swallows_is_one_all_the_same(work, logs, c
     monkeypatch.setattr(signal, "getsignal", lambda number: signal.default_int_handler)
     code, _, err = run(capsys, "compare", "--model", "two.json", logs / "test", "--json", "c.json")
     assert code == 130 and err.endswith("interrupted\n") and not Path("c.json").exists()
+
+
+@pytest.mark.parametrize("by_progress", [False, True])
+def test_work_that_an_interrupt_has_not_ended_ends_soon(by_progress: bool, work, logs, capsys, monkeypatch) -> None:
+    """A callback drops the exception, and the work goes on: until its next sign of progress, and nothing is written."""
+    after = []
+
+    def compare(*_args, progress=None, **_options):
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        if by_progress:
+            Progress.last("refitting", 1, 2)
+            after.append("reached")
+        return real(*_args, **_options)
+
+    class Progress(cli.Progress):
+        def __init__(self, *args):
+            super().__init__(*args)
+            Progress.last = self
+
+    real = diagnosis.compare
+    monkeypatch.setattr(cli, "Progress", Progress)
+    monkeypatch.setattr("embodiedreamer_gym.diagnosis.compare", compare)
+    monkeypatch.setattr(signal, "getsignal", lambda number: signal.default_int_handler)
+    code, _, err = run(capsys, "compare", "--model", "two.json", logs / "test", "--json", "c.json")
+    assert code == 130 and err.endswith("interrupted\n") and not Path("c.json").exists() and not after
 
 
 def test_a_library_that_stumbles_over_a_file_leaks_no_traceback(work, logs, capsys, monkeypatch) -> None:
