@@ -45,6 +45,21 @@ def test_comments_say_more(tmp_path):
     assert recording.noise == 0.25 and recording.quantum == 0 and recording.gain == 4
 
 
+@pytest.mark.parametrize(
+    ("column", "unit", "expected"),
+    [
+        ("current", "", ("A", 1.0)), ("current", "# effort_unit: mA\n", ("A", 1e-3)), ("effort", "# effort_unit: mA\n", ("A", 1e-3)),
+        ("effort", "# effort_unit: Nm\n", ("N m", 1.0)), ("effort", "", ("unknown", 1.0)),
+    ],
+)  # fmt: skip
+def test_efforts_are_read_in_the_unit_that_the_file_states(tmp_path, column, unit, expected):
+    rows = "\n".join(f"{0.01 * k},{0.1 * k},{500 + k}" for k in range(12))
+    (tmp_path / "log.csv").write_text(f"{unit}time,waist.position,waist.{column}\n{rows}\n")
+    log = read_plain_csv(tmp_path / "log.csv")
+    assert log.effort_unit == expected[0]
+    np.testing.assert_allclose(np.asarray(log.effort)[:, 0], expected[1] * (500 + np.arange(12)))
+
+
 def test_columns_come_in_any_order_and_zeros_are_nothing(tmp_path):
     header = "time,b.position,a.position,a.command,b.command,a.velocity,a.effort,b.effort"
     path = written(tmp_path / "a.csv", header)
