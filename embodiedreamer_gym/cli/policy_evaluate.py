@@ -8,7 +8,7 @@ VIDEO = {"metavar": "DIR", "kind": o.output_folder}
 
 @o.verb(
     *o.settings_options(EvaluationSettings, vis_aligner=o.VIS_ALIGNER, video=VIDEO),
-    o.option("--against", "POLICY", "also play this policy on the same seeds, in blocks of ten, and stop as soon as one is significantly better"),
+    o.option("--against", "POLICY", "also run this policy on the same seeds, in blocks of ten, and stop as soon as one is significantly better"),
     o.JSON,
     o.QUIET,
 )  # fmt: skip

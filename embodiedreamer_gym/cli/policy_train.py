@@ -30,7 +30,7 @@ WIDEST = 160  # pixels
              " (default: object_pose if the data have masks, else act)", choices=("act", "object_pose", "key_pose")),
     o.option("--robot", "M", f"key_pose: robot of the episodes: {o.MODELS}", "aloha"),
     o.option("--camera-file", "FILE", "key_pose: calibrated cameras (default: the built-in ones)"),
-    o.option("--scenes", "N", "key_pose: learn to see the objects from N generated first frames of other scenes, whose objects have known"
+    o.option("--scenes", "N", "key_pose: learn to detect the objects from N generated first frames of other scenes, whose objects have known"
              " shapes, instead of from the images in the data (simulated demonstrations)", None, o.COUNT),
     o.option("--bank", "FILE", "key_pose: bank of photos for --scenes: lab, or a file", "lab"),
     o.DEVICE,

@@ -8,7 +8,7 @@ EVERY = 25  # control steps per picture: the robot in many poses, from few pictu
 @o.verb(
     o.SIZE,
     o.out_file("FILE.npz", "bank"),
-    o.option("--films", "DIR", "where the pictures are kept (default: FILE_films)", None, o.output_folder),
+    o.option("--films", "DIR", "folder of the rendered images (default: FILE_films)", None, o.output_folder),
     o.option("--episodes", "N", "of each task", 8, o.COUNT),
     o.option("--appearance", "A", "lab, or a number that draws one", "lab"),
     o.SEED,
@@ -18,7 +18,7 @@ EVERY = 25  # control steps per picture: the robot in many poses, from few pictu
     o.QUIET,
 )
 def run(a, progress):
-    """Film the simulated bench at another size, with all tasks, and make its reference bank; continued where interrupted."""
+    """Render all tasks on the simulated bench at another image size and make its bank; an interrupted run resumes."""
     from embodiedreamer_gym.cli import vis
     from embodiedreamer_gym.envs.tasks import TASKS
     from embodiedreamer_gym.errors import EmbodieDreamerError

@@ -18,7 +18,7 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
     o.QUIET,
 )  # fmt: skip
 def run(a, progress):
-    """Add to a robot model the shape of a hand or tool that its URDF lacks, carved from recordings with video."""
+    """Add the shape of a hand or tool that the URDF lacks to a robot model, from recordings with video."""
     from embodiedreamer_gym.recordings import load_recordings
     from embodiedreamer_gym.robot.carved_urdf import add_visual
     from embodiedreamer_gym.robot.surface import Surface

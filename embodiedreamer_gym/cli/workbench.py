@@ -22,7 +22,7 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
     *o.LOGS[:-2],
 )  # fmt: skip
 def run(a, progress):
-    """Open a page that compares a model with recordings, and in which you can try effects."""
+    """Open a page that compares a model with recordings, and lets you try effects."""
     from embodiedreamer_gym.workbench.serve import load_viser
 
     load_viser()

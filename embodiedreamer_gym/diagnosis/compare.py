@@ -29,7 +29,7 @@ def compare(
     recordings: Sequence[Recording],
     labels: Sequence[str] | None = None,
 ) -> Comparison:
-    """Free-run every recording under each model and put the difference beside the sensors' noise.
+    """Simulate every recording with each model (free run) and compare the error with the sensor noise.
 
     models: one model or several.
     recordings: of the models' robot.

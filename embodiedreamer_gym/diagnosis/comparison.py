@@ -56,7 +56,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """How far models are from recordings; arrays have one row per model, in the order they were given.
+    """Errors of models on recordings; arrays have one row per model, in the order in which they were given.
 
     labels: names of the models, each different.
     rollouts: for each model, one of each recording, arrays (T, n).

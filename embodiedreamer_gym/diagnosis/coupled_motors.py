@@ -47,8 +47,8 @@ def coupled_joints(
 def coupling_notes(model: RobotModel, train: Sequence[Recording], test: Sequence[Recording]) -> tuple[str, ...]:
     """A sentence for each joint of `coupled_joints`."""
     return tuple(
-        f"Note: {share:.0%} of what is left unexplained of the effort of {joint} follows the friction of {other}, as where one "
-        "motor drives both joints; if these are currents of coupled motors, give `transmission` in the model."
+        f"Note: {share:.0%} of the unexplained effort of {joint} follows the friction of {other}, as if one motor drove both "
+        "joints; if these are currents of coupled motors, state the model's `transmission`."
         for share, joint, other in coupled_joints(model, train, test)
     )
 

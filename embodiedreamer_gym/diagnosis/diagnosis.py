@@ -32,31 +32,31 @@ LABELS = ("nominal", "calibrated", "with_effect", "noise")
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What a model lacks.
+    """Result of a diagnosis: the verdict on which effects a model lacks.
 
     verdict: "nothing_missing", "missing", "ambiguous" or "unknown"; sentence: the same in words.
     effects: names in the order of the search (both of a tie).
-    family: the family of effects that is missing where it is probable enough and no single effect is, else None.
-    members: effect -> probability, given that one of the fitted candidates is right, the likeliest first.
-    excess: the worst joint's error with the effects, on held-out or on fitted motion, over what 95 % of faultless robots have at
-        most; from 1.3 the laws are not exact.
-    explainable: joint -> signals -> share of the calibrated error that is predictable from these and those before them; empty
-        where the effects leave little more than the sensors' noise (see `explainable_shares`).
-    closest: where the verdict is "unknown", the effects that lower the held-out error most; not to be relied on.
-    joints: effect -> joints or arms it acts on.
+    family: the missing family of effects, if the family is probable enough and no single effect is, else None.
+    members: effect -> probability, given that one of the fitted candidates is right, the most likely first.
+    excess: chi2 of the worst joint with the effects, on held-out or fitted motion, relative to the 95 % quantile of faultless
+        robots (robots whose model lacks no effect); above 1.3 the laws are not exact.
+    explainable: joint -> signals -> share of the calibrated error that is predictable from these signals and the previous ones;
+        empty if the effects leave little more than the sensor noise (see `explainable_shares`).
+    closest: if the verdict is "unknown", the effects that lower the held-out error most; they are not the answer.
+    joints: effect -> joints or arms on which it acts.
     parameters: effect -> joint -> value, low, high, unit.
     ranking: the effects that were refitted, best first.
-    error, end_effector_mm: nominal, calibrated, with_effect (None where no effect helps), noise and, of recordings without a
+    error, end_effector_mm: nominal, calibrated, with_effect (None if no effect helps), noise and, for recordings without a
         command, least_squares (see `least_squares_rms`); error in `unit`.
-    unobservable: effects that these recordings cannot show, the likeliest first.
+    unobservable: effects that these recordings cannot show, the most likely first.
     unexplained: joint -> share of its excess error that is left.
     steps: (label, held-out error) from nominal over calibrated to each added effect.
-    p_value: share of faultless robots that do as badly as the calibrated model.
-    unit: rad, or N m or A of recordings without a command.
-    chi2: held-out mean square per joint in sensor noises: calibrated, with_effect, and of faultless robots (usual:
-        median, most: 95 %).
-    model: the better model.
-    notes: what has to be known before the verdict is read.
+    p_value: share of faultless robots with an error as large as that of the calibrated model.
+    unit: "rad"; "N m" or "A" for recordings without a command.
+    chi2: held-out mean square error per joint over the variance of the sensor noise: calibrated, with_effect, and of faultless
+        robots (usual: median, most: 95 % quantile).
+    model: the model with the effects that were found.
+    notes: caveats of the verdict.
     """
 
     verdict: str
@@ -179,11 +179,11 @@ class Diagnosis:
             lines += ["", f"this motion and these sensors cannot show: {', '.join(self.unobservable)}"]
         if question := self.question():
             lines.append(
-                f"a motion that tells {' from '.join(question)}: embodiedreamer excite --separate {','.join(question)}"
+                f"to distinguish {' and '.join(question)}: embodiedreamer excite --separate {','.join(question)}"
             )
         if self.unexplained:
             left = ", ".join(f"{j} {100 * share:.0f} %" for j, share in self.unexplained.items())
-            lines.append(f"left unexplained of the excess error: {left}")
+            lines.append(f"unexplained part of the excess error: {left}")
         lines += [explainable_text(joint, shares) for joint, shares in self.explainable.items()]
         lines.append(f"{self.rollouts} rollouts, {self.seconds:.1f} s")
         return "\n".join(lines)

@@ -26,5 +26,5 @@ def notes_on(model: RobotModel, recordings: Sequence[Recording]) -> tuple[str, .
     return (
         *notes,
         f"Note: {many}the times are sample numbers divided by a rate of {nominal[0].hz:.4g} Hz, not measured: command and state "
-        f"of a sample may be apart by up to {1e3 / nominal[0].hz:.0f} ms or more, so a delay that is named includes the recorder's.",
+        f"of a sample may be {1e3 / nominal[0].hz:.0f} ms or more apart, so a named delay includes the recorder's.",
     )

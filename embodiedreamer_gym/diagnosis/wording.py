@@ -41,7 +41,7 @@ def verdict_text(
     effects: that are named; places: effect -> joints or arms; family: of a tie whose family is probable enough.
     """
     verdict, state = attempt.verdict, attempt.state
-    usual = f"a faultless robot whose masses are 2 % off scores as badly with p = {attempt.p_value:.3f}"
+    usual = f"p = {attempt.p_value:.3f} for such an error if no effect is missing and masses are 2 % off"
     if verdict == "nothing_missing":
         return f"Nothing is missing that these recordings could show ({usual})."
     if verdict == "missing":
@@ -71,12 +71,12 @@ def _what_is_left(state: SearchState) -> str:
         return ""
     if is_far_from_noise(state.base, state.held, state.null.chi2):
         return ", but the error stays far above the sensors' noise"
-    return (f", but the law is not exact: the worst joint's error is {state.excess:.2g} times what 95 % of faultless robots "
-            f"have at most (exact: {EXACT})")  # fmt: skip
+    return (f", but the law is not exact: the worst joint's squared error is {state.excess:.2g} times the 95 % quantile "
+            f"of robots that lack no effect (exact: up to {EXACT})")  # fmt: skip
 
 
 def probabilities_text(members: Mapping[str, float]) -> str:
-    """Effects with their probabilities, the likeliest first."""
+    """Effects with their probabilities, the most likely first."""
     ranked = sorted(members.items(), key=lambda item: -item[1])
     return ", ".join(f"{name} {p:.2f}" for name, p in ranked if p >= NEGLIGIBLE)
 

@@ -153,7 +153,7 @@ def calibrate(
 
     method: "least-squares" (default), "surrogate" (the paper's), "surrogate-trajectory", "annealing"
     (SimplerEnv's), "annealing-scaled" or "cma-es"; groups: which parameters to fit (default: servo gains, what the model leaves open, all effects);
-    max_seconds: of longer recordings the liveliest windows are used.
+    max_seconds: of longer recordings the windows with most motion are used.
     Raises: CalibrationError for an unknown method or nothing to fit, SimulationError for another robot's recording.
     """
     if method not in METHODS:

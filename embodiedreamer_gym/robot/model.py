@@ -25,7 +25,7 @@ SERVO_UNITS = {
 
 
 class RobotModel(RobotData):
-    """What the simulator knows of a robot; frozen, `with_...` returns a new one. Its fields are those of `RobotData`."""
+    """Model of a robot: URDF, servos and effects; frozen, `with_...` returns a new one. Its fields are those of `RobotData`."""
 
     @staticmethod
     def load(source: str | Path, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> RobotModel:

@@ -54,9 +54,9 @@ class Tracked:
             for joint, unit, a, b in zip(self.joints, self.units, *self.errors(), strict=True)
         ]
         lines = [f"expected tracking error (root mean square) over {self.time[-1] - self.time[0]:.1f} s, by {self.model}:",
-                 layout(["joint", "wanted sent", "commands sent", "ratio"], rows)]  # fmt: skip
+                 layout(["joint", "desired sent", "commands sent", "ratio"], rows)]  # fmt: skip
         for what, share in (("the drive is too weak for the motion", self.short),
-                            ("the command is held back by the joint's limits or speed", self.limited)):  # fmt: skip
+                            ("the command is limited by the joint's range or speed", self.limited)):  # fmt: skip
             lines += [
                 f"note: {joint}: {what} for {100 * part:.0f} % of the time; slow the motion, or move it away from the limit."
                 for joint, part in zip(self.joints, share, strict=True)

@@ -166,7 +166,7 @@ def test_a_page_of_a_diagnosis(arm, delayed, logs, tmp_path) -> None:
     assert "The model lacks command delay on shoulder; with it the held-out error falls" in page.text
     assert {"How far the error falls", "Effects tried", "Parameters"} <= set(page.headings)
     assert "torque saturation" in page.text and "40\N{NO-BREAK SPACE}%" in page.text
-    assert false_alarm_sentence().replace("`", "") in page.text and "with a probability of 0.001" in page.text
+    assert false_alarm_sentence().replace("`", "") in page.text and "have a probability of 0.001" in page.text
     assert "3.00 [2.80, 3.20]" in page.text  # gain of the delay, 1.96 standard errors to either side
     assert "\N{MINUS SIGN}9" in page.text and "times noise" in page.text
     assert len(page.images) == 6  # staircase, overlays, ranking, heat map, profiles, sides
@@ -201,7 +201,7 @@ def test_a_verdict_says_what_to_do_next(arm, delayed, tmp_path) -> None:
 @pytest.mark.parametrize(
     ("unobservable", "tried", "words"),
     [
-        (("torque_saturation",), True, "would not show: torque saturation."),
+        (("torque_saturation",), True, "cannot show: torque saturation."),
         ((), True, "None of the catalogue"),
         ((), False, "Not examined"),
     ],
@@ -218,7 +218,7 @@ def test_it_says_what_cannot_be_seen(arm, delayed, tmp_path, unobservable, tried
 )
 def test_false_alarms_have_an_exact_interval(alarms: int, robots: int, most: int) -> None:
     sentence = false_alarm_sentence(alarms, robots)
-    assert f"On {robots} faultless" in sentence and f"missing effect on {alarms} " in sentence
+    assert f"For {robots} simulated robots" in sentence and f"missing effect for {alarms} " in sentence
     assert f"at most {most}\N{NO-BREAK SPACE}%" in sentence and "`make bench-diagnosis`" in sentence
 
 

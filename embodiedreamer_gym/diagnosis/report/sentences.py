@@ -59,7 +59,7 @@ def verdict_sentence(data: Mapping[str, Any]) -> str:
         fall = f"the held-out error falls from {calibrated} to {milli(error['with_effect'], unit)}"
         sentence = f"The model lacks {listed(effects)}; with {'it' if len(effects) == 1 else 'them'} {fall} ({floor})."
         return (
-            f"{sentence} Its law is not exact: more is left than on faultless robots."
+            f"{sentence} Its law is not exact: the error stays above that of robots that lack no effect."
             if _is_inexact(data)
             else sentence
         )
@@ -91,7 +91,7 @@ def alarm_sentence(data: Mapping[str, Any]) -> str:
     """How likely a faultless robot is to do as badly as this one."""
     chance = f"of {data['p_value']:.3f}" if data["p_value"] >= 5e-4 else "below 0.001"
     return (
-        f"A faultless robot whose masses are 2{PERCENT} off would do as badly as the calibrated model with a probability "
+        f"If the model lacked no effect and its masses were 2{PERCENT} off, an error as large as this would have a probability "
         f"{chance}; the model counts as wrong below {ALARM:g}."
     )
 
@@ -103,7 +103,7 @@ def false_alarm_sentence(alarms: int = FALSE_ALARMS, robots: int = FAULTLESS) ->
     """
     most = 1.0 if alarms == robots else float(betaincinv(alarms + 1, robots - alarms, 0.975))
     return (
-        f"On {robots} faultless simulated robots this procedure named a missing effect on {alarms} "
+        f"For {robots} simulated robots that lack no effect, this procedure named a missing effect for {alarms} "
         f"(95{PERCENT} interval: at most {math.ceil(100 * most - 1e-9)}{PERCENT}); `make bench-diagnosis` measures it again."
     )
 
@@ -112,9 +112,9 @@ def unseen_sentences(data: Mapping[str, Any]) -> list[str]:
     """Which effects these recordings cannot show."""
     if data["unobservable"]:
         names = ", ".join(map(effect_name, data["unobservable"]))
-        return [f"Effects that these recordings would not show: {names}."]
+        return [f"Effects that these recordings cannot show: {names}."]
     if data["ranking"]:
-        return ["None of the catalogue: each effect would have shown at a typical size."]
+        return ["None of the catalogue: each effect of a typical size would be visible in these recordings."]
     return ["Not examined: no effect was tried on these recordings, because nothing is missing."]
 
 
