@@ -15,6 +15,9 @@ ROOT = Path(__file__).parents[1]
 OUTSIDE = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
 SHIM = "https://unpkg.com/iframe-worker/shim"  # of the plugin `offline`; ours is in docs/javascripts
 ALL_PAGES = "<!-- all pages -->"  # in index.md
+INLINE = re.compile(r"<code>([^<]+)</code>")
+OPTION = re.compile(r"(?<![\w-])--?\w[\w-]*")
+IMAGE = re.compile(r'<img [^>]*src="([^"]+)"[^>]*>')
 LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 
 
@@ -52,6 +55,12 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
     return LINK.sub(target, markdown.replace(ALL_PAGES, all_pages(config.nav)))
 
 
+def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
+    """Keep the options of commands on one line; a click on an image opens the file, in full size."""
+    html = INLINE.sub(lambda code: OPTION.sub(r'<span class="option">\g<0></span>', code[0]), html)
+    return IMAGE.sub(r'<a class="picture" href="\1">\g<0></a>', html)
+
+
 def all_pages(nav: list[dict[str, Any]]) -> str:
     """A line of links for each section of the navigation."""
     lines = []
@@ -65,6 +74,11 @@ def all_pages(nav: list[dict[str, Any]]) -> str:
 def on_post_page(output: str, page: Any, config: Any) -> str:
     """Let search on pages opened from files use a script of the site, so that it asks no server."""
     return output.replace(SHIM, "../" * page.file.dest_uri.count("/") + "javascripts/file_worker.js")
+
+
+def on_post_template(output: str, template_name: str, config: Any) -> str:
+    """Leave out the page of errors: its links are absolute, so they break where the site is opened from files."""
+    return "" if template_name == "404.html" else output
 
 
 def command_line() -> str:
