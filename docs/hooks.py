@@ -30,8 +30,9 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
-    """Point links at pages of the site; a link to a source file becomes its path."""
+    """Point links at pages of the site, by their titles; a link to a source file becomes its path."""
     here = page.file.src_uri
+    titles = {path: title for _, pages in sections(config.nav) for title, path in pages}
     source = ROOT / OUTSIDE.get(here, f"docs/{here}")
 
     def target(match: re.Match[str]) -> str:
@@ -49,6 +50,8 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
             return f"{text} (`{resolved.relative_to(ROOT).as_posix()}`)"
         else:
             return match[0]  # mkdocs reports it
+        if text.endswith(".md"):
+            text = titles.get(found, text)
         up = "../" * here.count("/")
         return f"{image}[{text}]({up}{found}{'#' + anchor if anchor else ''})"
 
@@ -61,13 +64,21 @@ def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
     return IMAGE.sub(r'<a class="picture" href="\1">\g<0></a>', html)
 
 
+def sections(nav: list[dict[str, Any]]) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Each section of the navigation with the titles and paths of its pages; a page alone has no name of a section."""
+    pairs = [pair for one in nav for pair in one.items()]
+    return [
+        (name, [pair for page in entry for pair in page.items()]) if isinstance(entry, list) else ("", [(name, entry)])
+        for name, entry in pairs
+    ]
+
+
 def all_pages(nav: list[dict[str, Any]]) -> str:
     """A line of links for each section of the navigation."""
     lines = []
-    for name, entry in (pair for one in nav for pair in one.items()):
-        pages = [pair for page in entry for pair in page.items()] if isinstance(entry, list) else [(name, entry)]
+    for name, pages in sections(nav):
         links = " · ".join(f"[{title}]({path})" for title, path in pages)
-        lines.append(f"- {name}: {links}" if isinstance(entry, list) else f"- {links}")
+        lines.append(f"- {name}: {links}" if name else f"- {links}")
     return "\n".join(lines)
 
 
