@@ -105,5 +105,5 @@ def test_pages_fit_and_ask_no_server(site: Path) -> None:
         page.set_viewport_size({"width": 400, "height": 900})
         page.goto((site / "tutorials" / "own_arm.html").as_uri())
         page.locator(".md-header label[for=__drawer]").first.click()
-        page.get_by_role("link", name="Gallery").locator("visible=true").first.click(timeout=PATIENCE)
-        page.wait_for_url("**/gallery.html")
+        page.locator(".md-nav").get_by_role("link", name="Your own task").locator("visible=true").first.click()
+        page.wait_for_url("**/own_task.html")
