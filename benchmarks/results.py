@@ -122,7 +122,18 @@ def page(results: Mapping[str, Any] | None = None) -> str:
         "f": lambda value, digits=0: f"{value:.{digits}f}",
         "median": lambda values: float(np.median(list(values))),
     }
-    return places.from_string(TEMPLATE.read_text()).render(r=kept() if results is None else results, blind=blind)
+    found = kept() if results is None else results
+    return places.from_string(TEMPLATE.read_text()).render(r=found, blind=blind, off=mass_errors, held=masses_held)
+
+
+def masses_held(cases: Sequence[Mapping[str, Any]]) -> int:
+    """How many intervals of the benchmark `payload` hold the mass."""
+    return sum(bool(case["interval"]) and case["interval"][0] <= case["mass"] <= case["interval"][1] for case in cases)
+
+
+def mass_errors(cases: Sequence[Mapping[str, Any]], key: str) -> list[float]:
+    """Error of an estimated mass of each case of the benchmark `payload`, %."""
+    return [100 * abs(case[key] / case["mass"] - 1) for case in cases if case[key] is not None]
 
 
 def main() -> None:
