@@ -117,6 +117,7 @@ def test_calibrate_writes_a_model_that_loads(work, logs, capsys) -> None:
     assert files(work) == {"two.json", "two.urdf", "b.json", "fit.json", "page", "page/index.html"}
 
 
+@pytest.mark.slow
 def test_diagnose_names_the_delay_and_saves_the_better_model(work, logs, capsys) -> None:
     inputs = ("--train", logs / "train", "--test", logs / "test", "--jobs", 1)
     outputs = ("--json", "d.json", "--out", "better.json", "--report", "page")

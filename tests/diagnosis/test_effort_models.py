@@ -140,6 +140,7 @@ def test_never_worse_than_plain_least_squares(rubbing) -> None:
     assert evaluate(problem.model_at(fit.x), list(test)).error < 1.02 * baseline
 
 
+@pytest.mark.slow
 def test_a_diagnosis_shows_the_baseline_and_offsets(rubbing) -> None:
     """An offset of the effort is in the table with its interval, and does not spoil the verdict."""
     model, train, test = rubbing
@@ -156,6 +157,7 @@ def test_a_diagnosis_shows_the_baseline_and_offsets(rubbing) -> None:
     assert found.as_dict()["error"]["with_effect"] <= 1.02 * found.error["least_squares"]
 
 
+@pytest.mark.slow
 def test_unknown_keeps_the_closest_effect(tmp_path) -> None:
     """With friction out of the catalogue something close is found: kept with its values, and not named.
 

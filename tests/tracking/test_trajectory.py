@@ -49,7 +49,7 @@ def test_commands_keep_limits_and_speeds(arm: RobotModel) -> None:
     tree = arm.tree
     assert (found.command >= tree.lower).all() and (found.command <= tree.upper).all()
     assert (np.abs(np.diff(found.command, axis=0)) <= tree.velocity * 0.02 + 1e-9).all()
-    assert found.limited.all() and "held back" in str(found)
+    assert found.limited.all() and "is limited by" in str(found)
 
 
 def test_noise_of_the_trajectory_does_not_become_chatter(arm: RobotModel) -> None:
