@@ -167,6 +167,7 @@ def test_a_light_survives_its_file(lit_bank: Bank, tmp_path) -> None:
         ({"light.positions": np.zeros((5000, 3))}, "5000 points"),
         ({"light.receivers": np.ones((3, 3), bool)}, "light of that size"),
         ({"light.matrix": np.array(["a"])}, "no reference bank"),
+        ({"bench": np.zeros((48, 64, 3))}, "bench is not uint8"),
     ],
 )
 def test_a_light_that_cannot_be_is_refused(lit_bank: Bank, tmp_path, change, sentence: str) -> None:
