@@ -240,7 +240,7 @@ def test_an_interrupted_diagnosis_leaves_nothing_behind(tmp_path: Path, number: 
     words = ["diagnose", "--model", "logs/model.json", "--train", "logs/train", "--test", "logs/test", "--jobs", "2"]
     environment = {**os.environ, "JOBLIB_TEMP_FOLDER": str(tmp_path / "tmp"), "TMPDIR": str(tmp_path / "tmp")}
     with subprocess.Popen([*COMMAND, *words, "--out", "b.json"], cwd=tmp_path, env=environment, stderr=subprocess.PIPE,
-                          stdout=subprocess.PIPE, text=True, start_new_session=True) as diagnose:  # fmt: skip
+                          stdout=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=take_interrupts) as diagnose:  # fmt: skip
         while "screening" not in (line := diagnose.stderr.readline()) and line:  # pyright: ignore
             pass
         time.sleep(4.0)  # workers are at work
@@ -257,6 +257,11 @@ def test_an_interrupted_diagnosis_leaves_nothing_behind(tmp_path: Path, number: 
     assert not [path for path in (tmp_path / "tmp").rglob("*") if path.is_file() and "joblib" in str(path)]
     assert not (tmp_path / "b.json").exists()
     assert [name for name in os.listdir("/dev/shm") if re.search(rf"[-_]{diagnose.pid}[-_]", name)] == []
+
+
+def take_interrupts() -> None:
+    """In a process whose tests run as a background job, which ignores them."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def in_group(group: int) -> list[str]:
