@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -101,6 +102,16 @@ def regressed(model: RobotModel, train: list[Recording]) -> float:
     return float(added @ left / (added @ added))
 
 
+def masses_held(rows: Sequence[Mapping[str, Any]]) -> list[bool]:
+    """Of each case with an interval, whether the interval holds the mass."""
+    return [r["interval"][0] <= r["mass"] <= r["interval"][1] for r in rows if r["interval"]]
+
+
+def mass_errors(rows: Sequence[Mapping[str, Any]], key: str) -> list[float]:
+    """Relative error of an estimated mass of each case that has one; key: "fitted" or "least_squares"."""
+    return [abs(r[key] / r["mass"] - 1) for r in rows if r[key] is not None]
+
+
 def table(rows: list[dict[str, Any]]) -> str:
     """A line per case, then the counts."""
     lines = [
@@ -112,10 +123,8 @@ def table(rows: list[dict[str, Any]]) -> str:
         lines.append(f"{r['seed']:>4} {r['mass']:>8.2f} {100 * np.linalg.norm(r['place']):>9.1f} {r['verdict']:<16}"
                      f"{','.join(r['effects'] or r['closest']):<28}{fitted:>8} {interval:>16} {r['least_squares']:>6.2f}")  # fmt: skip
     named = sum(r["effects"] == ["payload"] for r in rows)
-    inside = [r["interval"][0] <= r["mass"] <= r["interval"][1] for r in rows if r["interval"]]
+    inside, (ours, theirs) = masses_held(rows), (mass_errors(rows, key) for key in ("fitted", "least_squares"))
     low, high = clopper_pearson(sum(inside), max(len(inside), 1))
-    ours = [abs(r["fitted"] / r["mass"] - 1) for r in rows if r["fitted"] is not None]
-    theirs = [abs(r["least_squares"] / r["mass"] - 1) for r in rows]
     lines += [
         f"payload alone named: {named} of {len(rows)}",
         f"interval of the mass holds the truth: {sum(inside)} of {len(inside)} (95 % range {low:.0%} to {high:.0%})",

@@ -25,6 +25,7 @@ import jinja2
 import numpy as np
 
 from benchmarks.diagnosis_figures import TARGETS, TEXTS, wanted
+from benchmarks.payload import mass_errors, masses_held
 from embodiedreamer_gym.io.files import atomic_file
 from embodiedreamer_gym.io.results import run_stamp, write_results
 
@@ -124,16 +125,6 @@ def page(results: Mapping[str, Any] | None = None) -> str:
     }
     found = kept() if results is None else results
     return places.from_string(TEMPLATE.read_text()).render(r=found, blind=blind, off=mass_errors, held=masses_held)
-
-
-def masses_held(cases: Sequence[Mapping[str, Any]]) -> int:
-    """How many intervals of the benchmark `payload` hold the mass."""
-    return sum(bool(case["interval"]) and case["interval"][0] <= case["mass"] <= case["interval"][1] for case in cases)
-
-
-def mass_errors(cases: Sequence[Mapping[str, Any]], key: str) -> list[float]:
-    """Error of an estimated mass of each case of the benchmark `payload`, %."""
-    return [100 * abs(case[key] / case["mass"] - 1) for case in cases if case[key] is not None]
 
 
 def main() -> None:

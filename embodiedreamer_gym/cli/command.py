@@ -130,7 +130,8 @@ def execute(argv: Sequence[str], interrupted: Callable[[], bool] = bool) -> None
     """Parse the options and run the verb.
 
     interrupted: whether the user has interrupted it, which a compiler's callback may swallow.
-    Raises: KeyboardInterrupt in that case, at the next sign of progress or before anything is written; EmbodieDreamerError in one sentence for whatever the user can mend.
+    Raises: KeyboardInterrupt in that case, at the next sign of progress or before anything is written;
+        EmbodieDreamerError in one sentence for whatever the user can mend.
     """
     for word in argv:
         if word.startswith("--") and word.endswith("=--"):  # argparse makes an empty list of it

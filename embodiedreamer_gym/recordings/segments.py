@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -25,11 +26,8 @@ def window(recording: Recording, start: float, end: float) -> Recording:
     usable = recording.usable[rows].copy()
     if start > 0:
         usable[elapsed[rows] < start + BURN_IN] = False
-    arrays = {k: getattr(recording, k)[rows] for k in ("time", "position")}
-    optional = {k: getattr(recording, k) for k in ("command", "velocity", "effort")}
-    optional = {k: None if v is None else v[rows] for k, v in optional.items()}
     name = f"{recording.name} {start:.0f}-{end:.0f} s"
-    return recording.with_(**arrays, **optional, usable=usable, frames={}, name=name)
+    return recording.with_(**_signals(recording, lambda signal: signal[rows]), usable=usable, frames={}, name=name)
 
 
 def pieces(recordings: Sequence[Recording], seconds: float) -> Recordings:
@@ -38,10 +36,8 @@ def pieces(recordings: Sequence[Recording], seconds: float) -> Recordings:
     for recording in recordings:
         count = max(1, int(min(recording.duration / seconds, recording.time.size / FEWEST)))
         for rows in np.array_split(np.arange(recording.time.size), count):
-            optional = {k: getattr(recording, k) for k in ("command", "velocity", "effort")}
-            optional = {k: None if v is None else v[rows] for k, v in optional.items()}
             result.append(recording.with_(
-                time=recording.time[rows], position=recording.position[rows], usable=recording.usable[rows], **optional,
+                **_signals(recording, lambda signal, rows=rows: signal[rows]), usable=recording.usable[rows],
                 frames={}, name=f"{recording.name} from {recording.time[rows[0]]:.2f} s",
             ))  # fmt: skip
     return Recordings(result)
@@ -80,12 +76,16 @@ def averaged(recording: Recording, hz: float) -> Recording:
     def mean(signal: np.ndarray) -> np.ndarray:
         return signal[:rows].reshape(-1, count, *signal.shape[1:]).mean(axis=1)
 
-    optional = {k: getattr(recording, k) for k in ("command", "velocity", "effort")}
     return recording.with_(
-        time=mean(recording.time), position=mean(recording.position), usable=mean(recording.usable) == 1.0,
-        **{k: None if v is None else mean(v) for k, v in optional.items()},
+        **_signals(recording, mean), usable=mean(recording.usable) == 1.0,
         noise=recording.noise / np.sqrt(count), quantum=recording.quantum / np.sqrt(count), frames={},
     )  # fmt: skip
+
+
+def _signals(recording: Recording, change: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
+    """Time and signals of a recording, all changed alike; None stays None."""
+    held = {name: getattr(recording, name) for name in ("time", "position", "command", "velocity", "effort")}
+    return {name: None if signal is None else change(signal) for name, signal in held.items()}
 
 
 def _most_active(recording: Recording, length: float, count: int) -> list[Recording]:

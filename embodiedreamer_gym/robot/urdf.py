@@ -131,9 +131,10 @@ def _check_numbers(robot: yourdfpy.Robot, path: Path) -> None:
             value = getattr(joint, what)
             if value is not None and not np.all(np.isfinite(np.asarray(value, float))):
                 raise ModelError(f"{path.name}: the {what} of joint '{joint.name}' is not finite.")
-        if joint.origin is not None and np.abs(joint.origin[:3, 3]).max() > FARTHEST:
+        far = 0.0 if joint.origin is None else np.abs(joint.origin[:3, 3]).max()
+        if far > FARTHEST:
             raise ModelError(
-                f"{path.name}: the origin of joint '{joint.name}' is {np.abs(joint.origin[:3, 3]).max():g} m away; at most "
+                f"{path.name}: the origin of joint '{joint.name}' is {far:g} m away; at most "
                 f"{FARTHEST:g} m is taken. URDF lengths are in metres."
             )
         if joint.type in MOVABLE and (np.shape(joint.axis) != (3,) or not np.linalg.norm(joint.axis) > 0):

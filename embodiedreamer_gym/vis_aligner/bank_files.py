@@ -106,8 +106,8 @@ def _bench(arrays: Mapping[str, Array]) -> Bench | None:
         return None
     if arrays["bench"].shape != arrays["plate"].shape:
         raise ValueError("the bench's picture has another size than the plate")
-    for key in {"bench", "gallery", "gallery.rgb", "gallery.classes", "gallery.parts"} & set(arrays):
-        if arrays[key].dtype != np.uint8:
+    for key in ("bench", "gallery", "gallery.rgb", "gallery.classes", "gallery.parts"):
+        if key in arrays and arrays[key].dtype != np.uint8:
             raise ValueError(f"{key} is not uint8")
     seen = {key.removeprefix("gallery."): data for key, data in arrays.items() if key.startswith("gallery.")}
     gallery = Gallery(arrays["gallery"], Condition(**seen)) if "gallery" in arrays else None
