@@ -42,7 +42,7 @@ class Candidate:
     @cached_property
     def trained(self) -> HeldOut:
         """How the model does on the recordings that it was fitted to."""
-        return summarise_errors(self.problem.signals, self.fit.residuals)
+        return trained_errors(self.model, self.problem, self.fit)
 
     @cached_property
     def judged(self) -> HeldOut:
@@ -53,6 +53,13 @@ class Candidate:
     def trained_score(self) -> float:
         """The score of a `HeldOut`, on the training recordings."""
         return self.trained.score
+
+
+def trained_errors(model: RobotModel, problem: Problem, fit: Fit) -> HeldOut:
+    """Errors of a fitted model on the recordings that it was fitted to; of efforts, in the noise that this model gives them."""
+    if problem.signals.by_effort:
+        return evaluate(model, problem.recordings)
+    return summarise_errors(problem.signals, fit.residuals)
 
 
 def judged(problem: Problem, trained: HeldOut, held_out: HeldOut) -> HeldOut:

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from embodiedreamer_gym.diagnosis.candidates import trained_errors
 from embodiedreamer_gym.diagnosis.coupled_motors import coupling_notes
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, summarise
 from embodiedreamer_gym.diagnosis.error_ceiling import explainable_shares
 from embodiedreamer_gym.diagnosis.explainable import explainable_chi2
-from embodiedreamer_gym.diagnosis.held_out import evaluate, summarise_errors
+from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.notes import notes_on
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
@@ -161,7 +162,7 @@ def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:
     search.progress("drawing faultless robots", 0, held_out_error=search.milli(base.error))
     null = draw_null(calibrated.model, fit, problem, search.test, search.rng)
     search.rollouts += null.rollouts
-    trained = summarise_errors(problem.signals, fit.residuals)
+    trained = trained_errors(calibrated.model, problem, fit)
     p_value = null.p_value(base.chi2, trained.chi2)
     screened = screen_all(search, problem, fit, null, first=True)
     state = SearchState((calibrated.model, problem, fit), base, trained, null)

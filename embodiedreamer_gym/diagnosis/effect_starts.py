@@ -49,7 +49,7 @@ class Starts:
 def single_starts(kind: type[Effect], model: RobotModel, start: Values, nominal: Values) -> Starts:
     """Starts of one more effect: the screening's, and several sizes at the model's and at nominal gains (empty: none)."""
     gains = [{}, nominal] if nominal else [{}]
-    sizes = _sizes(kind, model, start, LIMITS if _is_limit(kind) else SIZES, both_signs=True)
+    sizes = _sizes(kind, model, start, LIMITS if is_limit(kind) else SIZES, both_signs=True)
     return Starts((start, *({**size, **gain} for gain in gains for size in sizes)), of_arm=(is_of_arm(kind), False))
 
 
@@ -60,7 +60,7 @@ def pair_starts(
 
     fitted: values of the first effect and gains of a fit with it alone, to begin with too.
     """
-    grids = [[{**nominal, **size} for size in _sizes(k, model, start, PAIR_LIMITS if _is_limit(k) else PAIR_SIZES, False)]
+    grids = [[{**nominal, **size} for size in _sizes(k, model, start, PAIR_LIMITS if is_limit(k) else PAIR_SIZES, False)]
              for k in kinds]  # fmt: skip
     second = [{key: v for key, v in size.items() if key.effect} for size in grids[1]]
     first = grids[0] if fitted is None else [*grids[0], fitted]
@@ -79,7 +79,8 @@ def is_of_arm(kind: type[Effect]) -> bool:
     return all(p.per == "arm" for p in kind.parameters)
 
 
-def _is_limit(kind: type[Effect]) -> bool:
+def is_limit(kind: type[Effect]) -> bool:
+    """Whether an effect is off where a parameter is at its upper bound."""
     return any(p.off == p.high for p in kind.parameters)
 
 

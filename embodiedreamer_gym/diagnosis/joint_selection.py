@@ -13,6 +13,7 @@ import numpy as np
 import scipy  # loads its parts when they are used
 
 from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate
+from embodiedreamer_gym.diagnosis.effect_starts import is_limit
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
 from embodiedreamer_gym.diagnosis.screening import largest_seen
@@ -64,7 +65,7 @@ def significance(kind: type[Effect], problem: Problem, fit: Fit) -> dict[str, fl
     """
     uncertainty = spread(problem, fit.x, fit.residuals * fit.weight, fit.jacobian * fit.weight[:, None])
     off = _off(problem)
-    limit = any(p.off == p.high for p in kind.parameters)
+    limit = is_limit(kind)
     chance: dict[str, float] = {}
     for place in dict.fromkeys(row.key.place for row in problem.rows if row.key.effect == kind.name):
         own = [i for i, row in enumerate(problem.rows) if (row.key.effect, row.key.place) == (kind.name, place)]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from embodiedreamer_gym.diagnosis.effect_starts import is_limit
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.io.parallel import many
 from embodiedreamer_gym.io.progress import ProgressCallback, silent
@@ -25,6 +26,7 @@ SECONDS = 40.0  # of motion to screen on
 SLOPE = 0.1  # s, over which a slope is taken to find the largest acceleration
 START_FALL = 0.02  # fall of a joint's log mean square from which an effect is started there
 USEFUL_FALL = 0.005  # the like, below which a joint is left without the effect
+MOST_SHARE = 1.5  # of a size tried, up to which a free run is taken to be linear in it
 VISIBLE_SHARE = 0.5  # of the calibrated residual that an effect must change to be observable
 
 
@@ -95,12 +97,13 @@ def screen_effect(
     model = points[0].model
     before = _mean_squares(problem, points[0].residuals, floor)
     falls, shares, sizes, visible, change = [], [], [], 0.0, np.zeros((0, 0))
+    most = np.inf if problem.signals.by_effort and not is_limit(kind) else MOST_SHARE  # efforts are sums of torques
     for k, point in enumerate(points):
         trial = point.model.with_effect(kind)
         sets = _points(trial, kind, problem)
         change = _change(trial, kind, sets, problem)
         sizes.append(sets)
-        after, share, seen = _refitted(model, problem, point, change, floor)
+        after, share, seen = _refitted(model, problem, point, change, floor, most)
         falls.append(np.log(before) - np.log(after))
         shares.append(share)
         visible = seen if k == 0 else visible
@@ -192,8 +195,10 @@ def _together(kind, choices, sized, model) -> list[tuple[np.ndarray, ...]]:
     return rows
 
 
-def _refitted(model: RobotModel, problem: Problem, point: LinearisationPoint, change: np.ndarray, floor: np.ndarray):
-    """Mean square (K, n) left when a joint's own gains and one step's share in [0, 1.5] are refitted; the shares."""
+def _refitted(
+    model: RobotModel, problem: Problem, point: LinearisationPoint, change: np.ndarray, floor: np.ndarray, most: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Mean square (K, n) left when a joint's own gains and one step's share in [0, most] are refitted; the shares."""
     count = len(change)
     left, shares, seen = np.ones((count, model.n)), np.ones((count, model.n)), np.zeros((count, model.n))
     for j in range(model.n):
@@ -205,7 +210,7 @@ def _refitted(model: RobotModel, problem: Problem, point: LinearisationPoint, ch
         r = r - basis @ (basis.T @ r)
         d = d - (d @ basis) @ basis.T
         power = np.sum(d**2, axis=1)
-        share = np.clip(-(d @ r) / np.maximum(power, 1e-300), 0.0, 1.5)
+        share = np.clip(-(d @ r) / np.maximum(power, 1e-300), 0.0, most)
         left[:, j] = np.maximum(np.mean((r + share[:, None] * d) ** 2, axis=1), floor[j] ** 2)
         shares[:, j] = share
         seen[:, j] = np.sqrt(power / len(rows)) / max(floor[j], 1.0)

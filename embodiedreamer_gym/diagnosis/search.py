@@ -18,7 +18,7 @@ from embodiedreamer_gym.diagnosis.search_state import (
     screen_all,
 )
 from embodiedreamer_gym.diagnosis.special_cases import prefer_special_cases
-from embodiedreamer_gym.diagnosis.verdict import contenders, explains_most, improves
+from embodiedreamer_gym.diagnosis.verdict import contenders, explains_most, improves, unrefuted
 
 PARTNERED = 1  # best single effects to which a second one is sought
 
@@ -60,22 +60,23 @@ def add_effects(
         if further:
             screened = screen_all(search, *state.current[1:], null, first=False)
         few = further and not state.start[1].signals.by_effort
+        most = state.most if state.start[1].signals.by_effort else None
         candidates = fit_candidates(search, screened, *state.current, held, few)
         improving = [
             c
             for c in candidates
-            if improves(held, c.held_out) and (not further or explains_most(held, c.held_out, null.chi2))
+            if improves(held, c.held_out, most) and (not further or explains_most(held, c.held_out, null.chi2))
         ]
         if candidates and state.closest is None:
             state.closest = min(candidates, key=lambda c: c.held_out.score)
         if not improving:
             return
-        close = contenders(held, improving)
+        close = contenders(held, unrefuted(improving, null.chi2) if most is not None else improving)
         if not further and len(close) > 1:
             state.set_rivals(close)
         chosen = polish(close[0], search.test)
         search.rollouts += chosen.rollouts - close[0].rollouts
-        if not improves(held, chosen.held_out):
+        if not improves(held, chosen.held_out, most):
             return
         state.steps.append(chosen)
         state.null = current_null(search, state)

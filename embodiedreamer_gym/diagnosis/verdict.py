@@ -143,6 +143,15 @@ def leaves_excess(held: HeldOut, null: np.ndarray) -> bool:
     return bool((held.chi2 / np.quantile(null, 0.95, axis=0)).max() > USUAL)
 
 
+def unrefuted(candidates: Sequence[Candidate], null: np.ndarray) -> list[Candidate]:
+    """Candidates that leave no joint's error above its noise; all, where none does.
+
+    An effort's noise grows with the model's inertia. A model whose error is smaller but beyond its own noise is refuted all the same.
+    """
+    exact = [c for c in candidates if not leaves_excess(c.held_out, null)]
+    return exact or list(candidates)
+
+
 def explained(before: HeldOut, after: HeldOut, null: np.ndarray) -> np.ndarray:
     """Share (n,) of each joint's excess mean square that is explained; NaN where there was no excess.
 
