@@ -46,8 +46,8 @@ class Candidate:
 
     @cached_property
     def judged(self) -> HeldOut:
-        """Error by which the effect is accepted, see `judged`."""
-        return judged(self.problem, self.trained, self.held_out)
+        """Error on all motion, by which the effect is accepted."""
+        return pooled(self.trained, self.held_out)
 
     @property
     def trained_score(self) -> float:
@@ -60,14 +60,6 @@ def trained_errors(model: RobotModel, problem: Problem, fit: Fit) -> HeldOut:
     if problem.signals.by_effort:
         return evaluate(model, problem.recordings)
     return summarise_errors(problem.signals, fit.residuals)
-
-
-def judged(problem: Problem, trained: HeldOut, held_out: HeldOut) -> HeldOut:
-    """Error by which effects are accepted: on all motion, or on held-out motion alone where efforts are compared.
-
-    Fits to efforts estimate masses as well, as many parameters as the fitted motion bears.
-    """
-    return held_out if problem.signals.by_effort else pooled(trained, held_out)
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,11 +104,24 @@ def diagnose(
     if result.state.start[1].signals.by_effort:
         baseline = float(np.nanmean(least_squares_rms(model, train, all_test)))
         notes += coupling_notes(result.final.model, train, test)
+        notes += _risen(search, result)
     return summarise(
         result, model=model, ranking=search.ranking, unobservable=search.unobservable, catalogue=catalogue, test=all_test,
         rollouts=search.rollouts, seconds=time.perf_counter() - begun, baseline=baseline,
         notes=notes,
     )  # fmt: skip
+
+
+def _risen(search: Search, result: Attempt) -> tuple[str, ...]:
+    """A note where the named effect lowers the error of efforts on the fitted motion alone."""
+    state = result.state
+    if result.verdict == "unknown" or state.held.error <= state.base.error:
+        return ()
+    was, now = search.milli(state.trained.error), search.milli(state.fitted.error)
+    return (
+        "Note: the held-out error rises because a model with this inertia turns more of the position's noise into effort; "
+        f"on the training motion the error falls from {was} to {now}.",
+    )
 
 
 def _explainable(search: Search, state: SearchState) -> np.ndarray | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from embodiedreamer_gym.diagnosis.backward_elimination import drop_last, drop_redundant, prune_all, resolve_tie
-from embodiedreamer_gym.diagnosis.candidates import polish
+from embodiedreamer_gym.diagnosis.candidates import Candidate, polish
 from embodiedreamer_gym.diagnosis.pair_search import add_pair
 from embodiedreamer_gym.diagnosis.refits import fit_candidates
 from embodiedreamer_gym.diagnosis.screening import Screened
@@ -18,7 +18,7 @@ from embodiedreamer_gym.diagnosis.search_state import (
     screen_all,
 )
 from embodiedreamer_gym.diagnosis.special_cases import prefer_special_cases
-from embodiedreamer_gym.diagnosis.verdict import contenders, explains_most, improves, unrefuted
+from embodiedreamer_gym.diagnosis.verdict import contenders, explains_most, improves, leaves_excess, unrefuted
 
 PARTNERED = 1  # best single effects to which a second one is sought
 
@@ -59,24 +59,21 @@ def add_effects(
         held, null, further = state.held, state.null, bool(state.steps)
         if further:
             screened = screen_all(search, *state.current[1:], null, first=False)
-        few = further and not state.start[1].signals.by_effort
-        most = state.most if state.start[1].signals.by_effort else None
-        candidates = fit_candidates(search, screened, *state.current, held, few)
+        by_effort = state.start[1].signals.by_effort
+        candidates = fit_candidates(search, screened, *state.current, held, further and not by_effort)
         improving = [
-            c
-            for c in candidates
-            if improves(held, c.held_out, most) and (not further or explains_most(held, c.held_out, null.chi2))
+            c for c in candidates if _accepted(state, c) and (not further or explains_most(held, c.held_out, null.chi2))
         ]
         if candidates and state.closest is None:
             state.closest = min(candidates, key=lambda c: c.held_out.score)
         if not improving:
             return
-        close = contenders(held, unrefuted(improving, null.chi2) if most is not None else improving)
+        close = contenders(held, unrefuted(improving, null.chi2) if by_effort else improving)
         if not further and len(close) > 1:
             state.set_rivals(close)
         chosen = polish(close[0], search.test)
         search.rollouts += chosen.rollouts - close[0].rollouts
-        if not improves(held, chosen.held_out, most):
+        if not _accepted(state, chosen):
             return
         state.steps.append(chosen)
         state.null = current_null(search, state)
@@ -86,6 +83,17 @@ def add_effects(
             max_effects,
             held_out_error=search.milli(chosen.held_out.error),
         )
+
+
+def _accepted(state: SearchState, candidate: Candidate) -> bool:
+    """Whether an effect lowers the held-out error, or that of efforts on all motion down to their noise.
+
+    On slow held-out motion a model without the inertia that a robot has can have a smaller error than the right one has noise.
+    """
+    if improves(state.held, candidate.held_out):
+        return True
+    exact = state.start[1].signals.by_effort and not leaves_excess(candidate.held_out, state.null.chi2)
+    return exact and improves(state.judged, candidate.judged, state.most)
 
 
 def eliminate(search: Search, state: SearchState) -> None:

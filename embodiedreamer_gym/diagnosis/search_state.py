@@ -11,9 +11,8 @@ from embodiedreamer_gym.diagnosis.candidates import (
     ITERATIONS,
     TOLERANCE,
     Candidate,
-    judged,
 )
-from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, pooled
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution, draw_null
 from embodiedreamer_gym.diagnosis.probabilities import candidate_probabilities
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
@@ -127,20 +126,18 @@ class SearchState:
 
     @property
     def judged(self) -> HeldOut:
-        """Error by which effects are accepted: on all motion, or on held-out motion alone where efforts are compared."""
+        """Error on all motion, by which effects are accepted."""
         return self.steps[-1].judged if self.steps else self.judged_start
 
     @property
     def most(self) -> np.ndarray:
-        """Largest chi2 (n,) of all but 5 % of faultless robots, on the motion that effects are accepted by (see `judged`)."""
-        if self.start[1].signals.by_effort:
-            return np.asarray(np.quantile(self.null.chi2, 0.95, axis=0))
+        """Largest chi2 (n,) of all but 5 % of faultless robots."""
         return np.maximum(*(np.quantile(chi2, 0.95, axis=0) for chi2 in (self.null.chi2, self.null.trained_chi2)))
 
     @property
     def judged_start(self) -> HeldOut:
         """The like, of the start."""
-        return judged(self.start[1], self.trained, self.base)
+        return pooled(self.trained, self.base)
 
     def improving(self, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Candidates that improve on the model so far, on all motion; where none does, on the motion that was fitted.

@@ -19,10 +19,10 @@ OWN_SHARE = 0.01  # of the effort's variance, that the model's torque alone must
 
 
 def motion_terms(recording: Recording) -> list[np.ndarray]:
-    """Acceleration, speed and sign of the speed (T, n), smoothed as torques of inverse runs are."""
-    motion = smooth_derivatives(recording)
+    """Acceleration, speed and sign of the speed (T, n), smoothed twice, as torques of inverse runs are."""
+    motion = smooth_derivatives(recording)  # smoothed once
     sign = smooth(recording, np.sign(smooth_motion(recording).velocity))
-    return [smooth(recording, motion.acceleration), smooth(recording, motion.velocity), sign]
+    return [smooth(recording, x) for x in (motion.acceleration, motion.velocity, sign)]
 
 
 def joint_terms(

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from embodiedreamer_gym.phys_aligner.effort_terms import motion_terms
 from embodiedreamer_gym.phys_aligner.signals import Signals
-from embodiedreamer_gym.recordings import Recording, smooth, smooth_derivatives, smooth_motion
+from embodiedreamer_gym.recordings import Recording, smooth, smooth_derivatives
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Drive
 
@@ -42,6 +43,4 @@ def _terms(model: RobotModel, recording: Recording, effort: np.ndarray) -> np.nd
     motion = smooth_derivatives(recording)
     q, v, a = motion.position, motion.velocity, motion.acceleration
     rigid = model.bodies.inverse_dynamics(q, v, a, Drive(model).mechanics)[0]
-    sign = smooth(recording, np.sign(smooth_motion(recording).velocity))
-    terms = [smooth(recording, x) for x in (rigid, a, v, sign)]
-    return np.stack([effort, *terms, np.ones_like(v)], axis=-1)
+    return np.stack([effort, smooth(recording, rigid), *motion_terms(recording), np.ones_like(v)], axis=-1)

@@ -51,7 +51,10 @@ def model_of(data: dict[str, Any], path: Path, catalogue: Mapping[str, type[Effe
         joint: files.ends(ends, f"robot.normalised of {joint}", path)
         for joint, ends in files.table(robot, "normalised", joints, path).items()
     }
-    tree = build_tree(urdf, joints, normalised, tips)
+    try:
+        tree = build_tree(urdf, joints, normalised, tips)
+    except ModelError as error:
+        raise ModelError(f"model {path}: {error}") from error
     preset = read_preset(servo.get("preset"), path)
     stated = {group: data.get(group, servo.get(group)) for group in SERVO_GROUPS}
     given = {k: np.array(files.numbers(v, len(joints), k, path)) for k, v in stated.items() if v is not None}

@@ -9,11 +9,13 @@ import pytest
 
 from embodiedreamer_gym.cli.command import main
 from embodiedreamer_gym.diagnosis import compare, diagnose, error_breakdown
+from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.report.error_figures import profiles
 from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
 from embodiedreamer_gym.recordings import Recordings, load_recordings, save_recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.standin.cases import draw_case
+from embodiedreamer_gym.standin.labels import draw_at_rest
 
 
 def case(effect: str | None, folder, seed: int = 1):
@@ -24,7 +26,10 @@ def case(effect: str | None, folder, seed: int = 1):
     return model, *logs, drawn.truth
 
 
-@pytest.mark.parametrize("effect", ["payload", "coulomb_friction", "torque_constant"])
+@pytest.mark.parametrize(
+    "effect",
+    ["payload", *(pytest.param(name, marks=pytest.mark.slow) for name in ("coulomb_friction", "torque_constant"))],
+)
 def test_what_is_missing_is_named_from_the_effort(effect: str, tmp_path) -> None:
     """Right name and joints, the truth near its value, the held-out effort error down; the error is in N m."""
     model, train, test, truth = case(effect, tmp_path)
@@ -72,6 +77,7 @@ def test_each_model_is_compared_with_its_own_noise(tmp_path) -> None:
     assert both.noise == alone[1].noise > alone[0].noise
 
 
+@pytest.mark.slow
 def test_the_command_line_reads_columns_of_currents(tmp_path, capsys) -> None:
     """A csv with <joint>.current and no command goes all the way to a page."""
     _, train, test, _ = case("coulomb_friction", tmp_path)
@@ -91,3 +97,28 @@ def test_the_command_line_reads_columns_of_currents(tmp_path, capsys) -> None:
     page = (tmp_path / "report" / "index.html").read_text()
     assert "mA" in page
     assert "mrad" not in page
+
+
+@pytest.mark.slow
+def test_inertia_is_named_although_it_raises_the_noise_of_the_effort(tmp_path) -> None:
+    """On slow held-out motion the right inertia leaves a larger error than none; on the fitted motion it explains all."""
+    rng = np.random.default_rng([4, 7])
+    drawn = draw_case(("rotor_inertia",), "arm6", rng, 2.0, seconds=6, with_velocity=False, with_command=False)
+    model = RobotModel.load(drawn.write(tmp_path))
+    found = diagnose(model, *(load_recordings(tmp_path / part) for part in ("train", "test")))
+    assert (found.verdict, found.effects) == ("missing", ("rotor_inertia",))
+    ((joint, value),) = drawn.hidden["rotor_inertia"]["inertia"].items()
+    assert found.parameters["rotor_inertia"][joint]["value"] == pytest.approx(value, rel=0.1)
+    assert any("held-out error rises" in note for note in found.notes)
+
+
+def test_motion_beside_a_reversal_is_not_compared(tmp_path) -> None:
+    """How long a joint stuck there is not known; with the true friction the rest comes back to its noise."""
+    rng = np.random.default_rng([20011, 4, 3])
+    drawn = draw_at_rest(("stribeck_friction",), "arm6", rng, 1.47, seconds=6, with_velocity=False, with_command=False)
+    model = RobotModel.load(drawn.write(tmp_path))
+    (joint,) = drawn.hidden["stribeck_friction"]["sliding"]
+    values = {f"stribeck_friction.{name}": value for name, value in drawn.hidden["stribeck_friction"].items()}
+    model = model.with_effect("stribeck_friction", (joint,)).with_values(values)
+    chi2 = evaluate(model, load_recordings(tmp_path / "test")).chi2[model.joints.index(joint)]
+    assert chi2 < 1.5  # 8 where only the samples at rest are left out
