@@ -19,6 +19,12 @@ os.environ["MPLBACKEND"] = "Agg"
 ROOT = Path(__file__).resolve().parents[1]
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Start the longest tests first: no process waits for one of them at the end."""
+    slow = {item: item.get_closest_marker("slow") for item in items}
+    items.sort(key=lambda item: not (slow[item] and slow[item].kwargs.get("first")))  # pyright: ignore
+
+
 def pytest_runtest_setup() -> None:
     """Pin torch too, without importing it for the tests that do not use it."""
     torch = sys.modules.get("torch")

@@ -48,8 +48,8 @@ def first_missing(expected: Sequence[str], printed: Sequence[str]) -> str | None
     return None
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+@pytest.mark.slow(first=True)
+@pytest.mark.parametrize("path", sorted(TUTORIALS, key=lambda path: path.stem != "policy"), ids=lambda path: path.stem)
 def test_tutorial(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

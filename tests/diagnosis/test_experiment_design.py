@@ -81,6 +81,7 @@ def test_the_command_writes_commands_and_a_picture(tmp_path: Path, capsys) -> No
     assert main([*arguments[:3], "--separate", "payload", "--out", str(out)]) == 2
 
 
+@pytest.mark.slow
 def test_recordings_decide_what_both_effects_look_like(proposal) -> None:
     model = RobotModel.load(DATA / "model.json")
     logs = Recordings(list(load_recordings(DATA / "train"))[:2])

@@ -39,7 +39,7 @@ def drawn(effect: str, among: list[int], seed: int) -> Case:
     return draw_case(effect, "arm6", np.random.default_rng(seed), among=among)
 
 
-@pytest.mark.parametrize("left_out", [False, True])
+@pytest.mark.parametrize("left_out", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_friction_is_found_on_its_joints_also_where_the_screening_left_one_out(left_out: bool) -> None:
     case = next(
         c for seed in range(9) if len((c := drawn("coulomb_friction", [1, 2], seed)).truth["values"]["torque"]) == 2

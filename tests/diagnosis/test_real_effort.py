@@ -13,7 +13,7 @@ from embodiedreamer_gym.robot import RobotModel
 FRICTION = {"coulomb_friction", "stribeck_friction", "direction_dependent_friction", "load_friction", "hysteresis"}
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_the_friction_of_a_franka_is_named(shared_data: Path) -> None:
     """On every joint that least squares finds it on, and the held-out torque is predicted better than by least squares."""
     data = shared_data / "franka_effort"
