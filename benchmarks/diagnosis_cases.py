@@ -45,7 +45,14 @@ from embodiedreamer_gym.standin.labels import (
     places,
 )
 
-SEEDS = {"development": 20011, "test": 70001, "sealed": 16249039, "sealed_2": 12938146, "sealed_3": 5007506}
+SEEDS = {
+    "development": 20011,
+    "test": 70001,
+    "sealed": 16249039,
+    "sealed_2": 12938146,
+    "sealed_3": 5007506,
+    "sealed_4": 8504937,
+}
 # Beside the URDF's errors an offset of each joint's effort is estimated, which a bias is, alone or in a direction-dependent friction.
 BESIDE_OFFSETS = tuple(name for name in IN_EFFORT if name not in ("torque_bias", "direction_dependent_friction"))
 PLAIN_NOISES = 10.0  # visibility from which an effect of the independent generator is plain

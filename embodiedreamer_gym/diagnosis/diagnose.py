@@ -213,7 +213,7 @@ def _fits_all_motion(state: SearchState, shares: np.ndarray | None) -> bool:
     inexact = len(state.steps) == 1 and state.excess <= INEXACT and explained
     if state.is_exact or inexact:
         return True
-    errors = (state.base, state.held, state.null.chi2)
+    errors = (state.base, state.held, state.start_null.chi2)
     if not is_far_from_noise(*errors):
         return False
     return shares is None or total_explained(*errors) >= MOSTLY * total_explainable(*errors, shares[:, -1])

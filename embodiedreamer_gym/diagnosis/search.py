@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from embodiedreamer_gym.diagnosis.backward_elimination import drop_last, drop_redundant, prune_all, resolve_tie
 from embodiedreamer_gym.diagnosis.candidates import Candidate, polish
 from embodiedreamer_gym.diagnosis.pair_search import add_pair
@@ -18,7 +20,14 @@ from embodiedreamer_gym.diagnosis.search_state import (
     screen_all,
 )
 from embodiedreamer_gym.diagnosis.special_cases import prefer_special_cases
-from embodiedreamer_gym.diagnosis.verdict import contenders, explains_most, improves, leaves_excess, unrefuted
+from embodiedreamer_gym.diagnosis.verdict import (
+    SMALLEST_GAIN,
+    contenders,
+    explains_most,
+    improves,
+    leaves_excess,
+    unrefuted,
+)
 
 PARTNERED = 1  # best single effects to which a second one is sought
 
@@ -96,6 +105,17 @@ def _accepted(state: SearchState, candidate: Candidate) -> bool:
     return exact and improves(state.judged, candidate.judged, state.most)
 
 
+def _is_missed(state: SearchState, everywhere: Candidate) -> bool:
+    """Whether the error of some joint's effort rises when effects are taken off it.
+
+    Where a wrong law leaves most of a joint's error, no estimate there is significant.
+    """
+    if not state.start[1].signals.by_effort:
+        return False
+    rise = np.log(np.maximum(state.held.chi2, 1.0) / np.maximum(everywhere.held_out.chi2, 1.0))
+    return bool(rise.max() > SMALLEST_GAIN)
+
+
 def eliminate(search: Search, state: SearchState) -> None:
     """Drop redundant effects, resolve a tie for the first, and take each effect off the joints that do not need it.
 
@@ -116,7 +136,7 @@ def eliminate(search: Search, state: SearchState) -> None:
     state.steps = prune_all(state.steps, search.train, search.test)
     state.steps[-1] = polish(state.steps[-1], search.test)
     fit_together(search, state)
-    if exact and not state.is_exact:  # a joint is missed
+    if not state.is_exact and (exact or _is_missed(state, everywhere[-1])):  # a joint without its effect
         state.steps = everywhere
         fit_together(search, state)
     if len(state.steps) > 1 or not state.is_exact:

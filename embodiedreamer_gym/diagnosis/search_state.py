@@ -81,7 +81,7 @@ class SearchState:
     """The calibrated start of a search and the effects added to it.
 
     base, trained: errors of the start on held-out motion and on the fitted one; null: of faultless robots like the model so
-    far; steps: one candidate per added effect; closest: best single effect; probabilities: of each effect, given that one of
+    far; start_null: like the start; steps: one candidate per added effect; closest: best single effect; probabilities: of each effect, given that one of
     the candidates is right; tie: the effects of which one is missing, where no single one is probable enough; rivals:
     candidates for the first step that held-out motion does not distinguish, where efforts are compared; together: errors on
     the fitted and on the held-out motion of a fit to both, see `fit_together`.
@@ -97,6 +97,9 @@ class SearchState:
     closest: Candidate | None = None
     probabilities: dict[str, float] = field(default_factory=dict)
     together: tuple[HeldOut, HeldOut] | None = None
+
+    def __post_init__(self) -> None:
+        self.start_null = self.null
 
     @property
     def current(self) -> tuple[RobotModel, Problem, Fit]:

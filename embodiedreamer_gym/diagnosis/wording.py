@@ -56,11 +56,11 @@ def verdict_text(
     if state.closest is None:
         return f"Unknown: the model is wrong ({usual}), but no known effect lowers the error."
     names = " and ".join(places) or state.closest.kind.name
-    share = total_explained(state.base, state.held if places else state.closest.held_out, state.null.chi2)
+    share = total_explained(state.base, state.held if places else state.closest.held_out, state.start_null.chi2)
     verb = "explain" if len(places) > 1 else "explains"
     closest = f"the closest, {names}, {verb} {100 * max(share, 0.0):.0f} %"
     if attempt.explainable is not None and places:
-        most = total_explainable(state.base, state.held, state.null.chi2, attempt.explainable[:, -1])
+        most = total_explainable(state.base, state.held, state.start_null.chi2, attempt.explainable[:, -1])
         closest += f" of the excess error, of which {100 * most:.0f} % is predictable from the signals"
     return f"Unknown: the model is wrong ({usual}); {closest}{_what_is_left(state) if places else ''}."
 
@@ -69,7 +69,7 @@ def _what_is_left(state: SearchState) -> str:
     """What a law that is not exact leaves, as the end of a sentence; "" where it leaves nothing."""
     if state.is_exact or not state.steps or state.start[1].signals.by_effort:
         return ""
-    if is_far_from_noise(state.base, state.held, state.null.chi2):
+    if is_far_from_noise(state.base, state.held, state.start_null.chi2):
         return ", but the error stays far above the sensors' noise"
     return (f", but the law is not exact: the worst joint's squared error is {state.excess:.2g} times the 95 % quantile "
             f"of robots that lack no effect (exact: up to {EXACT})")  # fmt: skip
