@@ -1,0 +1,59 @@
+"""What a search compares its errors with: other effects, other joints, and faultless robots."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from embodiedreamer_gym.diagnosis.held_out import HeldOut
+from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution
+from embodiedreamer_gym.diagnosis.search import _is_missed
+from embodiedreamer_gym.diagnosis.search_state import SearchState
+from embodiedreamer_gym.diagnosis.verdict import unrefuted
+from embodiedreamer_gym.diagnosis.wording import Attempt, verdict_text
+
+
+def errors(*chi2: float) -> HeldOut:
+    """Errors of joints whose noise is one."""
+    values = np.array(chi2)
+    return HeldOut(values, np.ones_like(values), np.tile(values, (4, 1)), np.ones((4, len(values)), int))
+
+
+def null(largest: float, joints: int = 1) -> NullDistribution:
+    """Faultless robots with chi2 up to a value."""
+    chi2 = np.tile(np.linspace(0.5, largest, 100)[:, None], (1, joints))
+    return NullDistribution(chi2, chi2, np.ones(joints, bool), 0)
+
+
+def step(*held_out: float) -> Any:
+    return SimpleNamespace(held_out=errors(*held_out), trained=errors(*held_out), kind=SimpleNamespace(name="friction"))
+
+
+def start(by_effort: bool) -> Any:
+    return None, SimpleNamespace(signals=SimpleNamespace(by_effort=by_effort)), None
+
+
+@pytest.mark.parametrize(
+    ("by_effort", "without", "expected"), [(True, 5.0, True), (True, 4.2, False), (False, 5.0, False)]
+)
+def test_an_effect_is_missed_where_the_error_of_an_effort_rises_without_it(by_effort, without, expected) -> None:
+    state = SearchState(start(by_effort), errors(9.0, 9.0), errors(9.0, 9.0), null(2.0, 2), [step(1.0, without)])
+    assert _is_missed(state, step(1.0, 4.0)) is expected
+
+
+def test_a_model_beyond_its_own_noise_is_refuted_by_one_that_is_not() -> None:
+    right, wrong = step(1.1, 1.0), step(1.0, 7.0)
+    most = null(1.5, 2).chi2
+    assert unrefuted([wrong, right], most) == [right]
+    assert unrefuted([wrong], most) == [wrong]
+
+
+def test_shares_are_of_robots_like_the_calibrated_model() -> None:
+    """A fitted effect whose faultless robots would vary more than the error was large explains it all the same."""
+    state = SearchState(start(False), errors(1000.0), errors(1000.0), null(2.0), closest=step(50.0))
+    state.null = null(5000.0)
+    text = verdict_text(Attempt("unknown", None, None, state, 0.001), (), {}, None)  # pyright: ignore[reportArgumentType]
+    assert "the closest, friction, explains 95 %" in text
