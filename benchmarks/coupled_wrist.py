@@ -48,7 +48,8 @@ def study(seed: int) -> dict:
         train, test = ([rubbed(r, friction, constant) for r in part] for part in parts)
         found = diagnose(model, train, test, jobs=1)
     named = found.parameters.get("coulomb_friction", {})
-    held = [named[j]["low"] <= f <= named[j]["high"] for j, f in zip(model.joints, friction, strict=True) if j in named]
+    known = {j: row for j, row in named.items() if row["low"] is not None}
+    held = [known[j]["low"] <= f <= known[j]["high"] for j, f in zip(model.joints, friction, strict=True) if j in known]
     return {"seed": seed, "verdict": found.verdict, "effects": list(found.effects), "joints": len(named), "intervals": held,
             "error": found.error, "notes": list(found.notes), "seconds": found.seconds}  # fmt: skip
 
