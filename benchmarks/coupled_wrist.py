@@ -49,7 +49,11 @@ def study(seed: int) -> dict:
         found = diagnose(model, train, test, jobs=1)
     named = found.parameters.get("coulomb_friction", {})
     known = {j: row for j, row in named.items() if row["low"] is not None}
-    held = [known[j]["low"] <= f <= known[j]["high"] for j, f in zip(model.joints, friction, strict=True) if j in known]
+    held = [
+        bool(known[j]["low"] <= f <= known[j]["high"])
+        for j, f in zip(model.joints, friction, strict=True)
+        if j in known
+    ]
     return {"seed": seed, "verdict": found.verdict, "effects": list(found.effects), "joints": len(named), "intervals": held,
             "error": found.error, "notes": list(found.notes), "seconds": found.seconds}  # fmt: skip
 
