@@ -2,9 +2,9 @@
 
 python -m benchmarks coupled_wrist [--seeds 5] [--first-seed 0] [--out FILE.json]
 
-A stand-in arm without effects is filmed by its positions and efforts; friction is added to the efforts, and the motor of
-joint 6 also turns with joint 5, as in the wrist of a Staubli TX40 (Gautier and Vandanjon). Each joint's effort is
-a current with a constant of its own. The coupling is no effect of the catalogue. Plain least squares stands beside it.
+Positions and efforts of a stand-in arm without effects are recorded. Friction is added to the efforts, and the motor of
+joint 6 also turns with joint 5, as in the wrists of some industrial arms. Each joint's effort is a current with a
+constant of its own. The coupling is no effect of the catalogue. Plain least squares stands beside it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import save
+from benchmarks.common import save, times
 from embodiedreamer_gym.diagnosis import diagnose
 from embodiedreamer_gym.recordings import Recording, load_recordings, smooth_motion
 from embodiedreamer_gym.robot import RobotModel
@@ -61,10 +61,14 @@ def study(seed: int) -> dict:
 def main() -> None:
     """Print a line for each robot."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seeds", type=times, default=5)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
+    if arguments.first_seed < 0:
+        parser.error("--first-seed must be at least 0.")
+    if arguments.out and not arguments.out.parent.is_dir():
+        parser.error(f"{arguments.out.parent} is no folder; --out needs one that exists.")
     rows = []
     for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds):
         row = study(seed)

@@ -21,8 +21,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Start the longest tests first: no process waits for one of them at the end."""
-    slow = {item: item.get_closest_marker("slow") for item in items}
-    items.sort(key=lambda item: not (slow[item] and slow[item].kwargs.get("first")))  # pyright: ignore
+    items.sort(key=lambda item: not any(mark.kwargs.get("first") for mark in item.iter_markers("slow")))
 
 
 def pytest_runtest_setup() -> None:

@@ -101,7 +101,7 @@ def diagnose(
             if not (result.verdict != "unknown" and len(result.state.steps) > 1 and other.verdict == "unknown"):
                 result = other
     baseline, notes = None, notes_on(model, logs)
-    if result.state.start[1].signals.by_effort:
+    if result.state.by_effort:
         baseline = float(np.nanmean(least_squares_rms(model, train, all_test)))
         notes += coupling_notes(result.final.model, train, test)
         notes += _risen(search, result)
@@ -118,10 +118,9 @@ def _risen(search: Search, result: Attempt) -> tuple[str, ...]:
     if result.verdict == "unknown" or state.held.error <= state.base.error:
         return ()
     was, now = search.milli(state.trained.error), search.milli(state.fitted.error)
-    return (
-        "Note: the held-out error rises because a model with this inertia turns more of the position's noise into effort; "
-        f"on the training motion the error falls from {was} to {now}.",
-    )
+    noisier = bool((state.held.sigma > state.base.sigma).any())
+    reason = " because a model with this inertia turns more of the position's noise into effort" if noisier else ""
+    return (f"Note: the held-out error rises{reason}; on the training motion the error falls from {was} to {now}.",)
 
 
 def _explainable(search: Search, state: SearchState) -> np.ndarray | None:

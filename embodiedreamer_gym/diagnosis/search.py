@@ -36,7 +36,7 @@ def search_effects(
     search: Search, state: SearchState, screened: Sequence[Screened], max_effects: int
 ) -> SearchState:  # fmt: skip
     """Find the effects that are missing: one, if that leaves nothing, else a pair, else one more; then eliminate backward."""
-    if state.start[1].signals.by_effort:
+    if state.by_effort:
         add_effects(search, state, screened, max_effects)
         eliminate(search, state)
         return state
@@ -68,8 +68,7 @@ def add_effects(
         held, null, further = state.held, state.null, bool(state.steps)
         if further:
             screened = screen_all(search, *state.current[1:], null, first=False)
-        by_effort = state.start[1].signals.by_effort
-        candidates = fit_candidates(search, screened, *state.current, held, further and not by_effort)
+        candidates = fit_candidates(search, screened, *state.current, held, further and not state.by_effort)
         improving = [
             c for c in candidates if _accepted(state, c) and (not further or explains_most(held, c.held_out, null.chi2))
         ]
@@ -77,7 +76,7 @@ def add_effects(
             state.closest = min(candidates, key=lambda c: c.held_out.score)
         if not improving:
             return
-        close = contenders(held, unrefuted(improving, null.chi2) if by_effort else improving)
+        close = contenders(held, unrefuted(improving, null.chi2) if state.by_effort else improving)
         if not further and len(close) > 1:
             state.set_rivals(close)
         chosen = polish(close[0], search.test)
@@ -101,7 +100,7 @@ def _accepted(state: SearchState, candidate: Candidate) -> bool:
     """
     if improves(state.held, candidate.held_out):
         return True
-    exact = state.start[1].signals.by_effort and not leaves_excess(candidate.held_out, state.null.chi2)
+    exact = state.by_effort and not leaves_excess(candidate.held_out, state.null.chi2)
     return exact and improves(state.judged, candidate.judged, state.most)
 
 
@@ -110,7 +109,7 @@ def _is_missed(state: SearchState, everywhere: Candidate) -> bool:
 
     Where a wrong law leaves most of a joint's error, no estimate there is significant.
     """
-    if not state.start[1].signals.by_effort:
+    if not state.by_effort:
         return False
     rise = np.log(np.maximum(state.held.chi2, 1.0) / np.maximum(everywhere.held_out.chi2, 1.0))
     return bool(rise.max() > SMALLEST_GAIN)

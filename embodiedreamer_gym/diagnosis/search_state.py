@@ -102,6 +102,11 @@ class SearchState:
         self.start_null = self.null
 
     @property
+    def by_effort(self) -> bool:
+        """Whether efforts are compared, not positions."""
+        return self.start[1].signals.by_effort
+
+    @property
     def current(self) -> tuple[RobotModel, Problem, Fit]:
         """Model, problem and fit so far."""
         return (self.steps[-1].model, self.steps[-1].problem, self.steps[-1].fit) if self.steps else self.start
@@ -123,7 +128,7 @@ class SearchState:
     @property
     def is_exact(self) -> bool:
         """Whether no joint is worse than those of faultless robots usually are."""
-        if self.start[1].signals.by_effort:
+        if self.by_effort:
             return bool(self.steps) and not leaves_excess(self.held, self.null.chi2)
         return bool(self.steps) and self.excess <= EXACT
 
@@ -241,7 +246,7 @@ def fit_together(search: Search, state: SearchState) -> None:
     A limit that only the held-out motion reaches is not determined by the training motion; the law may be right all the same.
     """
     state.together = None
-    if state.is_exact or not state.steps or state.start[1].signals.by_effort:
+    if state.is_exact or not state.steps or state.by_effort:
         return
     last = state.steps[-1]
     problem = Problem(last.model, [*search.train, *search.test], hold=last.problem.hold)

@@ -67,7 +67,7 @@ def verdict_text(
 
 def _what_is_left(state: SearchState) -> str:
     """What a law that is not exact leaves, as the end of a sentence; "" where it leaves nothing."""
-    if state.is_exact or not state.steps or state.start[1].signals.by_effort:
+    if state.is_exact or not state.steps or state.by_effort:
         return ""
     if is_far_from_noise(state.base, state.held, state.start_null.chi2):
         return ", but the error stays far above the sensors' noise"
