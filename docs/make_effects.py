@@ -37,7 +37,8 @@ def full_table() -> str:
 def parameter_text(p: Parameter) -> str:
     """A parameter with its bounds and unit."""
     unit = "" if p.unit == "1" else f" {in_torques(p.unit) if p.scale else p.unit}"
-    note = ", shape" if p.shape else "" if p.off == 0 else f", off at {p.off:g}{unit}"
+    note = ", shape" if p.shape else ""
+    note += f", off at {p.off:g}{unit}" if p.is_limit or (p.off and not p.shape) else ""
     note += ", per arm" if p.per == "arm" else ""
     return f"`{p.name}` {p.low:g} … {p.high:g}{unit}{note}"
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.effect_starts import Starts, Values, single_starts, start_of
+from embodiedreamer_gym.diagnosis.effect_starts import Starts, Values, limit_starts, single_starts, start_of
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, pooled, summarise_errors
 from embodiedreamer_gym.diagnosis.refit_cache import CachedFit
 from embodiedreamer_gym.diagnosis.screening import Screened
@@ -122,15 +122,26 @@ def finish_refit(
 
 
 def leave_valley(problem: Problem, fit: Fit, further: Sequence[np.ndarray] = (), rival: float = np.inf) -> Fit:
-    """A fit once more from fits to pieces of the motion, where a joint stays above its noise; the better of both.
+    """A fit once more where a joint stays above its noise: from other sizes of its limits, then from fits to pieces of the motion.
 
     further: starts (m,) that are tried on pieces of the motion too; rival: see `finish_refit`.
     """
-    if problem.signals.by_effort or (problem.joint_rms(fit.residuals)[0] ** 2).max() <= STUCK:
+    if problem.signals.by_effort or not _is_stuck(problem, fit):
         return fit  # of efforts nothing is integrated: no valleys
+    limits = limit_starts(problem, fit.x)
+    if limits is not None:
+        other = minimise(problem, limits.best(problem), ITERATIONS, TOLERANCE, rival=min(fit.cost, rival))
+        fit = min(fit, other, key=lambda f: f.cost)
+        if not _is_stuck(problem, fit):
+            return fit
     start = piecewise_start(problem, [fit.x, *further])
     other = minimise(problem, start, ITERATIONS, TOLERANCE, rival=min(fit.cost, rival))
     return min(fit, other, key=lambda f: f.cost)
+
+
+def _is_stuck(problem: Problem, fit: Fit) -> bool:
+    """Whether a joint stays above its noise."""
+    return bool((problem.joint_rms(fit.residuals)[0] ** 2).max() > STUCK)
 
 
 def refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recording]) -> Candidate:

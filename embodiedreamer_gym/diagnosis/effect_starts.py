@@ -5,11 +5,13 @@ The cost of a free run has several valleys in the size of an effect; one rollout
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from embodiedreamer_gym.diagnosis.largest_seen import largest_seen
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.starts import best_choices, joint_of_rows
@@ -19,6 +21,7 @@ SIZES = (0.15, 0.4, 0.8, 1.5, 2.5, 4.0, 6.0)  # of a parameter that vanishes at 
 LIMITS = (0.6, 0.8, 1.0, 1.25, 1.6)  # of a limit, relative to the screening's
 PAIR_SIZES = (0.2, 0.5, 1.0, 2.0, 3.5, 6.0)  # the like, of each of two effects
 PAIR_LIMITS = (0.6, 0.8, 1.0, 1.25, 1.6, 2.0)
+SCANNED = np.geomspace(0.4, 3.0, 16)  # of a limit in a fit, relative to the largest value seen
 Values = Mapping[ParameterKey, np.ndarray]
 
 
@@ -49,7 +52,7 @@ class Starts:
 def single_starts(kind: type[Effect], model: RobotModel, start: Values, nominal: Values) -> Starts:
     """Starts of one more effect: the screening's, and several sizes at the model's and at nominal gains (empty: none)."""
     gains = [{}, nominal] if nominal else [{}]
-    sizes = _sizes(kind, model, start, LIMITS if is_limit(kind) else SIZES, both_signs=True)
+    sizes = _sizes(kind, model, start, LIMITS if is_limit(kind) else SIZES, alone=True)
     return Starts((start, *({**size, **gain} for gain in gains for size in sizes)), of_arm=(is_of_arm(kind), False))
 
 
@@ -60,11 +63,28 @@ def pair_starts(
 
     fitted: values of the first effect and gains of a fit with it alone, to begin with too.
     """
-    grids = [[{**nominal, **size} for size in _sizes(k, model, start, PAIR_LIMITS if is_limit(k) else PAIR_SIZES, False)]
+    grids = [[{**nominal, **size} for size in _sizes(k, model, start, PAIR_LIMITS if is_limit(k) else PAIR_SIZES)]
              for k in kinds]  # fmt: skip
     second = [{key: v for key, v in size.items() if key.effect} for size in grids[1]]
     first = grids[0] if fitted is None else [*grids[0], fitted]
     return Starts(tuple(first), tuple(second), (is_of_arm(kinds[0]), is_of_arm(kinds[1])))
+
+
+def limit_starts(problem: Problem, x: np.ndarray) -> Starts | None:
+    """Starts at the parameters x (m,) of a fit, with each limit of its effects at many sizes; None without a limit.
+
+    A limit that the fit does not reach does not change its cost, so that no derivative leads to the size at which it does.
+    """
+    model = problem.model_at(x)
+    fitted = {k: model.group_values(k) for k in dict.fromkeys(row.key.group for row in problem.rows)}
+    limits = {
+        ParameterKey(p.name, e.name): p for e in model.effects for p in e.parameters if p.is_limit and p.per == "joint"
+    }
+    tried = []
+    for key in [key for key in limits if key in fitted]:
+        top, bounds = largest_seen(limits[key].unit, model, problem), model.parameter_bounds(limits[key])
+        tried += [{**fitted, key: np.clip(factor * top, *bounds)} for factor in SCANNED]
+    return Starts((fitted, *tried)) if tried else None
 
 
 def start_of(problem: Problem, start: Values) -> np.ndarray:
@@ -80,30 +100,35 @@ def is_of_arm(kind: type[Effect]) -> bool:
 
 
 def is_limit(kind: type[Effect]) -> bool:
-    """Whether an effect is off where a parameter is at its upper bound."""
-    return any(p.off == p.high for p in kind.parameters)
+    """Whether an effect is off where its sizes are at their upper bounds."""
+    return any(p.is_limit and not p.shape for p in kind.parameters)
 
 
 def _sizes(
-    kind: type[Effect], model: RobotModel, start: Values, factors: Sequence[float], both_signs: bool
+    kind: type[Effect], model: RobotModel, start: Values, factors: Sequence[float], alone: bool = False
 ) -> list[dict[ParameterKey, np.ndarray]]:
-    """An effect's parameters at several sizes and off; a limit relative to `start`; shapes, and one sign alone, as in `start`."""
-    two = both_signs and any(p.low < 0 and not p.shape for p in kind.parameters)
+    """An effect's parameters at several sizes and off; a limit relative to `start`; shapes as in `start`.
+
+    alone: both signs, and each size with several limits beyond which it has another shape; else those of `start`.
+    """
+    two = alone and any(p.low < 0 and not p.shape for p in kind.parameters)
+    bends = LIMITS if alone and any(p.shape and p.is_limit for p in kind.parameters) else (1.0,)
     choices = []
-    for factor in factors:
-        for sign in (1.0, -1.0) if two else (1.0,):
-            values = {}
-            for p in kind.parameters:
-                key = ParameterKey(p.name, kind.name)
-                low, high = model.parameter_bounds(p)
-                typical = p.typical * high / p.high
-                if p.shape:
-                    values[key] = start[key]
-                elif p.off == p.high:
-                    values[key] = np.clip(factor * start[key], low, high)
-                else:
-                    own = 1.0 if p.low >= 0 else sign if both_signs else np.where(start[key] < 0, -1.0, 1.0)
-                    values[key] = np.clip(own * factor * typical, low, high)
-            choices.append(values)
-    off = {ParameterKey(p.name, kind.name): model.parameter_off(p) for p in kind.parameters if not p.shape}
+    for factor, bend, sign in itertools.product(factors, bends, (1.0, -1.0) if two else (1.0,)):
+        values = {}
+        for p in kind.parameters:
+            key = ParameterKey(p.name, kind.name)
+            low, high = model.parameter_bounds(p)
+            typical = p.typical * high / p.high
+            if p.is_limit:
+                values[key] = np.clip((bend if p.shape else factor) * start[key], low, high)
+            elif p.shape:
+                values[key] = start[key]
+            else:
+                own = 1.0 if p.low >= 0 else sign if alone else np.where(start[key] < 0, -1.0, 1.0)
+                values[key] = np.clip(own * factor * typical, low, high)
+        choices.append(values)
+    off = {
+        ParameterKey(p.name, kind.name): model.parameter_off(p) for p in kind.parameters if p.is_limit or not p.shape
+    }
     return [*choices, {**choices[0], **off}]  # a limit that a joint does not reach is off there

@@ -15,8 +15,8 @@ import scipy  # loads its parts when they are used
 from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate
 from embodiedreamer_gym.diagnosis.effect_starts import is_limit
 from embodiedreamer_gym.diagnosis.held_out import evaluate
+from embodiedreamer_gym.diagnosis.largest_seen import largest_seen
 from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
-from embodiedreamer_gym.diagnosis.screening import largest_seen
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.intervals import coloured_covariance, spread
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
@@ -88,8 +88,8 @@ def _off(problem: Problem) -> np.ndarray:
 
 
 def _differing(kind: type[Effect], problem: Problem, x: np.ndarray, place: str) -> list[int]:
-    """Rows of an effect's parameters at a joint, but shapes, that differ from off at scaled parameters (m,)."""
-    sizes, off = {p.name for p in kind.parameters if not p.shape}, _off(problem)
+    """Rows of an effect's sizes and limits at a joint that differ from off at scaled parameters (m,)."""
+    sizes, off = {p.name for p in kind.parameters if p.is_limit or not p.shape}, _off(problem)
     return [i for i, row in enumerate(problem.rows) if (row.key.effect, row.key.place) == (kind.name, place)
             and row.key.parameter in sizes and abs(x[i] - off[i]) > 1e-9]  # fmt: skip
 
@@ -141,7 +141,7 @@ def _on_all_joints(model: RobotModel, effect: Effect, problem: Problem) -> Effec
         own, start = effect.values[p.name], model.parameter_off(p)
         if p.shape and own:
             start = np.clip(np.full(len(start), np.median(list(own.values()))), *model.parameter_bounds(p))
-        elif p.off == p.high:
+        elif p.is_limit:
             start = np.clip(largest_seen(p.unit, model, problem), *model.parameter_bounds(p))
         values[p.name] = {place: own.get(place, float(v)) for place, v in zip(model.places(p), start, strict=True)}
     return type(effect)(**values)

@@ -9,21 +9,21 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.effect_starts import is_limit
+from embodiedreamer_gym.diagnosis.largest_seen import largest_seen
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.io.parallel import many
 from embodiedreamer_gym.io.progress import ProgressCallback, silent
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.starts import COARSE
-from embodiedreamer_gym.recordings import Recording, thin
+from embodiedreamer_gym.recordings import thin
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
-from embodiedreamer_gym.simulation import run_sets
 
 SIZES = (0.2, 0.8, 3.0)  # of a parameter that vanishes at zero, relative to its typical size
 LIMITS = (0.25, 0.45, 0.7, 0.95, 1.2, 1.6)  # of a limit, relative to the largest value seen
+SHAPE_LIMITS = (0.5, 1.0, 2.0)  # the like, of a limit beside another one
 SHAPES = (0.3, 1.0, 3.0)
 SECONDS = 40.0  # of motion to screen on
-SLOPE = 0.1  # s, over which a slope is taken to find the largest acceleration
 START_FALL = 0.02  # fall of a joint's log mean square from which an effect is started there
 USEFUL_FALL = 0.005  # the like, below which a joint is left without the effect
 MOST_SHARE = 1.5  # of a size tried, up to which a free run is taken to be linear in it
@@ -129,7 +129,7 @@ def screen_effect(
         group = ParameterKey(p.name, kind.name)
         chosen = rows[group][best, np.arange(len(best))]
         low, high = model.parameter_bounds(p)
-        if p.off == p.high:  # a limit starts off where it does not help
+        if p.is_limit:  # a limit starts off where it does not help
             start[group] = np.where(plain, chosen, model.parameter_off(p))
         else:
             start[group] = np.clip(chosen if p.shape else chosen * part, low, high)
@@ -164,12 +164,12 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[Par
         typical = p.typical * high / p.high
         if p.starts:
             choices.append([np.full_like(low, value) for value in p.starts])
+        elif p.is_limit:
+            top = largest_seen(p.unit, model, problem)
+            choices.append([np.clip(f * top, low, high) for f in (SHAPE_LIMITS if p.shape else LIMITS)])
         elif p.shape:
             spread = (-1.0, 0.0, 1.0) if p.low < 0 else SHAPES
             choices.append([np.clip(f * typical, low, high) for f in spread])
-        elif p.off == p.high:
-            top = largest_seen(p.unit, model, problem)
-            choices.append([np.clip(f * top, low, high) for f in LIMITS])
         else:
             signs = (1.0, -1.0) if p.low < 0 else (1.0,)
             factors = SIZES[1:2] if many else SIZES
@@ -190,7 +190,7 @@ def _together(kind, choices, sized, model) -> list[tuple[np.ndarray, ...]]:
             both = [choices[i][k] if i in sized else shape[i] for i in range(len(choices))]
             if first.low >= 0:
                 rows.append(tuple(both))
-            for only in sized if first.off != first.high else ():
+            for only in () if first.is_limit else sized:
                 rows.append(tuple(both[i] if i == only or i not in sized else off[i] for i in range(len(choices))))
     return rows
 
@@ -224,35 +224,6 @@ def own_gains(problem: Problem, point: LinearisationPoint, rows: np.ndarray, joi
     gains = point.jacobian[rows][:, own]
     gains = gains[:, np.sum(gains**2, axis=0) > 0]
     return np.linalg.qr(gains)[0] if gains.shape[1] else np.zeros((len(rows), 0))
-
-
-def largest_seen(unit: str, model: RobotModel, problem: Problem) -> np.ndarray:
-    """Largest value (n,) seen of what a limit in this unit holds down."""
-    if unit == "N m":
-        return _top_torque(model, problem)
-    return _top_acceleration(problem.recordings) if unit == "rad/s^2" else _top_speed(problem.recordings)
-
-
-def _top_acceleration(recordings: Sequence[Recording]) -> np.ndarray:
-    """Largest measured acceleration (n,), robust: the 99th percentile of differences between slopes over 0.1 s each."""
-    found = []
-    for r in recordings:
-        k = max(1, min(round(SLOPE * r.hz), (len(r.time) - 1) // 2))
-        slope = (r.position[k:] - r.position[:-k]) / (r.time[k:] - r.time[:-k])[:, None]
-        found.append(np.abs(slope[k:] - slope[:-k]) / (r.time[2 * k :] - r.time[k:-k])[:, None])
-    return np.maximum(np.percentile(np.concatenate(found), 99, axis=0), 1e-2)
-
-
-def _top_speed(recordings: Sequence[Recording]) -> np.ndarray:
-    """Largest measured speed (n,), robust: the 99th percentile of slopes over three samples."""
-    slopes = [np.abs((r.position[3:] - r.position[:-3]) / (r.time[3:] - r.time[:-3])[:, None]) for r in recordings]
-    return np.maximum(np.percentile(np.concatenate(slopes), 99, axis=0), 1e-3)
-
-
-def _top_torque(model: RobotModel, problem: Problem) -> np.ndarray:
-    """Largest torque (n,) of the calibrated model's servo, 99th percentile."""
-    runs = run_sets(model, problem.recordings, hold=problem.hold)
-    return np.maximum(np.percentile(np.concatenate([np.abs(r.torque[0]) for r in runs]), 99, axis=0), 1e-6)
 
 
 def screen(

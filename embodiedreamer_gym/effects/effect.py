@@ -41,13 +41,18 @@ class Parameter:
     typical: float
     scale: Literal["", "torque", "1/torque", "urdf_mass", "urdf_centre", "urdf_stretch"] = ""
     per: Literal["joint", "arm"] = "joint"
-    shape: bool = False  # a shape parameter: has no influence while the effect's other parameters are off
+    shape: bool = False  # a shape parameter: has no influence while the effect's other parameters are off, or is a limit beside them
     starts: tuple[float, ...] = ()
     prior: bool = False
 
     def __post_init__(self) -> None:
         if not self.low <= self.off <= self.high:
             raise EffectError(f"parameter {self.name}: its off value {self.off} is outside [{self.low}, {self.high}].")
+
+    @property
+    def is_limit(self) -> bool:
+        """Whether its off value is its upper bound."""
+        return self.off == self.high
 
 
 @dataclass

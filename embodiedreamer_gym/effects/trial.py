@@ -23,8 +23,8 @@ def parameter_sets(kind: type[Effect], rng: np.random.Generator) -> Sets:
     for p in kind.parameters:
         values = rng.uniform(p.low, p.high, (SETS, N if p.per == "joint" else ARMS))
         values[2:5] = np.array([p.low, p.high, p.typical])[:, None]
-        values[: 1 if p.shape and p.off != p.high else 2] = p.off
-        if p.off == p.high:
+        values[: 1 if p.shape and not p.is_limit else 2] = p.off
+        if p.is_limit:
             values[values >= p.off * (1 - 1e-9)] = np.inf
         sets[p.name] = values
     return sets

@@ -17,7 +17,7 @@ class VelocityCascade(SignalLaw):
     stage = "torque"
     parameters = (
         Parameter("rate", "1/s", off=0.0, low=0.0, high=100.0, typical=3.0),
-        Parameter("speed", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0),
+        Parameter("speed", "rad/s", off=50.0, low=0.05, high=50.0, typical=1.0, shape=True),
     )
     symptom = "errors at holds vanish, but on a ramp the joint lags by a constant time at any load"
     reveals = "ramps of several speeds with long holds in between, in poses of different weight"

@@ -50,7 +50,7 @@ def parameter_values(
         key = ParameterKey(p.name, effect.name)
         own = model.group_values(key)
         values = np.array(np.broadcast_to(sets.get(key, own), (count, len(own))))
-        if p.off == p.high:  # a limit that is off is none
+        if p.is_limit:  # a limit that is off is none
             values[values >= model.parameter_off(p) * (1 - 1e-9)] = np.inf
         arrays[p.name] = values
     return arrays
