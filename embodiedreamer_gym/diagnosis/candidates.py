@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.effect_starts import Starts, Values, limit_starts, single_starts, start_of
+from embodiedreamer_gym.diagnosis.effect_starts import Starts, Values, single_starts, start_of
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, pooled, summarise_errors
+from embodiedreamer_gym.diagnosis.limits import limit_starts, release_limits
 from embodiedreamer_gym.diagnosis.refit_cache import CachedFit
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.effects import Effect
@@ -117,7 +118,7 @@ def finish_refit(
     if fit.cost <= rival + BEHIND:
         further = [start_of(problem, trial.again)] if trial.again else []
         fit = leave_valley(problem, fit, further, rival)
-    done = _candidate(trial, problem, fit, test)
+    done = _candidate(trial, problem, release_limits(problem, fit), test)
     return replace(done, rollouts=begun.rollouts + problem.rollouts - spent)
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.largest_seen import largest_seen
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.starts import best_choices, joint_of_rows
@@ -21,7 +20,6 @@ SIZES = (0.15, 0.4, 0.8, 1.5, 2.5, 4.0, 6.0)  # of a parameter that vanishes at 
 LIMITS = (0.6, 0.8, 1.0, 1.25, 1.6)  # of a limit, relative to the screening's
 PAIR_SIZES = (0.2, 0.5, 1.0, 2.0, 3.5, 6.0)  # the like, of each of two effects
 PAIR_LIMITS = (0.6, 0.8, 1.0, 1.25, 1.6, 2.0)
-SCANNED = np.geomspace(0.4, 3.0, 16)  # of a limit in a fit, relative to the largest value seen
 Values = Mapping[ParameterKey, np.ndarray]
 
 
@@ -70,23 +68,6 @@ def pair_starts(
     return Starts(tuple(first), tuple(second), (is_of_arm(kinds[0]), is_of_arm(kinds[1])))
 
 
-def limit_starts(problem: Problem, x: np.ndarray) -> Starts | None:
-    """Starts at the parameters x (m,) of a fit, with each limit of its effects at many sizes; None without a limit.
-
-    A limit that the fit does not reach does not change its cost, so that no derivative leads to the size at which it does.
-    """
-    model = problem.model_at(x)
-    fitted = {k: model.group_values(k) for k in dict.fromkeys(row.key.group for row in problem.rows)}
-    limits = {
-        ParameterKey(p.name, e.name): p for e in model.effects for p in e.parameters if p.is_limit and p.per == "joint"
-    }
-    tried = []
-    for key in [key for key in limits if key in fitted]:
-        top, bounds = largest_seen(limits[key].unit, model, problem), model.parameter_bounds(limits[key])
-        tried += [{**fitted, key: np.clip(factor * top, *bounds)} for factor in SCANNED]
-    return Starts((fitted, *tried)) if tried else None
-
-
 def start_of(problem: Problem, start: Values) -> np.ndarray:
     """Scaled start (m,) of a problem: the model's own values, but those of `start` (group -> values) where given."""
     low, high = np.array([row.low for row in problem.rows]), np.array([row.high for row in problem.rows])
@@ -104,15 +85,22 @@ def is_limit(kind: type[Effect]) -> bool:
     return any(p.is_limit and not p.shape for p in kind.parameters)
 
 
+def has_second_limit(kind: type[Effect]) -> bool:
+    """Whether an effect has a limit beside its size."""
+    return any(p.is_limit and p.shape for p in kind.parameters)
+
+
 def _sizes(
     kind: type[Effect], model: RobotModel, start: Values, factors: Sequence[float], alone: bool = False
 ) -> list[dict[ParameterKey, np.ndarray]]:
     """An effect's parameters at several sizes and off; a limit relative to `start`; shapes as in `start`.
 
-    alone: both signs, and each size with several limits beyond which it has another shape; else those of `start`.
+    alone: both signs, and each size, and none, with several second limits; else those of `start`.
     """
     two = alone and any(p.low < 0 and not p.shape for p in kind.parameters)
-    bends = LIMITS if alone and any(p.shape and p.is_limit for p in kind.parameters) else (1.0,)
+    bends = (1.0,)
+    if alone and has_second_limit(kind):
+        factors, bends = (*factors, np.inf if is_limit(kind) else 0.0), LIMITS
     choices = []
     for factor, bend, sign in itertools.product(factors, bends, (1.0, -1.0) if two else (1.0,)):
         values = {}

@@ -113,9 +113,9 @@ def _key(trial: Trial, stage: str) -> str:
 
 
 def _shortlist(screened: Sequence[Screened]) -> list[Screened]:
-    """The best of the screening, and what the first two may be confused with."""
+    """The best of the screening, their special cases, and what the first two may be confused with."""
     promising = [s for s in screened if s.score > 0.01]
-    names = {s.kind.name for s in promising[:REFITS]}
+    names = {name for s in promising[:REFITS] for name in (s.kind.name, *s.kind.generalises)}
     for s in promising[:2]:
         names |= set(s.kind.confused_with)
     return [s for s in promising if s.kind.name in names]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.effect_starts import is_limit
+from embodiedreamer_gym.diagnosis.effect_starts import has_second_limit, is_limit
 from embodiedreamer_gym.diagnosis.largest_seen import largest_seen
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.io.parallel import many
@@ -166,7 +166,10 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[Par
             choices.append([np.full_like(low, value) for value in p.starts])
         elif p.is_limit:
             top = largest_seen(p.unit, model, problem)
-            choices.append([np.clip(f * top, low, high) for f in (SHAPE_LIMITS if p.shape else LIMITS)])
+            factors = (
+                SHAPE_LIMITS if p.shape else (*LIMITS, np.inf) if has_second_limit(kind) else LIMITS
+            )  # inf: the second one alone
+            choices.append([np.clip(f * top, low, high) for f in factors])
         elif p.shape:
             spread = (-1.0, 0.0, 1.0) if p.low < 0 else SHAPES
             choices.append([np.clip(f * typical, low, high) for f in spread])

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.diagnosis.effect_starts import limit_starts, pair_starts, single_starts
+from embodiedreamer_gym.diagnosis.effect_starts import pair_starts, single_starts
+from embodiedreamer_gym.diagnosis.limits import limit_starts
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.robot import ParameterKey
@@ -54,7 +55,10 @@ def test_a_limit_that_a_fit_does_not_reach_is_found_by_a_scan(arm) -> None:
     """The speed limit is at three times the joint's largest speed, where the cost has no derivative."""
     kind = CATALOGUE["profile"]
     model = arm.with_effect(kind)
-    limits = {"profile.acceleration": {"shoulder": 8.0, "elbow": 8.0}, "profile.speed": {"shoulder": 0.4, "elbow": 50.0}}
+    limits = {
+        "profile.acceleration": {"shoulder": 8.0, "elbow": 8.0},
+        "profile.speed": {"shoulder": 0.4, "elbow": 50.0},
+    }
     problem = Problem(model, [record(model.with_values(limits))])
     fitted = model.with_values(limits | {"profile.speed": {"shoulder": 6.0, "elbow": 50.0}})
     x = Problem(fitted, problem.recordings).start
@@ -74,7 +78,9 @@ def test_two_limits_are_tried_independently(arm) -> None:
     """A profile's acceleration with each of several speeds."""
     kind = CATALOGUE["profile"]
     starts = single_starts(kind, arm.with_effect(kind), start(kind, 2.0), {})
-    tried = {(v[ParameterKey("acceleration", kind.name)][0], v[ParameterKey("speed", kind.name)][0]) for v in starts.first}
+    tried = {
+        (v[ParameterKey("acceleration", kind.name)][0], v[ParameterKey("speed", kind.name)][0]) for v in starts.first
+    }
     assert len({speed for acceleration, speed in tried if acceleration == pytest.approx(1.6)}) == 5
 
 
