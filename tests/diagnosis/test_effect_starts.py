@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.diagnosis.effect_starts import pair_starts, single_starts
-from embodiedreamer_gym.diagnosis.limits import limit_starts
+from embodiedreamer_gym.diagnosis.limits import limit_starts, release_limits
 from embodiedreamer_gym.effects import CATALOGUE
+from embodiedreamer_gym.phys_aligner.least_squares import fit_at
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.robot import ParameterKey
 from tests.two_joint_arm import load_arm, record
@@ -51,17 +52,17 @@ def test_each_joint_begins_at_its_own_best_size(arm) -> None:
     assert found["shoulder"] < 0.03 < found["elbow"]
 
 
+def profile(arm, shoulder, elbow):
+    """The arm with a profile, with these speed limits, rad/s."""
+    speeds = {"shoulder": shoulder, "elbow": elbow}
+    values = {"profile.acceleration": {"shoulder": 8.0, "elbow": 8.0}, "profile.speed": speeds}
+    return arm.with_effect(CATALOGUE["profile"]).with_values(values)
+
+
 def test_a_limit_that_a_fit_does_not_reach_is_found_by_a_scan(arm) -> None:
-    """The speed limit is at three times the joint's largest speed, where the cost has no derivative."""
-    kind = CATALOGUE["profile"]
-    model = arm.with_effect(kind)
-    limits = {
-        "profile.acceleration": {"shoulder": 8.0, "elbow": 8.0},
-        "profile.speed": {"shoulder": 0.4, "elbow": 50.0},
-    }
-    problem = Problem(model, [record(model.with_values(limits))])
-    fitted = model.with_values(limits | {"profile.speed": {"shoulder": 6.0, "elbow": 50.0}})
-    x = Problem(fitted, problem.recordings).start
+    """The speed limit begins at several times the joint's largest speed, where the cost has no derivative."""
+    problem = Problem(profile(arm, 0.4, 50.0), [record(profile(arm, 0.4, 50.0))])
+    x = Problem(profile(arm, 6.0, 50.0), problem.recordings).start
     starts = limit_starts(problem, x)
     assert starts is not None
     found = problem.model_at(starts.best(problem)).effects[0].values["speed"]
@@ -69,9 +70,21 @@ def test_a_limit_that_a_fit_does_not_reach_is_found_by_a_scan(arm) -> None:
     assert found["elbow"] > 2.0  # rad/s, which it does not reach
 
 
+def test_a_limit_that_the_motion_does_not_need_is_released(arm) -> None:
+    """The shoulder's speed is limited; the elbow never reaches 10 rad/s."""
+    problem = Problem(profile(arm, 0.4, 10.0), [record(profile(arm, 0.4, 50.0), noise=1e-3)])
+    fit = release_limits(problem, fit_at(problem, problem.start))
+    profiled = problem.model_at(fit.x).effects[0].values
+    assert profiled["speed"]["elbow"] == pytest.approx(50.0)
+    assert profiled["speed"]["shoulder"] == pytest.approx(0.4)
+    assert profiled["acceleration"] == pytest.approx({"shoulder": 8.0, "elbow": 8.0})
+
+
 def test_a_model_without_limits_has_none_to_scan(arm) -> None:
     problem = Problem(arm.with_effect(CATALOGUE["command_delay"]), [record(arm)])
     assert limit_starts(problem, problem.start) is None
+    fit = fit_at(problem, problem.start)
+    assert release_limits(problem, fit) is fit
 
 
 def test_two_limits_are_tried_independently(arm) -> None:
