@@ -87,6 +87,15 @@ def beside_robot_errors(search: Search, candidate: Candidate) -> Candidate:
     return replace(candidate, fit=replace(candidate.fit, residuals=fit.residuals), held_out=held_out)
 
 
+def close_beside_robot_errors(search: Search, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates, those close behind the best one with the errors that they have beside the robot's own."""
+    near = min(c.fit.cost for c in candidates) + CLOSE_BEHIND
+    close = [c for c in candidates if c.fit.cost < near]
+    if len(close) < 2:
+        return list(candidates)
+    return [beside_robot_errors(search, c) if c in close else c for c in candidates]
+
+
 def _through_cache(
     search: Search, trials: Sequence[Trial], stage: str, refit: Callable[..., Candidate],
     arguments: Callable[[Trial], tuple[Any, ...]],

@@ -9,7 +9,7 @@ import numpy as np
 from embodiedreamer_gym.diagnosis.backward_elimination import drop_last, drop_redundant, prune_all, resolve_tie
 from embodiedreamer_gym.diagnosis.candidates import Candidate, polish
 from embodiedreamer_gym.diagnosis.pair_search import add_pair
-from embodiedreamer_gym.diagnosis.refits import fit_candidates
+from embodiedreamer_gym.diagnosis.refits import close_beside_robot_errors, fit_candidates
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.diagnosis.search_state import (
     Search,
@@ -46,7 +46,8 @@ def search_effects(
     state.closest = min(singles, key=lambda c: c.held_out.score)
     improving = state.improving(singles)
     if improving:
-        best = likeliest(search, state, improving)
+        judged = close_beside_robot_errors(search, improving)
+        best = improving[judged.index(likeliest(search, state, judged))]
         state.steps = [polish(best, search.test)]
         search.rollouts += state.steps[0].rollouts - best.rollouts
         state.null = current_null(search, state)
