@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +13,7 @@ from embodiedreamer_gym.diagnosis import null_distribution
 from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
-from embodiedreamer_gym.diagnosis.refits import beside_robot_errors
+from embodiedreamer_gym.diagnosis.refits import beside_robot_errors, close_beside_robot_errors
 from embodiedreamer_gym.diagnosis.verdict import EXACT
 from embodiedreamer_gym.effects.torque_saturation import TorqueSaturation
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
@@ -53,6 +54,15 @@ def test_the_right_effect_leaves_nothing_with_the_robots_errors_beside(saturated
     judged = beside_robot_errors(search, candidate)
     assert candidate.judged.chi2[0] > 1.5 > 1.2 > judged.judged.chi2[0]
     assert judged.model is candidate.model and search.rollouts > 0
+
+
+def test_only_candidates_close_behind_the_best_are_compared_beside_the_robots_errors(saturated) -> None:
+    candidate, search = saturated
+    close, far = (replace(candidate, fit=replace(candidate.fit, cost=candidate.fit.cost + d)) for d in (0.05, 1.0))
+    assert close_beside_robot_errors(search, [far, candidate]) == [far, candidate]
+    judged = close_beside_robot_errors(search, [far, candidate, close])
+    assert judged[0] is far
+    assert all(one.judged.chi2[0] < 1.2 < candidate.judged.chi2[0] for one in judged[1:])
 
 
 def test_faultless_robots_with_a_drive_at_its_limit_have_wrong_friction(saturated, monkeypatch) -> None:
