@@ -16,6 +16,7 @@ from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candi
 from embodiedreamer_gym.diagnosis.effect_starts import is_limit
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.largest_seen import largest_seen
+from embodiedreamer_gym.diagnosis.limits import release_limits
 from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.intervals import coloured_covariance, spread
@@ -47,7 +48,7 @@ def select_joints(candidate: Candidate, train: Sequence[Recording], test: Sequen
     model = problem.model_at(fit.x)
     while True:
         new = Problem(_with(before, _only(_effect(model, kind), keep)), train, hold=hold)
-        refitted = minimise(new, new.start, ITERATIONS, TOLERANCE)
+        refitted = release_limits(new, minimise(new, new.start, ITERATIONS, TOLERANCE))
         model, spent = new.model_at(refitted.x), spent + new.rollouts
         acting = {place for place in keep if _differing(kind, new, refitted.x, place)}
         if not acting or acting == keep:
@@ -139,9 +140,9 @@ def _on_all_joints(model: RobotModel, effect: Effect, problem: Problem) -> Effec
     values = {}
     for p in effect.parameters:
         own, start = effect.values[p.name], model.parameter_off(p)
-        if p.shape and own:
-            start = np.clip(np.full(len(start), np.median(list(own.values()))), *model.parameter_bounds(p))
-        elif p.is_limit:
+        if p.is_limit:
             start = np.clip(largest_seen(p.unit, model, problem), *model.parameter_bounds(p))
+        elif p.shape and own:
+            start = np.clip(np.full(len(start), np.median(list(own.values()))), *model.parameter_bounds(p))
         values[p.name] = {place: own.get(place, float(v)) for place, v in zip(model.places(p), start, strict=True)}
     return type(effect)(**values)

@@ -88,9 +88,9 @@ def beside_robot_errors(search: Search, candidate: Candidate) -> Candidate:
 
 
 def close_beside_robot_errors(search: Search, candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates, those close behind the best one with the errors that they have beside the robot's own."""
-    near = min(c.fit.cost for c in candidates) + CLOSE_BEHIND
-    close = [c for c in candidates if c.fit.cost < near]
+    """The candidates; the best, its special cases and those close behind with the errors that they have beside the robot's own."""
+    best = min(candidates, key=lambda c: c.fit.cost)
+    close = [c for c in candidates if c.fit.cost < best.fit.cost + CLOSE_BEHIND or c.kind.name in best.kind.generalises]
     if len(close) < 2:
         return list(candidates)
     return [beside_robot_errors(search, c) if c in close else c for c in candidates]
