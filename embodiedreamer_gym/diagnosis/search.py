@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.backward_elimination import drop_last, drop_redundant, prune_all, resolve_tie
+from embodiedreamer_gym.diagnosis.backward_elimination import (
+    drop_last,
+    drop_redundant,
+    exchanged,
+    prune_all,
+    resolve_tie,
+)
 from embodiedreamer_gym.diagnosis.candidates import Candidate, polish
 from embodiedreamer_gym.diagnosis.pair_search import add_pair
 from embodiedreamer_gym.diagnosis.refits import close_beside_robot_errors, fit_candidates
@@ -14,6 +21,7 @@ from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.diagnosis.search_state import (
     Search,
     SearchState,
+    added_effects,
     current_null,
     fit_together,
     likeliest,
@@ -54,11 +62,35 @@ def search_effects(
         fit_together(search, state)
     if max_effects > 1 and not state.is_exact:
         add_pair(search, state, screened, sorted(singles, key=lambda c: c.fit.cost)[:PARTNERED])
-        if len(state.steps) == 2 and not state.is_exact:
+        if len(state.steps) == 2 and state.is_exact:
+            keep_one_if_enough(search, state, improving)
+        elif len(state.steps) == 2:
             add_effects(search, state, screened, max_effects)
     eliminate(search, state)
     prefer_special_cases(search, state)
     return state
+
+
+def keep_one_if_enough(search: Search, state: SearchState, singles: Sequence[Candidate]) -> None:
+    """Keep one effect of a pair where it alone leaves what faultless robots have.
+
+    It may not have been among the single effects, which the screening chose, or its fit may have ended in a wrong valley.
+
+    singles: those that improve on the start, to compare it with.
+    """
+    before = (state.steps, state.null, state.together, state.tie, state.probabilities)
+    pair = state.steps[-1]
+    for name in added_effects(state.start[0], pair.model):
+        removed = replace(pair, kind=search.catalogue[name])
+        kept = next(n for n in added_effects(state.start[0], pair.model) if n != name)
+        alone = replace(exchanged(pair, removed, None, search.train, search.test), kind=search.catalogue[kept])
+        search.rollouts += alone.rollouts
+        state.steps = [alone]
+        state.null = current_null(search, state)
+        fit_together(search, state)
+        if state.is_exact and likeliest(search, state, [alone, *(c for c in singles if c.kind.name != kept)]) is alone:
+            return
+    state.steps, state.null, state.together, state.tie, state.probabilities = before
 
 
 def add_effects(
