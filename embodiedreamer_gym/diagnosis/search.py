@@ -19,6 +19,7 @@ from embodiedreamer_gym.diagnosis.pair_search import add_pair
 from embodiedreamer_gym.diagnosis.refits import close_beside_robot_errors, fit_candidates
 from embodiedreamer_gym.diagnosis.screening import Screened
 from embodiedreamer_gym.diagnosis.search_state import (
+    SURE,
     Search,
     SearchState,
     added_effects,
@@ -173,7 +174,8 @@ def eliminate(search: Search, state: SearchState) -> None:
         fit_together(search, state)
     if len(state.steps) > 1 or not state.is_exact:
         state.steps = drop_last(state.judged_start, state.steps, search.train, search.test, state.most)
-    if not state.steps:
+    left = added_effects(state.start[0], state.current[0])
+    if all(state.probabilities.get(name, 0.0) >= SURE for name in left):  # also where none is left
         state.tie = ()
     search.rollouts += sum(s.rollouts for s in state.steps) - spent
     state.null = current_null(search, state)

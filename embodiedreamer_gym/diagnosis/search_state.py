@@ -224,6 +224,9 @@ def likeliest(search: Search, state: SearchState, candidates: Sequence[Candidate
     names = added_effects(state.start[0], best.model)
     contain = {name for name, kind in search.catalogue.items() if set(kind.generalises) & set(names)}
     open_names = [name for name, p in state.probabilities.items() if p > 1 - SURE and name not in contain]
+    open_names.sort(
+        key=lambda name: state.probabilities[name] >= SURE
+    )  # a motion that decides is one between the others
     state.tie = () if set(open_names) <= set(names) else tuple(open_names)
     return best
 

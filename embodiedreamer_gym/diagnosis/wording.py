@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.search_state import SearchState
+from embodiedreamer_gym.diagnosis.search_state import SURE, SearchState
 from embodiedreamer_gym.diagnosis.verdict import EXACT, is_far_from_noise, total_explainable, total_explained
 from embodiedreamer_gym.phys_aligner import Calibration
 
@@ -48,10 +48,16 @@ def verdict_text(
         named = "; then ".join(f"{e} on {', '.join(places[e])}" for e in effects)
         return f"Missing: {named}{_what_is_left(state)}."
     if verdict == "ambiguous":
-        members = probabilities_text({e: state.probabilities[e] for e in effects if e in state.probabilities})
+        sure = [e for e in effects if state.probabilities.get(e, 0.0) >= SURE]
+        members = probabilities_text(
+            {e: state.probabilities[e] for e in effects if e in state.probabilities and e not in sure}
+        )
         options = members or " or ".join(effects)
         if family:
             return f"Missing: an effect of the family {family} ({options}); these recordings do not distinguish them."
+        if sure:
+            named = "; ".join(f"{e} on {', '.join(places[e])}" for e in sure if e in places)
+            return f"Missing: {named}; and one of {options}, which these recordings do not distinguish."
         return f"Ambiguous: {' or '.join(effects)}{f' ({members})' if members else ''}; these recordings do not distinguish them."
     if state.closest is None:
         return f"Unknown: the model is wrong ({usual}), but no known effect lowers the error."

@@ -100,7 +100,7 @@ def answer(arm, delayed, verdict: str = "missing", effects: tuple[str, ...] = ("
         unobservable=("torque_saturation",), unexplained={"elbow": 0.4},
         steps=(("nominal", 0.03), ("calibrated", 0.02), ("+ command_delay", 0.0007)), p_value=0.001,
         rollouts=100, seconds=5.0, unit="rad", chi2={}, closest=(), nominal=arm, calibrated=arm, model=delayed,
-        family=None, members={e: 1.0 for e in effects}, excess=0.9, explainable={},
+        family=None, members={e: 1.0 if verdict == "missing" else 0.5 for e in effects}, excess=0.9, explainable={},
     )  # fmt: skip
 
 
@@ -139,6 +139,13 @@ def test_a_family_is_named_where_no_effect_is(arm, delayed) -> None:
     assert "late command" in sentence and "0.71" in sentence and "payload" not in sentence
     inexact = verdict_sentence(replace(answer(arm, delayed), excess=1.6).as_dict())
     assert "law is not exact" in inexact and "not exact" not in verdict_sentence(answer(arm, delayed).as_dict())
+
+
+def test_the_effect_of_a_pair_that_is_certain_is_named_beside_the_open_ones(arm, delayed) -> None:
+    tie = replace(answer(arm, delayed, "ambiguous", ("payload", "base_tilt", "command_delay")),
+                  members={"command_delay": 1.0, "payload": 0.6, "base_tilt": 0.4})  # fmt: skip
+    sentence = verdict_sentence(tie.as_dict())
+    assert "lacks command delay on shoulder, and also payload on shoulder or base tilt on shoulder; these" in sentence
 
 
 def test_the_ceiling_stands_beside_the_rest(arm, delayed) -> None:

@@ -51,6 +51,17 @@ def test_a_model_beyond_its_own_noise_is_refuted_by_one_that_is_not() -> None:
     assert unrefuted([wrong], most) == [wrong]
 
 
+def test_the_certain_effect_of_a_pair_stands_apart_from_those_that_tie() -> None:
+    state = SearchState(start(False), errors(9.0), errors(9.0), null(2.0))
+    state.probabilities = {"friction": 1.0, "payload": 0.6, "base_tilt": 0.4}
+    tie = ("payload", "base_tilt", "friction")
+    text = verdict_text(Attempt("ambiguous", None, None, state, 0.001), tie, {"friction": ["elbow"]}, None)  # pyright: ignore[reportArgumentType]
+    assert (
+        text
+        == "Missing: friction on elbow; and one of payload 0.60, base_tilt 0.40, which these recordings do not distinguish."
+    )
+
+
 def test_shares_are_of_robots_like_the_calibrated_model() -> None:
     """A fitted effect whose faultless robots would vary more than the error was large explains it all the same."""
     state = SearchState(start(False), errors(1000.0), errors(1000.0), null(2.0), closest=step(50.0))
