@@ -256,7 +256,7 @@ FIT = (
     option(
         "--urdf-trust",
         "M,C,I",
-        "standard deviations of the URDF: masses (percent), centres (mm), inertias (percent); default 10,10,20",
+        "standard deviations of the URDF: masses (percent), centres (mm), inertias (percent) (default: 10,10,20)",
     ),
 )
 SPLIT = tuple(

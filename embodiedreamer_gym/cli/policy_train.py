@@ -21,7 +21,7 @@ WIDEST = 160  # pixels
     o.option("--size", "WxH", f"image size (default: that of the data, with preset small at most {WIDEST} wide)"),
     o.option("--mirror", "M", f"also train on mirrored demonstrations of this robot with two symmetric arms: {o.MODELS}"),
     o.option("--no-masks", None, "ignore object masks in the data"),
-    o.option("--chunk-start-share", "S", "share of the training samples from the first steps of each chunk (default 0.7);"
+    o.option("--chunk-start-share", "S", "share of the training samples from the first steps of each chunk (default: 0.7);"
            " 0 for a policy that is queried more often", None, o.number(float, 0.0)),
     o.option("--no-rest", None, "do not train the policy to stay at rest after the end of an episode"),
     o.option("--preset", None, "network size", "small", choices=PRESETS),

@@ -7,11 +7,11 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.motions import MOTIONS
 
 LOG = {  # of a single arm
-    "hz": ("HZ", "samples per second (default 100)", o.number(float, 1.0, 1e4)),
-    "seconds": ("S", "length of each recording (default 4)", o.number(float, 0.1, 3600.0)),
-    "noise": ("RAD", "standard deviation of the position noise (default 4e-4)", o.POSITIVE),
-    "quantum": ("RAD", "encoder step (default 2 pi / 4096)", o.POSITIVE),
-    "jitter": ("S", "standard deviation of the time stamps (default none)", o.POSITIVE),
+    "hz": ("HZ", "samples per second (default: 100)", o.number(float, 1.0, 1e4)),
+    "seconds": ("S", "length of each recording (default: 4)", o.number(float, 0.1, 3600.0)),
+    "noise": ("RAD", "standard deviation of the position noise (default: 4e-4)", o.POSITIVE),
+    "quantum": ("RAD", "encoder step (default: 2 pi / 4096)", o.POSITIVE),
+    "jitter": ("S", "standard deviation of the time stamps (default: none)", o.POSITIVE),
 }
 
 

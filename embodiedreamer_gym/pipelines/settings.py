@@ -19,37 +19,37 @@ class EvaluationSettings:
     """Settings of a policy's evaluation."""
 
     policy: str
-    """Policy: a folder (from `policy train`, or a LeRobot ACT checkpoint), or package.module:function."""
+    """policy: a folder (from `policy train`, or a LeRobot ACT checkpoint), or package.module:function."""
     task: str
-    """Task, such as PutCupOnMat-v0."""
+    """task, such as PutCupOnMat-v0."""
     episodes: int = 50
-    """Number of episodes."""
+    """number of episodes."""
     seed: int = 100_000
-    """Seed of the first episode; each further episode uses the next seed."""
+    """seed of the first episode; each further episode uses the next seed."""
     execute: int | None = None
-    """Actions executed of each chunk (default: all)."""
+    """actions executed of each chunk (default: all)."""
     ensemble: Annotated[float, (-1e3, 1e3)] | None = None
-    """Decay of temporal ensembling, k in the paper, which uses 0.01 (default: no ensembling)."""
+    """decay of temporal ensembling, k in the paper, which uses 0.01 (default: no ensembling)."""
     robot: str = "aloha"
     """JSON file or built-in robot (`embodiedreamer robots`)."""
     tracking: str | None = None
-    """Send commands through this calibrated model: JSON file or built-in robot (default: only for policies that give positions)."""
+    """send commands through this calibrated model: JSON file or built-in robot (default: only for policies that give positions)."""
     tracking_mode: Literal["feed_forward", "trim", "both"] = "both"
-    """What --tracking sends: the model's feed-forward commands, the action with an integral correction from the encoders, or both."""
+    """what --tracking sends: the model's feed-forward commands, the action with an integral correction from the encoders, or both."""
     learnt_on: str = "aloha"
-    """Robot whose commands the policy has learned, for --tracking: JSON file or built-in robot."""
+    """robot whose commands the policy has learned, for --tracking: JSON file or built-in robot."""
     size: str | None = None
-    """Image size, width x height (default: as in the policy's training, or 128x96)."""
+    """image size, width x height (default: as in the policy's training, or 128x96)."""
     vis_aligner: str | None = None
-    """Replace the camera images by those of this video model (lean, if no value is given)."""
+    """replace the camera images by those of this video model (lean, if no value is given)."""
     bank: str = "lab"
-    """Bank of photos from which the first frame is composed: lab, or a file."""
+    """bank of photos from which the first frame is composed: lab, or a file."""
     every: int | None = None
-    """Generate an image after every n-th action and after the last one of a chunk (default 5; with --video 1)."""
+    """generate an image after every n-th action and after the last one of a chunk (default: 5, with --video 1)."""
     jobs: int = 1
-    """Number of processes."""
+    """number of processes."""
     video: Path | None = None
-    """Write the camera images as one video per episode."""
+    """write the camera images as one video per episode."""
 
 
 @dataclass(frozen=True)
@@ -60,60 +60,60 @@ class StudySettings:
     """
 
     policy: str
-    """Policy: a folder from `policy train`, or package.module:function."""
+    """policy: a folder from `policy train`, or package.module:function."""
     task: str
-    """Task, such as PutCupOnMat-v0."""
+    """task, such as PutCupOnMat-v0."""
     evaluations: int = 100
-    """Evaluation episodes after each cycle."""
+    """evaluation episodes after each cycle."""
     robot: str = "aloha"
     """JSON file or built-in robot (`embodiedreamer robots`)."""
     vis_aligner: str | None = None
-    """Replace the camera images by those of this video model (lean, if no value is given)."""
+    """replace the camera images by those of this video model (lean, if no value is given)."""
     bank: str = "lab"
-    """Bank of photos from which the first frame is composed: lab, or a file."""
+    """bank of photos from which the first frame is composed: lab, or a file."""
     every: int = FRAME_INTERVAL
-    """Generate an image after every n-th action and after the last one of a chunk."""
+    """generate an image after every n-th action and after the last one of a chunk."""
     execute: int | None = None
-    """Actions executed of each chunk (default: all)."""
+    """actions executed of each chunk (default: all)."""
     envs: int = 1
-    """Parallel episodes in each process; changes the last digits of the results."""
+    """parallel episodes in each process; changes the last digits of the results."""
     jobs: int = 1
-    """Number of processes."""
+    """number of processes."""
     seed: int = 0
-    """Random seed."""
+    """random seed."""
     starts: int = 100
-    """Rollouts: number of starts per cycle."""
+    """rollouts: number of starts per cycle."""
     tries: int = 4
-    """Rollouts: number of tries from each start."""
+    """rollouts: number of tries from each start."""
     noise: float = 0.1
-    """Rollouts: standard deviation of the exploration noise, normalised."""
+    """rollouts: standard deviation of the exploration noise, normalised."""
     per: Literal["chunk", "step"] = "chunk"
-    """Rollouts: draw the noise once per chunk or per step."""
+    """rollouts: draw the noise once per chunk or per step."""
     metric: str = "remaining"
-    """Ranking metric: remaining (distance to the object, then of the object to its goal), object_distance, or distance
+    """ranking metric: remaining (distance to the object, then of the object to its goal), object_distance, or distance
     (end effector to target, the paper's)."""
     pairing: Literal["same_start", "global_rank"] = "same_start"
-    """How rollouts are paired."""
+    """how rollouts are paired."""
     top: int | None = None
-    """Maximum number of pairs, or of trajectories (the paper's is 25)."""
+    """maximum number of pairs, or of trajectories (the paper's is 25)."""
     margin: float = 0.005
-    """Pairs whose scores differ by less are left out, m."""
+    """pairs whose scores differ by less are left out, m."""
     method: Literal["preferences", "best_of", "top", "rwr"] = "preferences"
-    """Learn from preferences; or clone the best try of each start (best_of), the best of all (top), or all, weighted by reward (rwr)."""
+    """learn from preferences; or clone the best try of each start (best_of), the best of all (top), or all, weighted by reward (rwr)."""
     variant: str = "clipped+dpop"
-    """Variant of the loss: paper, ipo, nll, dpop, clipped, clipped+dpop."""
+    """variant of the loss: paper, ipo, nll, dpop, clipped, clipped+dpop."""
     beta: float = 0.1
-    """Constant beta of the preference loss."""
+    """constant beta of the preference loss."""
     sigma: Annotated[float, (0.0, 1e9, True)] = 4.0
-    """Standard deviation of the likelihood; the paper's is 1."""
+    """standard deviation of the likelihood; the paper's is 1."""
     epochs: int = 80
-    """Epochs per cycle."""
+    """epochs per cycle."""
     batch: int | None = None
-    """Pairs per step (default 25), or chunks per step if cloning (256)."""
+    """pairs per step (default: 25), or chunks per step if cloning (default: 256)."""
     learning_rate: Annotated[float, (0.0, 1e3, True)] | None = None
-    """Learning rate of Adam (default 3e-5 for preferences, 1e-4 for cloning)."""
+    """learning rate of Adam (default: 3e-5 for preferences, 1e-4 for cloning)."""
     fall: float = 5.0
-    """Stop if the winners' log-likelihood falls by more than this, nats; 0: never."""
+    """stop if the winners' log-likelihood falls by more than this, nats; 0: never."""
 
     def __post_init__(self) -> None:
         from embodiedreamer_gym.policies.preferences import METRICS
