@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from embodiedreamer_gym.effects import Effect
-from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.problem import Problem, free_rows
 from embodiedreamer_gym.phys_aligner.starts import best_choices, joint_of_rows
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
@@ -66,6 +66,11 @@ def pair_starts(
     second = [{key: v for key, v in size.items() if key.effect} for size in grids[1]]
     first = grids[0] if fitted is None else [*grids[0], fitted]
     return Starts(tuple(first), tuple(second), (is_of_arm(kinds[0]), is_of_arm(kinds[1])))
+
+
+def fitted_values(model: RobotModel) -> dict[ParameterKey, np.ndarray]:
+    """Group -> values of the parameters of a model that fits change."""
+    return {key: model.group_values(key) for key in dict.fromkeys(row.key.group for row in free_rows(model))}
 
 
 def start_of(problem: Problem, start: Values) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.effect_starts import Starts
+from embodiedreamer_gym.diagnosis.effect_starts import Starts, fitted_values
 from embodiedreamer_gym.diagnosis.largest_seen import largest_seen
 from embodiedreamer_gym.effects import Parameter
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, cost_of, fit_at
@@ -22,7 +22,7 @@ def limit_starts(problem: Problem, x: np.ndarray) -> Starts | None:
     A limit that the fit does not reach does not change its cost, so that no derivative leads to the size at which it does.
     """
     model = problem.model_at(x)
-    fitted = {k: model.group_values(k) for k in dict.fromkeys(row.key.group for row in problem.rows)}
+    fitted = fitted_values(model)
     tried = []
     for key, p in _limits(model).items():
         if key in fitted:

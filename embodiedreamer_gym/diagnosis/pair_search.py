@@ -9,7 +9,7 @@ import numpy as np
 
 from embodiedreamer_gym.diagnosis.backward_elimination import exchanged
 from embodiedreamer_gym.diagnosis.candidates import Candidate, Trial, polish
-from embodiedreamer_gym.diagnosis.effect_starts import Values, pair_starts
+from embodiedreamer_gym.diagnosis.effect_starts import Values, fitted_values, pair_starts
 from embodiedreamer_gym.diagnosis.pair_screening import is_contained, screen_pairs
 from embodiedreamer_gym.diagnosis.refits import beside_robot_errors, refit_all
 from embodiedreamer_gym.diagnosis.screening import Screened
@@ -26,7 +26,7 @@ from embodiedreamer_gym.diagnosis.verdict import explains_most
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.calibration import STUCK
 from embodiedreamer_gym.phys_aligner.least_squares import fit_at
-from embodiedreamer_gym.phys_aligner.problem import Problem, free_rows
+from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.robot import RobotModel
 
 FINALISTS = 3  # pairs that are refitted to the end
@@ -114,7 +114,7 @@ def _partners(
 ) -> list[Trial]:  # fmt: skip
     """A second effect beside one that a model has already, the best of a screening around it."""
     chosen = [s for s in screened if s.score > 0.01 and not is_contained(s.kind, kind)][:PARTNERS]
-    fitted = {k: model.group_values(k) for k in dict.fromkeys(row.key.group for row in free_rows(model))}
+    fitted = fitted_values(model)
     trials = []
     for item in chosen:
         start = {**fitted, **{k: v for k, v in item.start.items() if k.effect}}

@@ -166,9 +166,8 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[Par
             choices.append([np.full_like(low, value) for value in p.starts])
         elif p.is_limit:
             top = largest_seen(p.unit, model, problem)
-            factors = (
-                SHAPE_LIMITS if p.shape else (*LIMITS, np.inf) if has_second_limit(kind) else LIMITS
-            )  # inf: the second one alone
+            off = (np.inf,) if has_second_limit(kind) else ()  # the second limit acts alone there
+            factors = SHAPE_LIMITS if p.shape else (*LIMITS, *off)
             choices.append([np.clip(f * top, low, high) for f in factors])
         elif p.shape:
             spread = (-1.0, 0.0, 1.0) if p.low < 0 else SHAPES

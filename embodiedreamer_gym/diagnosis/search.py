@@ -81,9 +81,9 @@ def keep_one_if_enough(search: Search, state: SearchState, singles: Sequence[Can
     """
     before = (state.steps, state.null, state.together, state.tie, state.probabilities)
     pair = state.steps[-1]
-    for name in added_effects(state.start[0], pair.model):
+    names = added_effects(state.start[0], pair.model)
+    for name, kept in zip(names, reversed(names), strict=True):
         removed = replace(pair, kind=search.catalogue[name])
-        kept = next(n for n in added_effects(state.start[0], pair.model) if n != name)
         alone = replace(exchanged(pair, removed, None, search.train, search.test), kind=search.catalogue[kept])
         search.rollouts += alone.rollouts
         state.steps = [alone]

@@ -226,7 +226,7 @@ def likeliest(search: Search, state: SearchState, candidates: Sequence[Candidate
     open_names = [name for name, p in state.probabilities.items() if p > 1 - SURE and name not in contain]
     open_names.sort(
         key=lambda name: state.probabilities[name] >= SURE
-    )  # a motion that decides is one between the others
+    )  # last: no motion has to decide on a certain one
     state.tie = () if set(open_names) <= set(names) else tuple(open_names)
     return best
 

@@ -48,15 +48,13 @@ def verdict_text(
         named = "; then ".join(f"{e} on {', '.join(places[e])}" for e in effects)
         return f"Missing: {named}{_what_is_left(state)}."
     if verdict == "ambiguous":
-        sure = [e for e in effects if state.probabilities.get(e, 0.0) >= SURE]
-        members = probabilities_text(
-            {e: state.probabilities[e] for e in effects if e in state.probabilities and e not in sure}
-        )
+        sure = certain_effects(effects, state.probabilities, places)
+        members = probabilities_text({e: p for e, p in state.probabilities.items() if e in effects and e not in sure})
         options = members or " or ".join(effects)
         if family:
             return f"Missing: an effect of the family {family} ({options}); these recordings do not distinguish them."
         if sure:
-            named = "; ".join(f"{e} on {', '.join(places[e])}" for e in sure if e in places)
+            named = "; ".join(f"{e} on {', '.join(places[e])}" for e in sure)
             return f"Missing: {named}; and one of {options}, which these recordings do not distinguish."
         return f"Ambiguous: {' or '.join(effects)}{f' ({members})' if members else ''}; these recordings do not distinguish them."
     if state.closest is None:
@@ -69,6 +67,16 @@ def verdict_text(
         most = total_explainable(state.base, state.held, state.start_null.chi2, attempt.explainable[:, -1])
         closest += f" of the excess error, of which {100 * most:.0f} % is predictable from the signals"
     return f"Unknown: the model is wrong ({usual}); {closest}{_what_is_left(state) if places else ''}."
+
+
+def certain_effects(
+    effects: Sequence[str], members: Mapping[str, float], places: Mapping[str, Sequence[str]]
+) -> list[str]:
+    """Those of a tie's effects that the final model has and that are probable enough to be named.
+
+    members: effect -> probability; places: of the final model's effects.
+    """
+    return [e for e in effects if e in places and members.get(e, 0.0) >= SURE]
 
 
 def _what_is_left(state: SearchState) -> str:

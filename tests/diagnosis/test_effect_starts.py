@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.diagnosis.effect_starts import pair_starts, single_starts
+from embodiedreamer_gym.diagnosis.candidates import Candidate, Trial, finish_refit
+from embodiedreamer_gym.diagnosis.effect_starts import Starts, pair_starts, single_starts
+from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.limits import limit_starts, release_limits
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.phys_aligner.least_squares import fit_at
@@ -68,6 +70,19 @@ def test_a_limit_that_a_fit_does_not_reach_is_found_by_a_scan(arm) -> None:
     found = problem.model_at(starts.best(problem)).effects[0].values["speed"]
     assert found["shoulder"] == pytest.approx(0.4, rel=0.15)
     assert found["elbow"] > 2.0  # rad/s, which it does not reach
+
+
+def test_a_refit_scans_and_releases_limits(arm) -> None:
+    """It begins where neither joint reaches its limit; the test motion is that of the fit."""
+    log = record(profile(arm, 0.4, 50.0), noise=1e-3)
+    problem = Problem(profile(arm, 6.0, 10.0), [log])
+    fit = fit_at(problem, problem.start)
+    kind = CATALOGUE["profile"]
+    begun = Candidate(kind, problem.model, problem, fit, evaluate(problem.model, [log]), 0)
+    done = finish_refit(Trial(kind, problem.model, Starts(({},)), (None,)), begun, [log], 0)
+    speed = done.model.effects[0].values["speed"]
+    assert speed["shoulder"] == pytest.approx(0.4, rel=0.05) and speed["elbow"] == pytest.approx(50.0)
+    assert done.held_out.chi2.max() < 1.4
 
 
 def test_a_limit_that_the_motion_does_not_need_is_released(arm) -> None:

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from embodiedreamer_gym.diagnosis import null_distribution
+from embodiedreamer_gym.diagnosis import diagnose, null_distribution
 from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
 from embodiedreamer_gym.diagnosis.refits import beside_robot_errors, close_beside_robot_errors
 from embodiedreamer_gym.diagnosis.verdict import EXACT
+from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.effects.torque_saturation import TorqueSaturation
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
@@ -54,6 +55,14 @@ def test_the_right_effect_leaves_nothing_with_the_robots_errors_beside(saturated
     judged = beside_robot_errors(search, candidate)
     assert candidate.judged.chi2[0] > 1.5 > 1.2 > judged.judged.chi2[0]
     assert judged.model is candidate.model and search.rollouts > 0
+
+
+def test_a_richer_law_does_not_win_by_absorbing_wrong_friction(saturated) -> None:
+    """A voltage limit imitates the friction that the model lacks, where the drive is at its limit."""
+    search = saturated[1]
+    catalogue = {name: CATALOGUE[name] for name in ("torque_saturation", "voltage_limit")}
+    found = diagnose(robot("pendulum1"), search.train, search.test, catalogue=catalogue, jobs=1)
+    assert found.verdict == "missing" and found.effects == ("torque_saturation",)
 
 
 def test_only_candidates_close_behind_the_best_are_compared_beside_the_robots_errors(saturated) -> None:

@@ -11,9 +11,8 @@ from scipy.special import betaincinv
 from embodiedreamer_gym.diagnosis.comparison import Comparison
 from embodiedreamer_gym.diagnosis.error_breakdown import ErrorBreakdown
 from embodiedreamer_gym.diagnosis.report.result_figures import SPREAD
-from embodiedreamer_gym.diagnosis.search_state import SURE
 from embodiedreamer_gym.diagnosis.verdict import ALARM, EXACT, INEXACT
-from embodiedreamer_gym.diagnosis.wording import probabilities_text
+from embodiedreamer_gym.diagnosis.wording import certain_effects, probabilities_text
 from embodiedreamer_gym.io.tables import milli, number
 from embodiedreamer_gym.phys_aligner import Calibration
 
@@ -68,10 +67,10 @@ def verdict_sentence(data: Mapping[str, Any]) -> str:
         members = probabilities_text({effect_name(name): data["members"].get(name, 0.0) for name in data["effects"]})
         return f"The model lacks an effect of the family {effect_name(data['family'])} ({members}); these recordings do not tell which."
     if data["verdict"] == "ambiguous":
-        sure = [data["members"].get(name, 0.0) >= SURE for name in data["effects"]]
-        named = [effect for effect, certain in zip(effects, sure, strict=True) if certain]
-        options = listed([effect for effect, certain in zip(effects, sure, strict=True) if not certain], "or")
-        return f"The model lacks {f'{listed(named)}, and also ' if named else ''}{options}; these recordings do not tell which."
+        sure = certain_effects(data["effects"], data["members"], data["joints"])
+        texts = dict(zip(data["effects"], effects, strict=True))
+        named = f"{listed([texts[e] for e in sure])}, and also " if sure else ""
+        return f"The model lacks {named}{listed([texts[e] for e in texts if e not in sure], 'or')}; these recordings do not tell which."
     if data["verdict"] == "nothing_missing":
         return f"Nothing is missing that these recordings could show: {calibrated} off, {floor}."
     return f"Something is missing that no known effect explains: {calibrated} off, {floor}."
