@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,6 +13,7 @@ from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, pooled, sum
 from embodiedreamer_gym.diagnosis.limits import limit_starts, release_limits
 from embodiedreamer_gym.diagnosis.refit_cache import CachedFit
 from embodiedreamer_gym.diagnosis.screening import Screened
+from embodiedreamer_gym.diagnosis.shapes import shape_starts
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.calibration import STUCK
@@ -25,6 +26,7 @@ from embodiedreamer_gym.robot import RobotModel
 ITERATIONS = 12
 EARLY = 3  # iterations after which the most promising refits go on
 TOLERANCE = 1e-3
+LONG = 0.03  # step of derivatives, in scaled units, that passes over the small valleys of a law that jumps
 FINAL_ITERATIONS, FINAL_TOLERANCE = 25, 1e-4
 RULES = ("linear", "hold")
 
@@ -123,26 +125,34 @@ def finish_refit(
 
 
 def leave_valley(problem: Problem, fit: Fit, further: Sequence[np.ndarray] = (), rival: float = np.inf) -> Fit:
-    """A fit once more where a joint stays above its noise: from other sizes of its limits, then from fits to pieces of the motion.
+    """A fit once more where a joint stays above its noise, from other starts, until none does.
+
+    The starts: where longer steps of the derivatives lead, other sizes of the limits, other shapes, fits to pieces of the motion.
 
     further: starts (m,) that are tried on pieces of the motion too; rival: see `finish_refit`.
     """
-    if problem.signals.by_effort or not _is_stuck(problem, fit):
+    if problem.signals.by_effort:
         return fit  # of efforts nothing is integrated: no valleys
-    limits = limit_starts(problem, fit.x)
-    if limits is not None:
-        other = minimise(problem, limits.best(problem), ITERATIONS, TOLERANCE, rival=min(fit.cost, rival))
-        fit = min(fit, other, key=lambda f: f.cost)
-        if not _is_stuck(problem, fit):
-            return fit
-    start = piecewise_start(problem, [fit.x, *further])
-    other = minimise(problem, start, ITERATIONS, TOLERANCE, rival=min(fit.cost, rival))
-    return min(fit, other, key=lambda f: f.cost)
+    starts: tuple[Callable[[np.ndarray, np.ndarray], np.ndarray | None], ...] = (
+        lambda x, _: minimise(problem, x, ITERATIONS, TOLERANCE, derivatives=False, step=LONG).x,
+        lambda x, stuck: _best(problem, limit_starts(problem, x, stuck)),
+        lambda x, stuck: _best(problem, shape_starts(problem, x, stuck)),
+        lambda x, _: piecewise_start(problem, [x, *further]),
+    )
+    for start in starts:
+        stuck = problem.joint_rms(fit.residuals)[0] ** 2 > STUCK
+        if not stuck.any():
+            break
+        x = start(fit.x, stuck)
+        if x is not None:
+            other = minimise(problem, x, ITERATIONS, TOLERANCE, rival=min(fit.cost, rival))
+            fit = min(fit, other, key=lambda f: f.cost)
+    return fit
 
 
-def _is_stuck(problem: Problem, fit: Fit) -> bool:
-    """Whether a joint stays above its noise."""
-    return bool((problem.joint_rms(fit.residuals)[0] ** 2).max() > STUCK)
+def _best(problem: Problem, starts: Starts | None) -> np.ndarray | None:
+    """The best of starts, if there are any."""
+    return None if starts is None else starts.best(problem)
 
 
 def refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recording]) -> Candidate:

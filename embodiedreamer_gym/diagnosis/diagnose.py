@@ -17,11 +17,13 @@ from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.notes import notes_on
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
+from embodiedreamer_gym.diagnosis.refits import beside_robot_errors
 from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
 from embodiedreamer_gym.diagnosis.search import search_effects
 from embodiedreamer_gym.diagnosis.search_state import Search, SearchState, screen_all
 from embodiedreamer_gym.diagnosis.verdict import (
     ALARM,
+    EXACT,
     EXPLAINED,
     FAR,
     INEXACT,
@@ -49,6 +51,7 @@ from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
 ODDS = 10.0  # to one, at which an effect is named rather than errors of the URDF
+JUDGEABLE = 10.0  # chi2 of faultless robots, beyond which effects are judged with the robot's errors estimated
 WORSE = 1.25  # times the error of plain least squares, beyond which the effects found are not what is missing
 MAX_SECONDS = 80.0  # of motion to learn from, and as much to judge by
 
@@ -184,7 +187,7 @@ def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:
         shares = _explainable(search, state)
         estimated = model.has_effect(InertialError)
         if not problem.signals.by_effort:
-            convincing = _fits_all_motion(state, shares)
+            convincing = _fits_all_motion(search, state, shares)
         elif not estimated:
             convincing = state.is_exact
         else:
@@ -201,7 +204,20 @@ def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:
     return Attempt(verdict, calibrated, final, state, p_value, shares)
 
 
-def _fits_all_motion(state: SearchState, shares: np.ndarray | None) -> bool:
+def _outlasts_masses(search: Search, state: SearchState) -> bool:
+    """Whether the effects leave little where the motion shows wrong masses so well that nearly any error would pass for theirs.
+
+    There the errors count that are left with masses, centres and friction estimated beside. A drive at its limit is such a case.
+    """
+    if state.most.max() <= JUDGEABLE:
+        return True
+    left = beside_robot_errors(search, state.steps[-1])
+    chi2 = np.maximum(left.held_out.chi2, left.trained.chi2)
+    law = INEXACT if len(state.steps) == 1 else EXACT
+    return bool((chi2 <= np.minimum(law * state.most, JUDGEABLE)).all())
+
+
+def _fits_all_motion(search: Search, state: SearchState, shares: np.ndarray | None) -> bool:
     """Whether the effects leave what faultless robots have on all motion; a single one may leave a little more.
 
     Logs far from any noise are judged by the share that is explained, beside what a general regression predicts (shares).
@@ -211,7 +227,7 @@ def _fits_all_motion(state: SearchState, shares: np.ndarray | None) -> bool:
     explained = total_explained(state.judged_start, state.judged, state.null.chi2) >= EXPLAINED
     inexact = len(state.steps) == 1 and state.excess <= INEXACT and explained
     if state.is_exact or inexact:
-        return True
+        return _outlasts_masses(search, state)
     errors = (state.base, state.held, state.start_null.chi2)
     if not is_far_from_noise(*errors):
         return False

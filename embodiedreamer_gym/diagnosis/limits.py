@@ -16,10 +16,11 @@ from embodiedreamer_gym.robot import ParameterKey, RobotModel
 SCANNED = np.geomspace(0.4, 3.0, 16)  # sizes of a limit, relative to the largest value seen
 
 
-def limit_starts(problem: Problem, x: np.ndarray) -> Starts | None:
+def limit_starts(problem: Problem, x: np.ndarray, stuck: np.ndarray) -> Starts | None:
     """Starts at the parameters x (m,) of a fit, with each limit of its effects at many sizes; None without a limit.
 
     A limit that the fit does not reach does not change its cost, so that no derivative leads to the size at which it does.
+    stuck (n,) bool: joints whose limits are changed; the others would disturb them.
     """
     model = problem.model_at(x)
     fitted = fitted_values(model)
@@ -27,7 +28,8 @@ def limit_starts(problem: Problem, x: np.ndarray) -> Starts | None:
     for key, p in _limits(model).items():
         if key in fitted:
             top, bounds = largest_seen(p.unit, model, problem), model.parameter_bounds(p)
-            tried += [{**fitted, key: np.clip(factor * top, *bounds)} for factor in SCANNED]
+            sizes = [np.clip(factor * top, *bounds) for factor in SCANNED]
+            tried += [{**fitted, key: np.where(stuck, size, fitted[key])} for size in sizes]
     return Starts((fitted, *tried)) if tried else None
 
 

@@ -3,7 +3,8 @@
 No fitted parameter absorbs that, so a chi-square table would reject almost every faultless robot. Viscous friction is wrong too: a
 servo's damping makes up for it, but not where a drive is at its limit. The residuals of such a robot are drawn from the
 linearised model: r = J_m m + J_p p, with p the change of a calibration in response to m, beside the sensor's noise, whose
-size is only estimated.
+size is only estimated. The derivatives are slopes over changes as large as those of such robots: a law that jumps, as a gap
+of teeth does, has no derivative, and a slope over a much shorter step would be far too steep.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ FIRST_STATE = 0.02  # of a sensor's variance: the first state of a run is measur
 DRAWS = 2000
 GROUPS = tuple(ParameterKey(name, InertialError.name) for name in ("mass", "x", "y", "z"))
 VISCOUS_FRICTION = ParameterKey("viscous_friction")
+ANSWER = 0.02  # change of a parameter, in scaled units, by which a calibration answers wrong masses
 VISCOUS = 0.5  # standard deviation of a joint's viscous friction, relative to it or to what is slight
 TRAVEL = 20.0  # sensor noises, from which a joint counts as moving
 LEAST_SPREAD = 0.3  # of a joint's log chi2: the accuracy to which a sensor's noise is known
@@ -90,20 +92,19 @@ def draw_null(
     perturbed = model.with_effect(InertialError)
     hold, fitted = problem.hold, tuple(dict.fromkeys(row.key.group for row in problem.rows))
     groups = GROUPS if VISCOUS_FRICTION in fitted else (*GROUPS, VISCOUS_FRICTION)
-    train_problem = Problem(perturbed, problem.recordings, groups, hold)
-    mass_train = train_problem.jacobian(train_problem.start)[1]
-    test_problem = Problem(perturbed, test, groups, hold)
-    mass_test = test_problem.jacobian(test_problem.start)[1]
-    calibrated = Problem(model, test, fitted, hold)
-    response_test = calibrated.jacobian(np.clip(fit.x, calibrated.lower, calibrated.upper))[1]
+    train_problem, test_problem = (Problem(perturbed, r, groups, hold) for r in (problem.recordings, test))
     sd = {"mass": MASS / model.urdf_error.mass, VISCOUS_FRICTION.parameter: VISCOUS}  # in scaled units
     size = np.array([sd.get(row.key.parameter, CENTRE / model.urdf_error.centre) for row in train_problem.rows])
+    mass_train, mass_test = (p.jacobian(p.start, size)[1] for p in (train_problem, test_problem))
+    calibrated, spent = Problem(model, test, fitted, hold), problem.rollouts
+    response_test = calibrated.jacobian(np.clip(fit.x, calibrated.lower, calibrated.upper), ANSWER)[1]
+    response_train = problem.jacobian(fit.x, ANSWER)[1]
     weight = fit.weight[:, None]
-    response = np.linalg.lstsq(fit.jacobian * weight, -mass_train * weight, rcond=1e-6)[0]
+    response = np.linalg.lstsq(response_train * weight, -mass_train * weight, rcond=1e-6)[0]
     draws = rng.standard_normal((DRAWS, len(size))) * size
     parts = [(draws, mass_test + response_test @ response, test_problem),
-             (draws, mass_train + fit.jacobian @ response, train_problem)]  # fmt: skip
-    rollouts = train_problem.rollouts + test_problem.rollouts + calibrated.rollouts
+             (draws, mass_train + response_train @ response, train_problem)]  # fmt: skip
+    rollouts = train_problem.rollouts + test_problem.rollouts + calibrated.rollouts + problem.rollouts - spent
     return _null(parts, rollouts, rng)
 
 

@@ -34,6 +34,7 @@ from embodiedreamer_gym.diagnosis.verdict import (
     contenders,
     explains_most,
     improves,
+    is_far_from_noise,
     leaves_excess,
     unrefuted,
 )
@@ -68,7 +69,8 @@ def search_effects(
         elif len(state.steps) == 2:
             add_effects(search, state, screened, max_effects)
     eliminate(search, state)
-    prefer_special_cases(search, state)
+    if state.is_exact or is_far_from_noise(state.base, state.held, state.start_null.chi2):
+        prefer_special_cases(search, state)
     return state
 
 
@@ -139,12 +141,10 @@ def _accepted(state: SearchState, candidate: Candidate) -> bool:
 
 
 def _is_missed(state: SearchState, everywhere: Candidate) -> bool:
-    """Whether the error of some joint's effort rises when effects are taken off it.
+    """Whether some joint's error rises when effects are taken off it.
 
-    Where a wrong law leaves most of a joint's error, no estimate there is significant.
+    Where a wrong law leaves most of a joint's error, or a law jumps, no estimate there is significant.
     """
-    if not state.by_effort:
-        return False
     rise = np.log(np.maximum(state.held.chi2, 1.0) / np.maximum(everywhere.held_out.chi2, 1.0))
     return bool(rise.max() > SMALLEST_GAIN)
 

@@ -11,6 +11,7 @@ from embodiedreamer_gym.diagnosis.candidates import (
     ITERATIONS,
     TOLERANCE,
     Candidate,
+    leave_valley,
 )
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, pooled
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution, draw_null
@@ -244,16 +245,18 @@ def added_effects(base: RobotModel, model: RobotModel) -> list[str]:
 
 
 def fit_together(search: Search, state: SearchState) -> None:
-    """Fit the model so far to all motion where its fit to the training motion is not exact on the held-out one.
+    """Fit the model so far to all motion where its fit is exact on the training motion and not on the held-out one.
 
     A limit that only the held-out motion reaches is not determined by the training motion; the law may be right all the same.
     """
     state.together = None
     if state.is_exact or not state.steps or state.by_effort:
         return
+    if state.null.excess(np.zeros_like(state.held.chi2), state.fitted.chi2) > EXACT:
+        return
     last = state.steps[-1]
     problem = Problem(last.model, [*search.train, *search.test], hold=last.problem.hold)
-    fit = minimise(problem, problem.start, ITERATIONS, TOLERANCE, derivatives=False)
+    fit = leave_valley(problem, minimise(problem, problem.start, ITERATIONS, TOLERANCE, derivatives=False))
     model = problem.model_at(fit.x)
     search.rollouts += 2 * problem.rollouts
     state.together = (evaluate(model, search.train, problem.hold), evaluate(model, search.test, problem.hold))

@@ -33,9 +33,8 @@ def prefer_special_cases(search: Search, state: SearchState) -> None:
             problem = Problem(without, search.train, hold=last.problem.hold)
             short, points = linearise(problem, fit_at(problem, problem.start), None)
             screened = screen_effect(kind, points, short, np.ones(without.n))
-            plain = refit(
-                single_trial(without, replace(screened, joints=None), problem.hold, False), search.train, search.test
-            )
+            trial = single_trial(without, replace(screened, joints=None), problem.hold, False)
+            plain = refit(trial, search.train, search.test)
             search.rollouts += problem.rollouts + plain.rollouts
             judged = [beside_robot_errors(search, c) for c in (last, plain)]
             if likeliest(search, state, judged) is judged[1]:

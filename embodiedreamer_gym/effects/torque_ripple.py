@@ -19,7 +19,7 @@ class TorqueRipple(SignalLaw):
     symptom = "the error oscillates with the angle of the joint, at the same angles for every speed"
     reveals = "a slow sweep at constant speed"
     confused_with = ("joint_spring",)
-    generalises = ("torque_bias",)
+    generalises = ("torque_bias", "joint_spring")  # a long wave is a spring
 
     @staticmethod
     def law(signal, joint, memory, p):

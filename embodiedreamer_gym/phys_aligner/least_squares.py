@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from embodiedreamer_gym.io.progress import ProgressCallback, silent
-from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.problem import STEP, Problem
 from embodiedreamer_gym.phys_aligner.robust import huber_limit, robust_cost, robust_weight
 
 DAMPINGS = np.array([0.001, 0.03, 1.0])  # tried at once, relative to the present damping
@@ -39,7 +39,7 @@ class Fit:
 
 def minimise(
     problem: Problem, start: np.ndarray, iterations: int = 30, tolerance: float = 1e-4, progress: ProgressCallback = silent,
-    budget: float = np.inf, rival: float = np.inf, derivatives: bool = True,
+    budget: float = np.inf, rival: float = np.inf, derivatives: bool = True, step: float = STEP,
 ) -> Fit:  # fmt: skip
     """Minimise a problem's cost inside its bounds from scaled parameters (m,).
 
@@ -47,11 +47,13 @@ def minimise(
     Stops when the fall of the cost is below the tolerance, or when the next iteration would pass `budget`;
     and where it is so far above the cost of a `rival` that as many falls as iterations are left would not reach it.
     derivatives: whether the Jacobian at the end is needed. Without, and of a fit that a rival stopped, it is that of the last step.
+    step: of the differences that stand for derivatives, in scaled units. Where a law jumps, slopes over longer steps lead further:
+    implicit filtering, Kelley, Implicit Filtering, SIAM, 2011.
     """
     x, damping = np.clip(start, problem.lower, problem.upper), 1e-2
     if not len(x):  # everything is fixed
         return fit_at(problem, x)
-    r, jacobian = problem.jacobian(x)
+    r, jacobian = problem.jacobian(x, step)
     converged = False
     for iteration in range(iterations):
         limit = huber_limit(problem, r)
@@ -67,7 +69,7 @@ def minimise(
         hopeless = new_cost - (iterations - iteration - 1) * (cost - new_cost) > rival + BEHIND
         x, r, last = new, new_r, converged or hopeless or iteration == iterations - 1
         if not last or (derivatives and not hopeless):
-            r, jacobian = problem.jacobian(x)
+            r, jacobian = problem.jacobian(x, step)
         if last or problem.rollouts + len(DAMPINGS) + len(x) + 1 > budget:
             break
     return _fit(problem, x, r, jacobian, converged)

@@ -18,6 +18,7 @@ from embodiedreamer_gym.simulation import TIME_STEP
 from embodiedreamer_gym.simulation.rollout import check_names
 
 CORRELATED = 0.05  # s over which residuals are about the same
+STEP = 1e-3  # of differences, in scaled units
 SLIGHT = 0.05  # of a joint's typical torque, that viscous friction takes at 1 rad/s where it is slight
 
 
@@ -164,15 +165,17 @@ class Problem:
         return np.bincount(self.joint_of, samples, minlength=self.model.n) / np.maximum(self.joint_counts, 1)
 
     def jacobian(
-        self, x: np.ndarray, step: float = 1e-3, anew: bool = False, only: np.ndarray | None = None
+        self, x: np.ndarray, step: float | np.ndarray = STEP, anew: bool = False, only: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Residuals (N,) and their derivatives (N, m) by one-sided differences, away from the nearer bound.
+
+        step: of the differences, in scaled units, or (m,) of each parameter.
 
         Parameters of different arms share a rollout: one arm's motion does not feel the other's. The derivatives by the
         URDF's errors, which are many and nearly constant, are those of the first call, but for `anew`. only (m,) bool: columns
         that are wanted; the others may be zero.
         """
-        sign = np.where(x + step <= self.upper, 1.0, -1.0)
+        step = np.broadcast_to(step, x.shape) * np.where(x + step <= self.upper, 1.0, -1.0)
         inertial = self.of_urdf
         if anew:
             self._inertial = None
@@ -180,15 +183,15 @@ class Problem:
         colours = self._colours(np.flatnonzero(wanted if only is None else wanted & (only | inertial)))
         points = np.repeat(x[None], len(colours) + 1, axis=0)
         for p, members in enumerate(colours):
-            points[p + 1, members] += step * sign[members]
+            points[p + 1, members] += step[members]
         r = self.residuals(points)
         arm_of_sample = self.model.tree.arm[self.joint_of]
         jacobian = np.zeros((r.shape[1], len(x)))
         for p, members in enumerate(colours):
-            change = (r[p + 1] - r[0]) / step
+            change = r[p + 1] - r[0]
             for m in members:
                 own = arm_of_sample == self.arm_of_row[m]
-                jacobian[own, m] = change[own] * sign[m]
+                jacobian[own, m] = change[own] / step[m]
         if self._inertial is None:
             self._inertial = jacobian[:, inertial]
         jacobian[:, inertial] = self._inertial

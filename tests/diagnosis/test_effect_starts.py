@@ -65,7 +65,7 @@ def test_a_limit_that_a_fit_does_not_reach_is_found_by_a_scan(arm) -> None:
     """The speed limit begins at several times the joint's largest speed, where the cost has no derivative."""
     problem = Problem(profile(arm, 0.4, 50.0), [record(profile(arm, 0.4, 50.0))])
     x = Problem(profile(arm, 6.0, 50.0), problem.recordings).start
-    starts = limit_starts(problem, x)
+    starts = limit_starts(problem, x, np.ones(problem.model.n, bool))
     assert starts is not None
     found = problem.model_at(starts.best(problem)).effects[0].values["speed"]
     assert found["shoulder"] == pytest.approx(0.4, rel=0.15)
@@ -97,7 +97,7 @@ def test_a_limit_that_the_motion_does_not_need_is_released(arm) -> None:
 
 def test_a_model_without_limits_has_none_to_scan(arm) -> None:
     problem = Problem(arm.with_effect(CATALOGUE["command_delay"]), [record(arm)])
-    assert limit_starts(problem, problem.start) is None
+    assert limit_starts(problem, problem.start, np.ones(problem.model.n, bool)) is None
     fit = fit_at(problem, problem.start)
     assert release_limits(problem, fit) is fit
 

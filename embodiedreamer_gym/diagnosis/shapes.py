@@ -1,0 +1,45 @@
+"""Shapes in a fit: scanned where a fit may have ended with a wrong one, as a ripple of another frequency."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from embodiedreamer_gym.diagnosis.effect_starts import Starts, fitted_values
+from embodiedreamer_gym.effects import Parameter
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.robot import ParameterKey, RobotModel
+
+SIZES = (0.3, 1.0)  # of a size, relative to typical
+SHAPES = (0.3, 1.0, 3.0)  # of a shape, the like
+SIGNED = (-1.5, -1.0, -0.5, 0.0, 0.5, 1.0)  # of one that has a sign; of a phase every 60 degrees
+
+
+def shape_starts(problem: Problem, x: np.ndarray, stuck: np.ndarray) -> Starts | None:
+    """Starts at the parameters x (m,) of a fit, with each effect of a joint that has a shape at many shapes; None without one.
+
+    Each other shape has a valley of its own, and only what the other effects leave shows which is the deepest.
+    stuck (n,) bool: joints whose shapes are changed; the others would disturb them.
+    """
+    model = problem.model_at(x)
+    fitted = fitted_values(model)
+    tried = []
+    for effect in model.effects:
+        if not any(p.shape and not p.is_limit and p.per == "joint" for p in effect.parameters):
+            continue
+        keys = [ParameterKey(p.name, effect.name) for p in effect.parameters]
+        choices = [_choices(model, p, model.group_values(key)) for key, p in zip(keys, effect.parameters, strict=True)]
+        for row in itertools.product(*choices):
+            tried.append({**fitted, **{k: np.where(stuck, v, fitted[k]) for k, v in zip(keys, row, strict=True)}})
+    return Starts((fitted, *tried)) if tried else None
+
+
+def _choices(model: RobotModel, p: Parameter, own: np.ndarray) -> list[np.ndarray]:
+    """Values (n,) of a parameter that are tried; own: those of the fit, which a limit keeps."""
+    if p.is_limit:
+        return [own]
+    low, high = model.parameter_bounds(p)
+    typical = p.typical * high / p.high
+    factors = (SIGNED if p.low < 0 else SHAPES) if p.shape else SIZES
+    return [np.full_like(low, v) for v in p.starts] or [np.clip(f * typical, low, high) for f in factors]
