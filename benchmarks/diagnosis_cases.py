@@ -53,6 +53,7 @@ SEEDS = {
     "sealed_3": 5007506,
     "sealed_4": 8504937,
     "sealed_5": 2024625,
+    "sealed_6": 6010311,
 }
 # Beside the URDF's errors an offset of each joint's effort is estimated, which a bias is, alone or in a direction-dependent friction.
 BESIDE_OFFSETS = tuple(name for name in IN_EFFORT if name not in ("torque_bias", "direction_dependent_friction"))

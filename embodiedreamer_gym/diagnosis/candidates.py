@@ -127,15 +127,15 @@ def finish_refit(
 def leave_valley(problem: Problem, fit: Fit, further: Sequence[np.ndarray] = (), rival: float = np.inf) -> Fit:
     """A fit once more where a joint stays above its noise, from other starts, until none does.
 
-    The starts: where longer steps of the derivatives lead, other sizes of the limits, other shapes, fits to pieces of the motion.
+    The starts: other sizes of the limits, where longer steps of the derivatives lead, other shapes, fits to pieces of the motion.
 
     further: starts (m,) that are tried on pieces of the motion too; rival: see `finish_refit`.
     """
     if problem.signals.by_effort:
         return fit  # of efforts nothing is integrated: no valleys
     starts: tuple[Callable[[np.ndarray, np.ndarray], np.ndarray | None], ...] = (
-        lambda x, _: minimise(problem, x, ITERATIONS, TOLERANCE, derivatives=False, step=LONG).x,
         lambda x, stuck: _best(problem, limit_starts(problem, x, stuck)),
+        lambda x, _: minimise(problem, x, ITERATIONS, TOLERANCE, derivatives=False, step=LONG).x,
         lambda x, stuck: _best(problem, shape_starts(problem, x, stuck)),
         lambda x, _: piecewise_start(problem, [x, *further]),
     )

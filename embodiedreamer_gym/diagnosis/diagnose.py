@@ -207,14 +207,14 @@ def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:
 def _outlasts_masses(search: Search, state: SearchState) -> bool:
     """Whether the effects leave little where the motion shows wrong masses so well that nearly any error would pass for theirs.
 
-    There the errors count that are left with masses, centres and friction estimated beside. A drive at its limit is such a case.
+    There the errors count that are left on the fitted motion with masses, centres and friction estimated beside. A drive at its
+    limit is such a case.
     """
     if state.most.max() <= JUDGEABLE:
         return True
-    left = beside_robot_errors(search, state.steps[-1])
-    chi2 = np.maximum(left.held_out.chi2, left.trained.chi2)
+    left = beside_robot_errors(search, state.steps[-1]).trained.chi2
     law = INEXACT if len(state.steps) == 1 else EXACT
-    return bool((chi2 <= np.minimum(law * state.most, JUDGEABLE)).all())
+    return bool((left <= np.minimum(law * state.most, JUDGEABLE)).all())
 
 
 def _fits_all_motion(search: Search, state: SearchState, shares: np.ndarray | None) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 
 from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.phys_aligner.least_squares import Fit
-from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.problem import STEP, Problem
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.recordings.noise import SMALLEST_SIGMA
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
@@ -95,7 +95,7 @@ def draw_null(
     train_problem, test_problem = (Problem(perturbed, r, groups, hold) for r in (problem.recordings, test))
     sd = {"mass": MASS / model.urdf_error.mass, VISCOUS_FRICTION.parameter: VISCOUS}  # in scaled units
     size = np.array([sd.get(row.key.parameter, CENTRE / model.urdf_error.centre) for row in train_problem.rows])
-    mass_train, mass_test = (p.jacobian(p.start, size)[1] for p in (train_problem, test_problem))
+    mass_train, mass_test = (p.jacobian(p.start, np.maximum(size, STEP))[1] for p in (train_problem, test_problem))
     calibrated, spent = Problem(model, test, fitted, hold), problem.rollouts
     response_test = calibrated.jacobian(np.clip(fit.x, calibrated.lower, calibrated.upper), ANSWER)[1]
     response_train = problem.jacobian(fit.x, ANSWER)[1]

@@ -68,9 +68,9 @@ def search_effects(
             keep_one_if_enough(search, state, improving)
         elif len(state.steps) == 2:
             add_effects(search, state, screened, max_effects)
-    eliminate(search, state)
     if state.is_exact or is_far_from_noise(state.base, state.held, state.start_null.chi2):
         prefer_special_cases(search, state)
+    eliminate(search, state)
     return state
 
 

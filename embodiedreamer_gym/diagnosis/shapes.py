@@ -13,7 +13,7 @@ from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
 SIZES = (0.3, 1.0)  # of a size, relative to typical
 SHAPES = (0.3, 1.0, 3.0)  # of a shape, the like
-SIGNED = (-1.5, -1.0, -0.5, 0.0, 0.5, 1.0)  # of one that has a sign; of a phase every 60 degrees
+SIGNED = (-0.75, -0.3, -0.1, 0.0, 0.1, 0.3, 0.75)  # of one that has a sign, relative to its bound
 
 
 def shape_starts(problem: Problem, x: np.ndarray, stuck: np.ndarray) -> Starts | None:
@@ -40,6 +40,8 @@ def _choices(model: RobotModel, p: Parameter, own: np.ndarray) -> list[np.ndarra
     if p.is_limit:
         return [own]
     low, high = model.parameter_bounds(p)
-    typical = p.typical * high / p.high
-    factors = (SIGNED if p.low < 0 else SHAPES) if p.shape else SIZES
-    return [np.full_like(low, v) for v in p.starts] or [np.clip(f * typical, low, high) for f in factors]
+    if p.starts:
+        return [np.full_like(low, v) for v in p.starts]
+    if p.shape and p.low < 0:
+        return [factor * high for factor in SIGNED]
+    return [np.clip(factor * p.typical * high / p.high, low, high) for factor in (SHAPES if p.shape else SIZES)]

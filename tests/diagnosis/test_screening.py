@@ -22,7 +22,7 @@ def test_a_ripple_is_started_near_its_own_frequency(seed: int) -> None:
     problem, fit = fit_least_squares(model, robot.train)
     short, points = linearise(problem, fit, None)
     found = screen_effect(TorqueRipple, points, short, np.ones(1))
-    assert found.rollouts == 19 * 3  # frequencies, phases; of one size
+    assert found.rollouts == 19 * 6  # frequencies, phases; of one size
     new = Problem(points[0].model.with_effect(TorqueRipple), robot.train)
     better = new.model_at(minimise(new, start_of(new, found.start)).x).effects[0].values
     truth = robot.truth["values"]

@@ -36,11 +36,9 @@ def start(by_effort: bool) -> Any:
     return None, SimpleNamespace(signals=SimpleNamespace(by_effort=by_effort)), None
 
 
-@pytest.mark.parametrize(
-    ("by_effort", "without", "expected"), [(True, 5.0, True), (True, 4.2, False), (False, 5.0, False)]
-)
-def test_an_effect_is_missed_where_the_error_of_an_effort_rises_without_it(by_effort, without, expected) -> None:
-    state = SearchState(start(by_effort), errors(9.0, 9.0), errors(9.0, 9.0), null(2.0, 2), [step(1.0, without)])
+@pytest.mark.parametrize(("without", "expected"), [(5.0, True), (4.2, False)])
+def test_an_effect_is_missed_where_the_error_of_a_joint_rises_without_it(without, expected) -> None:
+    state = SearchState(start(False), errors(9.0, 9.0), errors(9.0, 9.0), null(2.0, 2), [step(1.0, without)])
     assert _is_missed(state, step(1.0, 4.0)) is expected
 
 
