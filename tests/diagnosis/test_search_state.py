@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from types import SimpleNamespace
 from typing import Any
 
@@ -66,3 +67,24 @@ def test_shares_are_of_robots_like_the_calibrated_model() -> None:
     state.null = null(5000.0)
     text = verdict_text(Attempt("unknown", None, None, state, 0.001), (), {}, None)  # pyright: ignore[reportArgumentType]
     assert "the closest, friction, explains 95 %" in text
+
+
+@pytest.mark.parametrize(
+    ("most", "left", "steps", "expected"),
+    [
+        ([1.4, 8.0], None, 1, True),  # the null distribution judges, and nothing is fitted
+        ([1.4, 900.0], [1.0, 9.0], 1, True),
+        ([1.4, 900.0], [1.0, 11.0], 1, False),
+        ([1.4, 900.0], [2.5, 1.0], 1, True),  # the law of a single effect may be inexact
+        ([1.4, 900.0], [2.5, 1.0], 2, False),
+    ],
+)
+def test_where_wrong_masses_make_large_errors_effects_are_judged_with_masses_estimated(
+    most, left, steps, expected, monkeypatch
+) -> None:
+    module = sys.modules["embodiedreamer_gym.diagnosis.diagnose"]
+    besides = [] if left is None else [SimpleNamespace(trained=errors(*left))]
+    monkeypatch.setattr(module, "beside_robot_errors", lambda search, candidate: besides.pop())
+    state: Any = SimpleNamespace(most=np.array(most), steps=[None] * steps)
+    assert module._outlasts_masses(None, state) is expected
+    assert not besides
