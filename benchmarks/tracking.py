@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -144,31 +144,44 @@ def one_seed(seed: int, named: bool) -> list[dict[str, Any]]:
     return rows
 
 
-def report(rows: Sequence[dict[str, Any]]) -> str:
-    """Medians over seeds, motions and joints, their quartiles over seeds, and the error as a share of that of mode off."""
+def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Load -> mode -> figures of the errors over motions.
+
+    quartiles (3,): mrad over seeds, of the median over joints; joints (n,): mrad, medians over seeds; share: of the error of mode
+    off; below, of: joints with at most a third of that error, and all.
+    """
     from embodiedreamer_gym.tracking import MODES
 
-    seeds = sorted({row["seed"] for row in rows})
-    lines = [
-        "| | mode | median of joints, mrad (quartiles over seeds) | each joint, mrad | share of off |",
-        "|---|---|---|---|---|",
-    ]
-    for load in (FREE, LOADED):
-        # (seeds, joints), over motions
-        found = {
+    seeds, loads = sorted({row["seed"] for row in rows}), list(dict.fromkeys(row["load"] for row in rows))
+    found: dict[str, dict[str, dict[str, Any]]] = {}
+    for load in loads:
+        errors = {
             mode: np.array([
                 np.sqrt(np.mean([np.square(r["errors"]) for r in rows if (r["seed"], r["load"], r["mode"]) == (s, load, mode)], axis=0))
                 for s in seeds
             ]) for mode in MODES
         }  # fmt: skip
-        for mode in MODES:
-            error = 1e3 * found[mode]
-            low, middle, high = np.percentile(np.median(error, axis=1), [25, 50, 75])
-            share = np.median(np.median(found[mode] / found["off"], axis=1))
-            joints = " ".join(f"{one:.1f}" for one in np.median(error, axis=0))
-            below = found[mode] <= found["off"] / 3
-            lines.append(f"| {load} | {mode} | {middle:.1f} ({low:.1f} .. {high:.1f}) | {joints} | {share:.2f} | "
-                         f"{below.sum()} of {below.size} |")  # fmt: skip
+        found[load] = {
+            mode: {"quartiles": np.percentile(np.median(1e3 * own, axis=1), [25, 50, 75]), "joints": np.median(1e3 * own, axis=0),
+                   "share": float(np.median(np.median(own / errors["off"], axis=1))),
+                   "below": int((own <= errors["off"] / 3).sum()), "of": own.size}
+            for mode, own in errors.items()
+        }  # fmt: skip
+    return found
+
+
+def report(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Medians over seeds, motions and joints, their quartiles over seeds, and the error as a share of that of mode off."""
+    lines = [
+        "| | mode | median of joints, mrad (quartiles over seeds) | each joint, mrad | share of off |",
+        "|---|---|---|---|---|",
+    ]
+    for load, modes in summary(rows).items():
+        for mode, one in modes.items():
+            low, middle, high = one["quartiles"]
+            joints = " ".join(f"{error:.1f}" for error in one["joints"])
+            lines.append(f"| {load} | {mode} | {middle:.1f} ({low:.1f} .. {high:.1f}) | {joints} | {one['share']:.2f} | "
+                         f"{one['below']} of {one['of']} |")  # fmt: skip
     return "\n".join(lines)
 
 

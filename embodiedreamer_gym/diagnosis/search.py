@@ -30,7 +30,9 @@ from embodiedreamer_gym.diagnosis.search_state import (
 )
 from embodiedreamer_gym.diagnosis.special_cases import prefer_special_cases
 from embodiedreamer_gym.diagnosis.verdict import (
+    INEXACT,
     SMALLEST_GAIN,
+    brings_little,
     contenders,
     explains_most,
     improves,
@@ -75,9 +77,10 @@ def search_effects(
 
 
 def keep_one_if_enough(search: Search, state: SearchState, singles: Sequence[Candidate]) -> None:
-    """Keep one effect of a pair where it alone leaves what faultless robots have.
+    """Keep one effect of a pair where it alone leaves what faultless robots have, or little more of very much.
 
-    It may not have been among the single effects, which the screening chose, or its fit may have ended in a wrong valley.
+    It may not have been among the single effects, which the screening chose, or its fit may have ended in a wrong valley. A law
+    that is not quite exact leaves the more, the larger the effect is, and nearly any second effect takes up some of it.
 
     singles: those that improve on the start, to compare it with.
     """
@@ -91,7 +94,10 @@ def keep_one_if_enough(search: Search, state: SearchState, singles: Sequence[Can
         state.steps = [alone]
         state.null = current_null(search, state)
         fit_together(search, state)
-        if state.is_exact and likeliest(search, state, [alone, *(c for c in singles if c.kind.name != kept)]) is alone:
+        enough = state.is_exact or (
+            state.excess <= INEXACT and brings_little(state.judged_start, alone.judged, pair.judged)
+        )
+        if enough and likeliest(search, state, [alone, *(c for c in singles if c.kind.name != kept)]) is alone:
             return
     state.steps, state.null, state.together, state.tie, state.probabilities = before
 

@@ -56,6 +56,11 @@ def contenders(before: HeldOut, candidates: Sequence[Candidate]) -> list[Candida
     return plain or close
 
 
+def brings_little(before: HeldOut, special_case: HeldOut, richer: HeldOut) -> bool:
+    """Whether a richer law, or a further effect, lowers the score by a small share of the whole fall only."""
+    return special_case.score - richer.score < RICHER * (before.score - richer.score)
+
+
 def rank_notes(
     ranked: Sequence[str], gains: Sequence[float], effects: Sequence[str],
     catalogue: Mapping[str, type[Effect]],

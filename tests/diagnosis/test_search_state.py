@@ -13,7 +13,7 @@ from embodiedreamer_gym.diagnosis.held_out import HeldOut
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution
 from embodiedreamer_gym.diagnosis.search import _is_missed
 from embodiedreamer_gym.diagnosis.search_state import SearchState
-from embodiedreamer_gym.diagnosis.verdict import unrefuted
+from embodiedreamer_gym.diagnosis.verdict import brings_little, unrefuted
 from embodiedreamer_gym.diagnosis.wording import Attempt, verdict_text
 
 
@@ -88,3 +88,8 @@ def test_where_wrong_masses_make_large_errors_effects_are_judged_with_masses_est
     state: Any = SimpleNamespace(most=np.array(most), steps=[None] * steps)
     assert module._outlasts_masses(None, state) is expected
     assert not besides
+
+
+@pytest.mark.parametrize(("before", "little"), [(1000.0, True), (3.0, False)])
+def test_what_a_further_effect_brings_is_little_of_a_large_fall_only(before, little) -> None:
+    assert brings_little(errors(before, before), errors(1.2, 1.0), errors(1.0, 1.0)) is little
