@@ -226,8 +226,8 @@ def _fits_all_motion(search: Search, state: SearchState, shares: np.ndarray | No
         return False
     explained = total_explained(state.judged_start, state.judged, state.null.chi2) >= EXPLAINED
     inexact = len(state.steps) == 1 and state.excess <= INEXACT and explained
-    if state.is_exact or inexact:
-        return _outlasts_masses(search, state)
+    if (state.is_exact or inexact) and _outlasts_masses(search, state):
+        return True
     errors = (state.base, state.held, state.start_null.chi2)
     if not is_far_from_noise(*errors):
         return False

@@ -93,3 +93,18 @@ def test_where_wrong_masses_make_large_errors_effects_are_judged_with_masses_est
 @pytest.mark.parametrize(("before", "little"), [(1000.0, True), (3.0, False)])
 def test_what_a_further_effect_brings_is_little_of_a_large_fall_only(before, little) -> None:
     assert brings_little(errors(before, before), errors(1.2, 1.0), errors(1.0, 1.0)) is little
+
+
+@pytest.mark.parametrize(
+    ("outlasts", "far", "expected"), [(True, False, True), (False, False, False), (False, True, True)]
+)
+def test_what_wrong_masses_swamp_is_judged_by_its_share_where_no_joint_is_near_its_noise(
+    outlasts, far, expected, monkeypatch
+) -> None:
+    module = sys.modules["embodiedreamer_gym.diagnosis.diagnose"]
+    monkeypatch.setattr(module, "_outlasts_masses", lambda search, state: outlasts)
+    monkeypatch.setattr(module, "is_far_from_noise", lambda *errors: far)
+    state = SearchState(start(False), errors(99.0), errors(99.0), null(1000.0), [step(9.0)])
+    state.steps[0].judged = errors(9.0)
+    assert state.is_exact
+    assert module._fits_all_motion(None, state, None) is expected
