@@ -26,9 +26,10 @@ def shape_starts(problem: Problem, x: np.ndarray, stuck: np.ndarray) -> Starts |
     fitted = fitted_values(model)
     tried = []
     for effect in model.effects:
-        if not any(p.shape and not p.is_limit and p.per == "joint" for p in effect.parameters):
-            continue
         keys = [ParameterKey(p.name, effect.name) for p in effect.parameters]
+        shaped = any(p.shape and not p.is_limit and p.per == "joint" for p in effect.parameters)
+        if not shaped or not fitted.keys() >= set(keys):  # of a fixed effect nothing is fitted
+            continue
         choices = [_choices(model, p, model.group_values(key)) for key, p in zip(keys, effect.parameters, strict=True)]
         for row in itertools.product(*choices):
             tried.append({**fitted, **{k: np.where(stuck, v, fitted[k]) for k, v in zip(keys, row, strict=True)}})

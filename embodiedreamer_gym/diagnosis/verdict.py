@@ -58,7 +58,7 @@ def contenders(before: HeldOut, candidates: Sequence[Candidate]) -> list[Candida
 
 def brings_little(before: HeldOut, special_case: HeldOut, richer: HeldOut) -> bool:
     """Whether a richer law, or a further effect, lowers the score by a small share of the whole fall only."""
-    return special_case.score - richer.score < RICHER * (before.score - richer.score)
+    return special_case.score - richer.score <= RICHER * (before.score - richer.score)
 
 
 def rank_notes(
@@ -89,7 +89,7 @@ def _worse(before: HeldOut, best: Candidate, other: Candidate) -> bool:
     fall, error = gain(other.held_out, best.held_out)
     least = max(TIE, 2.0 * error)
     if other.kind.name in best.kind.generalises:  # the richer law always fits the training motion better
-        return fall > max(least, RICHER * (before.score - best.held_out.score))
+        return fall > least and not brings_little(before, other.held_out, best.held_out)
     if fall > least:
         return True
     return fall > 0.0 and other.trained_score - best.trained_score > 3.0 * TIE

@@ -169,11 +169,9 @@ class Problem:
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Residuals (N,) and their derivatives (N, m) by one-sided differences, away from the nearer bound.
 
-        step: of the differences, in scaled units, or (m,) of each parameter.
-
         Parameters of different arms share a rollout: one arm's motion does not feel the other's. The derivatives by the
         URDF's errors, which are many and nearly constant, are those of the first call, but for `anew`. only (m,) bool: columns
-        that are wanted; the others may be zero.
+        that are wanted; the others may be zero. step: of the differences, in scaled units, or (m,) of each parameter.
         """
         step = np.broadcast_to(step, x.shape) * np.where(x + step <= self.upper, 1.0, -1.0)
         inertial = self.of_urdf

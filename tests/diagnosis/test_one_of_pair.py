@@ -54,5 +54,14 @@ def found(arm, hidden: tuple[str, ...]) -> list[str]:
 
 
 @pytest.mark.parametrize("hidden", [PAIR[:1], PAIR[1:], PAIR])
+def test_of_a_law_that_is_nearly_exact_only_a_second_effect_that_brings_much_is_kept(arm, hidden, monkeypatch) -> None:
+    monkeypatch.setattr(SearchState, "is_exact", False)
+    monkeypatch.setattr(SearchState, "excess", 1.8)
+    assert found(arm, hidden) == list(hidden)
+    monkeypatch.setattr(SearchState, "excess", 2.1)
+    assert found(arm, hidden) == list(PAIR)
+
+
+@pytest.mark.parametrize("hidden", [PAIR[:1], PAIR[1:], PAIR])
 def test_what_is_kept_of_a_pair_is_what_the_arm_has(arm, hidden) -> None:
     assert found(arm, hidden) == list(hidden)

@@ -107,6 +107,12 @@ def test_effects_without_shapes_have_none_to_try(arm) -> None:
     assert shape_starts(problem, problem.start, np.ones(2, bool)) is None
 
 
+def test_of_an_effect_that_is_fixed_no_other_shapes_are_tried(arm) -> None:
+    model = spring(arm, 1.0, 0.3).with_effect(CATALOGUE["command_delay"]).with_(fixed=frozenset({"joint_spring"}))
+    problem = Problem(model, [record(arm)])
+    assert shape_starts(problem, problem.start, np.ones(2, bool)) is None
+
+
 def test_a_long_ripple_is_a_spring() -> None:
     """Within 0.2 rad, up to a constant torque."""
     ripple, spring = CATALOGUE["torque_ripple"], CATALOGUE["joint_spring"]
