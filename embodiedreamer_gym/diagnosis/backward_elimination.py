@@ -10,6 +10,7 @@ import numpy as np
 from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate, polish
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
 from embodiedreamer_gym.diagnosis.joint_selection import select_joints
+from embodiedreamer_gym.diagnosis.limits import release_limits
 from embodiedreamer_gym.diagnosis.verdict import TIE, contenders, improves
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
@@ -93,6 +94,31 @@ def prune_all(
     for kind in dict.fromkeys(step.kind for step in steps):
         last = select_joints(replace(last, kind=kind), train, test)
     return [*steps[:-1], replace(last, kind=steps[-1].kind)]
+
+
+def removed_joints(whole: Candidate, pruned: Candidate) -> set[str]:
+    """Joints of some effect of a candidate that another one, whose effects act on fewer joints, lacks."""
+    left = {(e.name, j) for e in pruned.model.effects for own in e.values.values() for j in own}
+    return {j for e in whole.model.effects for own in e.values.values() for j in own if (e.name, j) not in left}
+
+
+def with_joint(
+    pruned: Candidate, whole: Candidate, joint: str, train: Sequence[Recording], test: Sequence[Recording]
+) -> Candidate:  # fmt: skip
+    """A candidate whose effects act on one joint more, as they do in another candidate, fitted again."""
+    before = {e.name: e for e in whole.model.effects}
+    effects = []
+    for effect in pruned.model.effects:
+        values = {
+            name: {j: own.get(j, value) for j, value in before[effect.name].values[name].items() if j in own or j == joint}
+            for name, own in effect.values.items()
+        }
+        effects.append(type(effect)(**values))
+    problem = Problem(pruned.model.with_(effects=tuple(effects)), train, hold=pruned.problem.hold)
+    fit = release_limits(problem, minimise(problem, problem.start, ITERATIONS, TOLERANCE))
+    model = problem.model_at(fit.x)
+    held_out = evaluate(model, test, problem.hold)
+    return Candidate(pruned.kind, model, problem, fit, held_out, pruned.rollouts + problem.rollouts)
 
 
 def exchanged(

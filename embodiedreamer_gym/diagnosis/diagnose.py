@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.candidates import trained_errors
+from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, leave_valley, trained_errors
 from embodiedreamer_gym.diagnosis.coupled_motors import coupling_notes
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, summarise
 from embodiedreamer_gym.diagnosis.error_ceiling import explainable_shares
@@ -17,10 +17,10 @@ from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.notes import notes_on
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
-from embodiedreamer_gym.diagnosis.refits import beside_robot_errors
 from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
 from embodiedreamer_gym.diagnosis.search import search_effects
 from embodiedreamer_gym.diagnosis.search_state import Search, SearchState, screen_all
+from embodiedreamer_gym.diagnosis.unseen_motion import learn_from_worst
 from embodiedreamer_gym.diagnosis.verdict import (
     ALARM,
     EXACT,
@@ -28,6 +28,8 @@ from embodiedreamer_gym.diagnosis.verdict import (
     FAR,
     INEXACT,
     MOSTLY,
+    NEARLY,
+    explained,
     is_convincing,
     is_far_from_noise,
     total_explainable,
@@ -43,7 +45,7 @@ from embodiedreamer_gym.io.parallel import ended_workers
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
 from embodiedreamer_gym.phys_aligner.calibration import finish, fit_least_squares, with_nuisances
 from embodiedreamer_gym.phys_aligner.evidence import log_evidence
-from embodiedreamer_gym.phys_aligner.least_squares import minimise
+from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
 from embodiedreamer_gym.phys_aligner.linear_baseline import least_squares_rms
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.signals import with_effort_scale, with_effort_unit
@@ -89,15 +91,21 @@ def diagnose(
     logs = with_effort_unit(model, [*train, *test])
     train, test = logs[: len(train)], logs[len(train) :]
     model = with_effort_scale(model, train)
-    all_test, train, test = test, thin(train, max_seconds), thin(test, max_seconds)
+    train_logs, all_test, train, test = train, test, thin(train, max_seconds), thin(test, max_seconds)
     both = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in train)
     catalogue = catalogue or model.catalogue
     search = Search(model, train, test, catalogue, jobs, progress_or_silence(progress), both,
                     np.random.default_rng(0 if seed is None else seed), RefitCache(refit_cache, model, [*train, *test], catalogue),
                     whole_test=all_test)  # fmt: skip
     with ended_workers():
-        result = _attempt(search, model, max_effects)
-        looser = with_nuisances(model, train)
+        result, moved = _attempt(search, model, max_effects), None
+        if result.verdict != "nothing_missing":
+            moved = learn_from_worst(search, result.state, train_logs, max_seconds)
+        if moved is not None:
+            search = moved[0]
+            search.progress(f"learning from {moved[1].name} too", 0)
+            result = _attempt(search, model, max_effects)
+        looser = with_nuisances(model, search.train)
         if looser is not model and not _stands(search, result):
             search.progress("estimating the URDF's masses", 0)
             other = _attempt(search, looser, max_effects)
@@ -108,8 +116,10 @@ def diagnose(
         baseline = float(np.nanmean(least_squares_rms(model, train, all_test)))
         notes += coupling_notes(result.final.model, train, test)
         notes += _risen(search, result)
+    if moved is not None:
+        notes += (f"Note: only held-out motion shows the error, so {moved[1].name} was learned from too; the others judge.",)
     return summarise(
-        result, model=model, ranking=search.ranking, unobservable=search.unobservable, catalogue=catalogue, test=all_test,
+        result, model=model, ranking=search.ranking, unobservable=search.unobservable, catalogue=catalogue, test=search.whole_test,
         rollouts=search.rollouts, seconds=time.perf_counter() - begun, baseline=baseline,
         notes=notes,
     )  # fmt: skip
@@ -208,13 +218,27 @@ def _outlasts_masses(search: Search, state: SearchState) -> bool:
     """Whether the effects leave little where the motion shows wrong masses so well that nearly any error would pass for theirs.
 
     There the errors count that are left on the fitted motion with masses, centres and friction estimated beside. A drive at its
-    limit is such a case.
+    limit is such a case. A single effect may also explain nearly all of the error at every joint: where a law jumps, motion is
+    so sensitive that not even the right one leaves little.
     """
     if state.most.max() <= JUDGEABLE:
         return True
-    left = beside_robot_errors(search, state.steps[-1]).trained.chi2
-    law = INEXACT if len(state.steps) == 1 else EXACT
-    return bool((left <= np.minimum(law * state.most, JUDGEABLE)).all())
+    single, last = len(state.steps) == 1, state.steps[-1]
+    if single:
+        share = explained(state.judged_start, state.judged, state.start_null.chi2)
+        if np.nanmin(share, initial=1.0) >= NEARLY:
+            return True
+    problem, fit = fit_with_robot_errors(last.problem, last.fit.x, search.train, derivatives=False)
+    least = np.minimum((INEXACT if single else EXACT) * state.most, JUDGEABLE)
+    if not _leaves_little(problem, fit, least):
+        fit = leave_valley(problem, minimise(problem, fit.x, ITERATIONS, TOLERANCE, derivatives=False))
+    search.rollouts += problem.rollouts
+    return _leaves_little(problem, fit, least)
+
+
+def _leaves_little(problem: Problem, fit: Fit, most: np.ndarray) -> bool:
+    """Whether each joint's chi2 is at most this, (n,)."""
+    return bool((problem.joint_rms(fit.residuals)[0] ** 2 <= most).all())
 
 
 def _fits_all_motion(search: Search, state: SearchState, shares: np.ndarray | None) -> bool:
@@ -224,8 +248,8 @@ def _fits_all_motion(search: Search, state: SearchState, shares: np.ndarray | No
     """
     if not state.steps:
         return False
-    explained = total_explained(state.judged_start, state.judged, state.null.chi2) >= EXPLAINED
-    inexact = len(state.steps) == 1 and state.excess <= INEXACT and explained
+    much = total_explained(state.judged_start, state.judged, state.null.chi2) >= EXPLAINED
+    inexact = len(state.steps) == 1 and state.excess <= INEXACT and much
     if (state.is_exact or inexact) and _outlasts_masses(search, state):
         return True
     errors = (state.base, state.held, state.start_null.chi2)

@@ -38,19 +38,19 @@ class RefitCache:
     def __init__(
         self, path: str | Path | None, model: RobotModel, recordings: Sequence[Recording], names: Iterable[str]
     ) -> None:  # fmt: skip
-        self._path, self._of = None if path is None else Path(path), ""
+        self.path, self._of = None if path is None else Path(path), ""
         self._fits: dict[str, CachedFit] = {}
-        if self._path is None:
+        if self.path is None:
             return
         self._of = _digest(model, recordings, names)
         try:
-            text = self._read(self._path)
+            text = self._read(self.path)
             for line in text[: text.rfind("\n") + 1].splitlines():
                 row = json.loads(line)
                 if row["of"] == self._of:
                     self._fits[row["fit"]] = _cached_fit(row)
             if text and not text.endswith("\n"):
-                self._path.write_text(text[: text.rfind("\n") + 1], encoding="utf-8")
+                self.path.write_text(text[: text.rfind("\n") + 1], encoding="utf-8")
         except OSError as error:
             raise CalibrationError(f"refit cache {path} cannot be opened: {error.strerror or error}.") from error
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
@@ -75,14 +75,14 @@ class RefitCache:
 
     def keep(self, fit: str, x: np.ndarray, hold: str | None) -> None:
         """Note where a fit ended."""
-        if self._path is None or fit in self._fits:
+        if self.path is None or fit in self._fits:
             return
         row = {"of": self._of, "fit": fit, "x": x.tolist(), "hold": hold}
         try:
-            with self._path.open("a", encoding="utf-8") as file:
+            with self.path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
         except OSError as error:
-            raise CalibrationError(f"refit cache {self._path} cannot be written: {error.strerror or error}.") from error
+            raise CalibrationError(f"refit cache {self.path} cannot be written: {error.strerror or error}.") from error
 
 
 def _cached_fit(row: dict) -> CachedFit:

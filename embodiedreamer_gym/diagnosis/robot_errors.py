@@ -37,11 +37,11 @@ def fit_with_robot_errors(
     """
     wider = _problem(problem, problem.model_at(x), recordings)
     fit = minimise(wider, wider.start, ITERATIONS, TOLERANCE, derivatives=False)
-    return wider, replace(fit, jacobian=_derivatives(wider, fit)) if derivatives else fit
+    return wider, _with_derivatives(wider, fit) if derivatives else fit
 
 
-def _derivatives(problem: Problem, fit: Fit) -> np.ndarray:
-    """Derivatives (N, m) at a fit by finer steps than it took.
+def _with_derivatives(problem: Problem, fit: Fit) -> Fit:
+    """A fit with derivatives by finer steps than it took, and where they depend on the step.
 
     The error of a step grows with the curvature. In a direction that residuals do not determine, as of masses and torques
     that grow in the same proportion, it is more than the prior's share and makes the direction seem determined. A law that
@@ -53,7 +53,7 @@ def _derivatives(problem: Problem, fit: Fit) -> np.ndarray:
     jumps = change > JUMPS * size
     if jumps.any():
         fine[:, jumps] = problem.jacobian(fit.x, SECANT, only=jumps)[1][:, jumps]
-    return fine
+    return replace(fit, jacobian=fine, jumps=jumps)
 
 
 def _problem(problem: Problem, model: RobotModel, recordings: Sequence[Recording]) -> Problem:

@@ -12,7 +12,9 @@ from embodiedreamer_gym.diagnosis.backward_elimination import (
     drop_redundant,
     exchanged,
     prune_all,
+    removed_joints,
     resolve_tie,
+    with_joint,
 )
 from embodiedreamer_gym.diagnosis.candidates import Candidate, polish
 from embodiedreamer_gym.diagnosis.pair_search import add_pair
@@ -146,13 +148,29 @@ def _accepted(state: SearchState, candidate: Candidate) -> bool:
     return exact and improves(state.judged, candidate.judged, state.most)
 
 
-def _is_missed(state: SearchState, everywhere: Candidate) -> bool:
-    """Whether some joint's error rises when effects are taken off it.
+def _rise(state: SearchState, everywhere: Candidate) -> np.ndarray:
+    """How much higher the log chi2 (n,) of held-out motion is than that of a model whose effects act on more joints."""
+    return np.log(np.maximum(state.held.chi2, 1.0) / np.maximum(everywhere.held_out.chi2, 1.0))
+
+
+def _restore_joints(search: Search, state: SearchState, everywhere: list[Candidate], exact: bool) -> None:
+    """Give effects back, joint by joint, where the error rises without them; those whose error rises most come first.
 
     Where a wrong law leaves most of a joint's error, or a law jumps, no estimate there is significant.
+
+    everywhere: the steps before effects were taken off joints; exact: whether these were.
     """
-    rise = np.log(np.maximum(state.held.chi2, 1.0) / np.maximum(everywhere.held_out.chi2, 1.0))
-    return bool(rise.max() > SMALLEST_GAIN)
+    joints, whole = list(state.start[0].joints), everywhere[-1]
+    while not state.is_exact and (exact or _rise(state, whole).max() > SMALLEST_GAIN):
+        missing = removed_joints(whole, state.steps[-1])
+        if len(missing) < 2:  # all are back
+            state.steps = everywhere
+            fit_together(search, state)
+            return
+        rise = dict(zip(joints, _rise(state, whole), strict=True))
+        worst = max(sorted(missing), key=lambda joint: rise.get(joint, -np.inf))
+        state.steps = [*state.steps[:-1], with_joint(state.steps[-1], whole, worst, search.train, search.test)]
+        fit_together(search, state)
 
 
 def eliminate(search: Search, state: SearchState) -> None:
@@ -175,9 +193,7 @@ def eliminate(search: Search, state: SearchState) -> None:
     state.steps = prune_all(state.steps, search.train, search.test)
     state.steps[-1] = polish(state.steps[-1], search.test)
     fit_together(search, state)
-    if not state.is_exact and (exact or _is_missed(state, everywhere[-1])):  # a joint without its effect
-        state.steps = everywhere
-        fit_together(search, state)
+    _restore_joints(search, state, everywhere, exact)
     if len(state.steps) > 1 or not state.is_exact:
         state.steps = drop_last(state.judged_start, state.steps, search.train, search.test, state.most)
     left = added_effects(state.start[0], state.current[0])

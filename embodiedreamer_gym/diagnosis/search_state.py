@@ -134,6 +134,14 @@ class SearchState:
         return bool(self.steps) and self.excess <= EXACT
 
     @property
+    def is_wrong_unseen(self) -> bool:
+        """Whether the model so far is exact on the motion that it was fitted to, and not on held-out motion."""
+        if self.by_effort:
+            return False
+        fitted = self.null.excess(np.zeros_like(self.held.chi2), self.fitted.chi2)
+        return fitted <= EXACT < self.null.excess(self.held.chi2, self.fitted.chi2)
+
+    @property
     def judged(self) -> HeldOut:
         """Error on all motion, by which effects are accepted."""
         return self.steps[-1].judged if self.steps else self.judged_start
@@ -250,9 +258,7 @@ def fit_together(search: Search, state: SearchState) -> None:
     A limit that only the held-out motion reaches is not determined by the training motion; the law may be right all the same.
     """
     state.together = None
-    if state.is_exact or not state.steps or state.by_effort:
-        return
-    if state.null.excess(np.zeros_like(state.held.chi2), state.fitted.chi2) > EXACT:
+    if not state.steps or not state.is_wrong_unseen:
         return
     last = state.steps[-1]
     problem = Problem(last.model, [*search.train, *search.test], hold=last.problem.hold)

@@ -17,6 +17,7 @@ from embodiedreamer_gym.phys_aligner.base_parameters import BaseParameter, base_
 from embodiedreamer_gym.phys_aligner.intervals import spread
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.resampling import resampled_reach
 from embodiedreamer_gym.phys_aligner.signals import with_effort_sensor, with_effort_unit
 from embodiedreamer_gym.phys_aligner.starts import recombine, scan_starts
 from embodiedreamer_gym.recordings import Recording, thin
@@ -185,18 +186,22 @@ def with_nuisances(model: RobotModel, recordings: Sequence[Recording]) -> RobotM
 def finish(problem: Problem, fit: Fit, seconds: float, wider: tuple[Problem, Fit] | None = None) -> Calibration:
     """A least-squares fit as a Calibration: values, intervals, what is not determined.
 
-    wider: a fit of the same parameters and of others beside, from which the intervals are taken; each is extended to hold
-    the value. Where efforts are compared it is extended to hold as much around the value: masses that an unloaded log fixed and
+    wider: a fit of the same parameters and of others beside, from which the intervals are taken, of those whose law jumps by
+    resampling too; each is extended to hold the value. Where efforts are compared it is extended to hold as much around the value: masses that an unloaded log fixed and
     masses that are estimated again give two values of a load, and neither is known better than to this half-width.
     """
     judge, around = wider or (problem, fit)
     uncertainty = spread(judge, around.x, around.residuals * around.weight, around.jacobian * around.weight[:, None])
-    low, high = (judge.values(around.x + sign * uncertainty.half_width) for sign in (-1, 1))
     place = {row.name: i for i, row in enumerate(judge.rows)}
+    below = above = uncertainty.half_width
+    if around.jumps is not None:
+        wanted = np.isin(np.arange(len(around.x)), [place[row.name] for row in problem.rows])
+        below, above = np.hypot(uncertainty.half_width, resampled_reach(judge, around.x, around.jumps & wanted))
+    low, high = judge.values(around.x - below), judge.values(around.x + above)
     if wider is not None and problem.signals.by_effort:
         around_value = around.x.copy()
         around_value[[place[row.name] for row in problem.rows]] = fit.x
-        ends = [judge.values(around_value + sign * uncertainty.half_width) for sign in (-1, 1)]
+        ends = judge.values(around_value - below), judge.values(around_value + above)
         low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
     intervals, undetermined = dict(problem.model.intervals), []
     for row, value in zip(problem.rows, problem.values(fit.x), strict=True):

@@ -26,7 +26,8 @@ class Fit:
     """Where a minimisation ended.
 
     x (m,): scaled parameters; cost: mean over joints of log(1 + chi2); residuals (N,), jacobian (N, m): in sensor
-    noises; weight (N,): square root of what each residual counts.
+    noises; weight (N,): square root of what each residual counts; jumps (m,) bool: parameters whose derivatives depend on the
+    step, as where a law jumps; None where this was not looked at.
     """
 
     x: np.ndarray
@@ -35,6 +36,7 @@ class Fit:
     jacobian: np.ndarray
     weight: np.ndarray
     converged: bool
+    jumps: np.ndarray | None = None
 
 
 def minimise(
