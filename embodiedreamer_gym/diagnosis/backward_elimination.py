@@ -110,7 +110,9 @@ def with_joint(
     effects = []
     for effect in pruned.model.effects:
         values = {
-            name: {j: own.get(j, value) for j, value in before[effect.name].values[name].items() if j in own or j == joint}
+            name: {
+                j: own.get(j, value) for j, value in before[effect.name].values[name].items() if j in own or j == joint
+            }
             for name, own in effect.values.items()
         }
         effects.append(type(effect)(**values))

@@ -27,6 +27,7 @@ ITERATIONS = 12
 EARLY = 3  # iterations after which the most promising refits go on
 TOLERANCE = 1e-3
 LONG = 0.03  # step of derivatives, in scaled units, that passes over the small valleys of a law that jumps
+SMOOTH = 0.2  # relative change of a derivative from a usual step to a long one, up to which a law is smooth
 FINAL_ITERATIONS, FINAL_TOLERANCE = 25, 1e-4
 RULES = ("linear", "hold")
 
@@ -127,27 +128,40 @@ def finish_refit(
 def leave_valley(problem: Problem, fit: Fit, further: Sequence[np.ndarray] = (), rival: float = np.inf) -> Fit:
     """A fit once more where a joint stays above its noise, from other starts, until none does.
 
-    The starts: other sizes of the limits, where longer steps of the derivatives lead, other shapes, fits to pieces of the motion.
+    The starts: other sizes of the limits; where longer steps of the derivatives lead, unless the law is smooth; other shapes;
+    fits to pieces of the motion.
 
     further: starts (m,) that are tried on pieces of the motion too; rival: see `finish_refit`.
     """
     if problem.signals.by_effort:
         return fit  # of efforts nothing is integrated: no valleys
-    starts: tuple[Callable[[np.ndarray, np.ndarray], np.ndarray | None], ...] = (
-        lambda x, stuck: _best(problem, limit_starts(problem, x, stuck)),
-        lambda x, _: minimise(problem, x, ITERATIONS, TOLERANCE, derivatives=False, step=LONG).x,
-        lambda x, stuck: _best(problem, shape_starts(problem, x, stuck)),
-        lambda x, _: piecewise_start(problem, [x, *further]),
+    starts: tuple[Callable[[Fit, np.ndarray], np.ndarray | None], ...] = (
+        lambda f, stuck: _best(problem, limit_starts(problem, f.x, stuck)),
+        lambda f, _: None if _is_smooth(problem, f) else _long_steps(problem, f.x),
+        lambda f, stuck: _best(problem, shape_starts(problem, f.x, stuck)),
+        lambda f, _: piecewise_start(problem, [f.x, *further]),
     )
     for start in starts:
         stuck = problem.joint_rms(fit.residuals)[0] ** 2 > STUCK
         if not stuck.any():
             break
-        x = start(fit.x, stuck)
+        x = start(fit, stuck)
         if x is not None:
             other = minimise(problem, x, ITERATIONS, TOLERANCE, rival=min(fit.cost, rival))
             fit = min(fit, other, key=lambda f: f.cost)
     return fit
+
+
+def _long_steps(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """Where a fit from scaled parameters (m,) ends with derivatives over long steps."""
+    return minimise(problem, x, ITERATIONS, TOLERANCE, derivatives=False, step=LONG).x
+
+
+def _is_smooth(problem: Problem, fit: Fit) -> bool:
+    """Whether derivatives over long steps are much like a fit's: then no small valley is near."""
+    long = problem.jacobian(fit.x, LONG)[1]
+    change, size = (np.linalg.norm(j, axis=0) for j in (long - fit.jacobian, fit.jacobian))
+    return bool((change <= SMOOTH * size).all())
 
 
 def _best(problem: Problem, starts: Starts | None) -> np.ndarray | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, leave_valley, trained_errors
+from embodiedreamer_gym.diagnosis.candidates import FINAL_ITERATIONS, FINAL_TOLERANCE, trained_errors
 from embodiedreamer_gym.diagnosis.coupled_motors import coupling_notes
 from embodiedreamer_gym.diagnosis.diagnosis import Diagnosis, summarise
 from embodiedreamer_gym.diagnosis.error_ceiling import explainable_shares
@@ -27,6 +27,7 @@ from embodiedreamer_gym.diagnosis.verdict import (
     EXPLAINED,
     FAR,
     INEXACT,
+    JUDGEABLE,
     MOSTLY,
     NEARLY,
     explained,
@@ -53,7 +54,6 @@ from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
 ODDS = 10.0  # to one, at which an effect is named rather than errors of the URDF
-JUDGEABLE = 10.0  # chi2 of faultless robots, beyond which effects are judged with the robot's errors estimated
 WORSE = 1.25  # times the error of plain least squares, beyond which the effects found are not what is missing
 MAX_SECONDS = 80.0  # of motion to learn from, and as much to judge by
 
@@ -117,7 +117,9 @@ def diagnose(
         notes += coupling_notes(result.final.model, train, test)
         notes += _risen(search, result)
     if moved is not None:
-        notes += (f"Note: only held-out motion shows the error, so {moved[1].name} was learned from too; the others judge.",)
+        notes += (
+            f"Note: only held-out motion shows the error, so {moved[1].name} was learned from too; the others judge.",
+        )
     return summarise(
         result, model=model, ranking=search.ranking, unobservable=search.unobservable, catalogue=catalogue, test=search.whole_test,
         rollouts=search.rollouts, seconds=time.perf_counter() - begun, baseline=baseline,
@@ -230,8 +232,8 @@ def _outlasts_masses(search: Search, state: SearchState) -> bool:
             return True
     problem, fit = fit_with_robot_errors(last.problem, last.fit.x, search.train, derivatives=False)
     least = np.minimum((INEXACT if single else EXACT) * state.most, JUDGEABLE)
-    if not _leaves_little(problem, fit, least):
-        fit = leave_valley(problem, minimise(problem, fit.x, ITERATIONS, TOLERANCE, derivatives=False))
+    if not _leaves_little(problem, fit, least):  # a few iterations more
+        fit = minimise(problem, fit.x, FINAL_ITERATIONS, FINAL_TOLERANCE, derivatives=False)
     search.rollouts += problem.rollouts
     return _leaves_little(problem, fit, least)
 

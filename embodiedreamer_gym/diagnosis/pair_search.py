@@ -52,7 +52,10 @@ def add_pair(
     trials = {
         frozenset(added_effects(base, t.model)): t for t in [*_linear_pairs(search, state, screened, nominal), *around]
     }
-    pairs = _exchange(search, state, refit_all(search, list(trials.values()), np.inf, FINALISTS), nominal)
+    pairs = refit_all(search, list(trials.values()), np.inf, FINALISTS)
+    least = min((c.fit.cost for c in singles), default=np.inf)
+    if min((c.fit.cost for c in pairs), default=np.inf) < least - WORTH:
+        pairs = _exchange(search, state, pairs, nominal)
     pairs = state.improving(pairs)
     if not pairs:
         return

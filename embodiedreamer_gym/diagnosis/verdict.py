@@ -19,6 +19,7 @@ RICHER = 0.05  # share of the whole gain that a richer law must bring beyond its
 EXPLAINED = 0.5  # share of the excess error that the effects together must explain, else "unknown"
 EXACT = 1.3  # times what 95 % of faultless robots have at most, up to which effects leave nothing to explain
 INEXACT = 2.0  # the like, up to which a single effect is named although its law is not exact
+JUDGEABLE = 10.0  # chi2 of faultless robots, beyond which effects are judged with the robot's errors estimated
 USUAL = 1.25  # times the chi2 of all but 5 % of faultless robots, up to which nothing is left to explain
 FAR = 3.0  # the like, beyond which a joint is nowhere near its noise
 BEYOND_NOISE = 2.0  # the like, in the median over joints, beyond which a log shows more than any law explains

@@ -23,7 +23,9 @@ def resampled_reach(problem: Problem, x: np.ndarray, rows: np.ndarray) -> np.nda
     reach = np.zeros((2, len(x)))
     rng = np.random.default_rng(0)
     across = np.linspace(-1.0, 1.0, POINTS)
-    for name in dict.fromkeys((row.key.effect, row.key.parameter) for row, own in zip(problem.rows, rows, strict=True) if own):
+    for name in dict.fromkeys(
+        (row.key.effect, row.key.parameter) for row, own in zip(problem.rows, rows, strict=True) if own
+    ):
         own = [i for i in np.flatnonzero(rows) if (problem.rows[i].key.effect, problem.rows[i].key.parameter) == name]
         points = np.repeat(x[None], POINTS, axis=0)
         for i in own:
