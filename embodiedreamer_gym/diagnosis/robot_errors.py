@@ -45,12 +45,12 @@ def _with_derivatives(problem: Problem, fit: Fit) -> Fit:
 
     The error of a step grows with the curvature. In a direction that residuals do not determine, as of masses and torques
     that grow in the same proportion, it is more than the prior's share and makes the direction seem determined. A law that
-    jumps, as a gap of teeth does, has no derivative, but a slope over a step as long as its parameter is uncertain.
+    jumps, as a gap of teeth does, has no derivative (or zero), but a slope over a step as long as its parameter is uncertain.
     """
     fine = problem.jacobian(fit.x, FINE, anew=True)[1]
     coarse = problem.jacobian(fit.x, COARSE, only=~problem.of_urdf)[1]
     change, size = (np.linalg.norm(j, axis=0) for j in (fine - coarse, fine))
-    jumps = change > JUMPS * size
+    jumps = (change > JUMPS * size) | ((size == 0) & ~problem.of_urdf)
     if jumps.any():
         fine[:, jumps] = problem.jacobian(fit.x, SECANT, only=jumps)[1][:, jumps]
     return replace(fit, jacobian=fine, jumps=jumps)

@@ -14,10 +14,10 @@ from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence, silent
 from embodiedreamer_gym.phys_aligner.base_parameters import BaseParameter, base_parameter_table, base_parameters
-from embodiedreamer_gym.phys_aligner.intervals import spread
+from embodiedreamer_gym.phys_aligner.intervals import UNDETERMINED, spread
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
-from embodiedreamer_gym.phys_aligner.resampling import resampled_reach
+from embodiedreamer_gym.phys_aligner.resampling import with_jumps
 from embodiedreamer_gym.phys_aligner.signals import with_effort_sensor, with_effort_unit
 from embodiedreamer_gym.phys_aligner.starts import recombine, scan_starts
 from embodiedreamer_gym.recordings import Recording, thin
@@ -193,25 +193,25 @@ def finish(problem: Problem, fit: Fit, seconds: float, wider: tuple[Problem, Fit
     judge, around = wider or (problem, fit)
     uncertainty = spread(judge, around.x, around.residuals * around.weight, around.jacobian * around.weight[:, None])
     place = {row.name: i for i, row in enumerate(judge.rows)}
-    below = above = uncertainty.half_width
-    if around.jumps is not None:
-        wanted = np.isin(np.arange(len(around.x)), [place[row.name] for row in problem.rows])
-        below, above = np.hypot(uncertainty.half_width, resampled_reach(judge, around.x, around.jumps & wanted))
+    wanted = np.isin(np.arange(len(around.x)), [place[row.name] for row in problem.rows])
+    inside = (around.x > judge.lower + 1e-9) & (around.x < judge.upper - 1e-9)
+    jumps = np.zeros(len(wanted), bool) if around.jumps is None else around.jumps & wanted & inside
+    below, above = with_jumps(judge, around.x, uncertainty.half_width, jumps)
     low, high = judge.values(around.x - below), judge.values(around.x + above)
     if wider is not None and problem.signals.by_effort:
         around_value = around.x.copy()
         around_value[[place[row.name] for row in problem.rows]] = fit.x
-        ends = judge.values(around_value - below), judge.values(around_value + above)
-        low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
+        beside = judge.values(around_value - below), judge.values(around_value + above)
+        low, high = np.minimum(low, beside[0]), np.maximum(high, beside[1])
     intervals, undetermined = dict(problem.model.intervals), []
     for row, value in zip(problem.rows, problem.values(fit.x), strict=True):
         i = place[row.name]
-        if np.isfinite(uncertainty.half_width[i]):
-            inside = (max(min(low[i], value), row.low), min(max(high[i], value), row.high))
-            intervals[row.name] = (float(inside[0]), float(inside[1]))
+        if np.isfinite(below[i]):
+            ends = (max(min(low[i], value), row.low), min(max(high[i], value), row.high))
+            intervals[row.name] = (float(ends[0]), float(ends[1]))
         else:
             intervals.pop(row.name, None)
-        if uncertainty.undetermined[i] and not judge.of_urdf[i]:
+        if max(below[i], above[i]) > UNDETERMINED and not judge.of_urdf[i]:
             undetermined.append(row.name)
     model = problem.model_at(fit.x, intervals)
     if problem.hold is not None:

@@ -7,18 +7,31 @@ import numpy as np
 from embodiedreamer_gym.phys_aligner.problem import Problem
 
 POINTS = 81  # values that are tried
-REACH = 0.3  # of the scan: of a logarithm; else relative to the parameter, or to its typical size where that is larger
+REACH = 1.0  # of the scan: of a logarithm; else relative to the parameter, or to its typical size where that is larger
 BLOCK = 0.5  # s of motion that are drawn again together
 DRAWS = 2000
 
 
+def with_jumps(problem: Problem, x: np.ndarray, half_width: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """How far below and above a fit's scaled parameters x (m,) their 95 % intervals reach, (2, m).
+
+    half_width (m,): what slopes say; of rows (m,) bool, whose law jumps, slopes and resampling are added in squares, and where
+    slopes say nothing resampling counts alone.
+    """
+    reach = np.repeat(half_width[None], 2, axis=0)
+    if rows.any():
+        resampled = resampled_reach(problem, x, rows)
+        reach = np.where(np.isfinite(half_width) | ~rows, np.hypot(reach, resampled), resampled)
+    return reach
+
+
 def resampled_reach(problem: Problem, x: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """How far below and above a fit's scaled parameters x (m,) their 95 % intervals reach, (2, m); 0 but for rows (m,) bool.
+    """The like by resampling alone; 0 but for rows (m,) bool.
 
     Where a law jumps, the error as a function of its parameter is rugged, so that slopes say nothing about how well it is
     determined. Here each parameter is scanned, the others held, and blocks of the motion are drawn again with replacement; the
     interval holds the value with the least error in 95 % of these draws (bootstrap; Kuensch, Annals of Statistics 17, 1989).
-    Parameters of one name are scanned on all joints at once, and a joint's are judged by its own residuals.
+    What reaches an end of the scan is infinite. Parameters of one name are scanned on all joints at once, and a joint's are judged by its own residuals.
     """
     reach = np.zeros((2, len(x)))
     rng = np.random.default_rng(0)
@@ -35,8 +48,14 @@ def resampled_reach(problem: Problem, x: np.ndarray, rows: np.ndarray) -> np.nda
         for i in own:
             blocks = _blocks(problem, squares, i)
             drawn = blocks[rng.integers(0, len(blocks), (DRAWS, len(blocks)))].sum(axis=1)
-            low, high = np.quantile(points[drawn.argmin(axis=1), i], (0.025, 0.975))
+            first, last = (
+                drawn.argmin(axis=1),
+                POINTS - 1 - drawn[:, ::-1].argmin(axis=1),
+            )  # equal where a limit is not reached
+            low, high = np.quantile(points[first, i], 0.025), np.quantile(points[last, i], 0.975)
+            ends = low <= problem.lower[i] or low > points[0, i], high >= problem.upper[i] or high < points[-1, i]
             reach[:, i] = max(x[i] - low, 0.0), max(high - x[i], 0.0)
+            reach[~np.array(ends), i] = np.inf  # where the scan ends, the error may go on falling
     return reach
 
 

@@ -1,0 +1,50 @@
+"""A limit of a two-joint arm that only one of the held-out recordings reaches."""
+
+from __future__ import annotations
+
+import pytest
+
+from embodiedreamer_gym.diagnosis import diagnose
+from embodiedreamer_gym.effects import CATALOGUE
+from tests.two_joint_arm import load_arm, record, wave
+
+NOISE = 4e-4  # rad
+KNOWN = {name: CATALOGUE[name] for name in ("torque_bias", "command_rate_limit", "coulomb_friction")}
+
+
+def logs(model, sizes, first=0):
+    """Waves of several sizes."""
+    return [
+        record(model, noise=NOISE, seed=first + k, command=size * wave(seed=first + k), name=f"wave_{first + k}")
+        for k, size in enumerate(sizes)
+    ]
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory):
+    """The arm, and the same whose shoulder's command is limited to 1.2 rad/s."""
+    arm = load_arm(tmp_path_factory.mktemp("arm"))
+    limited = arm.with_effect(CATALOGUE["command_rate_limit"], ("shoulder",))
+    return arm, limited.with_values({"command_rate_limit.rate": {"shoulder": 1.2}})
+
+
+def test_one_held_out_recording_is_learned_from_where_only_these_show_the_error(arms) -> None:
+    arm, limited = arms
+    slow, fast = logs(limited, (0.2, 0.25)), logs(limited, (1.2, 1.6), first=5)
+    found = diagnose(arm, slow, fast, catalogue=KNOWN, jobs=1)
+    assert found.effects == ("command_rate_limit",) and found.joints["command_rate_limit"] == ("shoulder",)
+    assert found.parameters["command_rate_limit"]["shoulder"]["value"] == pytest.approx(1.2, rel=0.02)
+    assert any("wave_6 was learned from too" in note for note in found.notes)
+
+
+def test_the_parts_stay_where_the_training_motion_shows_the_error(arms) -> None:
+    arm, limited = arms
+    found = diagnose(arm, logs(limited, (1.2, 1.6)), logs(limited, (1.2, 1.6), first=5), catalogue=KNOWN, jobs=1)
+    assert found.effects == ("command_rate_limit",)
+    assert not any("learned from too" in note for note in found.notes)
+
+
+def test_the_only_held_out_recording_stays_held_out(arms) -> None:
+    arm, limited = arms
+    found = diagnose(arm, logs(limited, (0.2, 0.25)), logs(limited, (1.2,), first=5), catalogue=KNOWN, jobs=1)
+    assert not any("learned from too" in note for note in found.notes)
