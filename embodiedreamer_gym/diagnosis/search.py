@@ -33,7 +33,6 @@ from embodiedreamer_gym.diagnosis.search_state import (
 from embodiedreamer_gym.diagnosis.special_cases import prefer_special_cases
 from embodiedreamer_gym.diagnosis.verdict import (
     INEXACT,
-    JUDGEABLE,
     SMALLEST_GAIN,
     brings_little,
     contenders,
@@ -149,17 +148,9 @@ def _accepted(state: SearchState, candidate: Candidate) -> bool:
     return exact and improves(state.judged, candidate.judged, state.most)
 
 
-def _rise(state: SearchState, everywhere: Candidate, exact: bool) -> np.ndarray:
-    """Relative to the least that matters, how much higher the log chi2 (n,) of held-out motion is than with effects on more joints.
-
-    Where the model so far is exact, only joints count that wrong masses could disturb so much that nearly any error is exact.
-
-    exact: whether the model with effects on more joints is exact.
-    """
-    rise = np.log(np.maximum(state.held.chi2, 1.0) / np.maximum(everywhere.held_out.chi2, 1.0))
-    if state.is_exact:
-        return np.where(state.most > JUDGEABLE, rise / np.log(INEXACT), 0.0)
-    return np.maximum(rise / SMALLEST_GAIN, 0.0) + 2.0 * exact
+def _rise(state: SearchState, everywhere: Candidate) -> np.ndarray:
+    """How much higher the log chi2 (n,) of held-out motion is than that of a model whose effects act on more joints."""
+    return np.log(np.maximum(state.held.chi2, 1.0) / np.maximum(everywhere.held_out.chi2, 1.0))
 
 
 def _restore_joints(search: Search, state: SearchState, everywhere: list[Candidate], exact: bool) -> None:
@@ -170,14 +161,14 @@ def _restore_joints(search: Search, state: SearchState, everywhere: list[Candida
     everywhere: the steps before effects were taken off joints; exact: whether these were.
     """
     joints, whole = list(state.start[0].joints), everywhere[-1]
-    while (rise := _rise(state, whole, exact)).max() > 1.0:
+    while not state.is_exact and (exact or _rise(state, whole).max() > SMALLEST_GAIN):
         missing = removed_joints(whole, state.steps[-1])
         if len(missing) < 2:  # all are back
             state.steps = everywhere
             fit_together(search, state)
             return
-        order = dict(zip(joints, rise, strict=True))
-        worst = max(sorted(missing), key=lambda joint: order.get(joint, -np.inf))
+        rise = dict(zip(joints, _rise(state, whole), strict=True))
+        worst = max(sorted(missing), key=lambda joint: rise.get(joint, -np.inf))
         state.steps = [*state.steps[:-1], with_joint(state.steps[-1], whole, worst, search.train, search.test)]
         fit_together(search, state)
 

@@ -39,7 +39,9 @@ def resampled_reach(problem: Problem, x: np.ndarray, rows: np.ndarray) -> np.nda
     for name in dict.fromkeys(
         (row.key.effect, row.key.parameter) for row, own in zip(problem.rows, rows, strict=True) if own
     ):
-        own = [i for i in np.flatnonzero(rows) if (problem.rows[i].key.effect, problem.rows[i].key.parameter) == name]
+        own = [
+            int(i) for i in np.flatnonzero(rows) if (problem.rows[i].key.effect, problem.rows[i].key.parameter) == name
+        ]
         points = np.repeat(x[None], POINTS, axis=0)
         for i in own:
             size = 1.0 if problem.logarithmic[i] else max(abs(x[i]), 1.0)

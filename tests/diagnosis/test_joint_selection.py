@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("mujoco")
 
 from embodiedreamer_gym.diagnosis import joint_selection
+from embodiedreamer_gym.diagnosis.backward_elimination import removed_joints, with_joint
 from embodiedreamer_gym.diagnosis.candidates import Candidate
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.joint_selection import _on_all_joints, select_joints
@@ -20,6 +21,7 @@ from embodiedreamer_gym.phys_aligner.least_squares import minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.standin.cases import Case, draw_case
 from tests.bank import load
+from tests.two_joint_arm import load_arm, record
 
 
 def candidate(case: Case, effect: str, joints: tuple[str, ...] | None, **start: float) -> Candidate:
@@ -90,3 +92,25 @@ def test_a_shape_of_a_strong_joint_is_within_the_bounds_of_a_weak_one() -> None:
     everywhere = _on_all_joints(model, kind(**values), Problem(model, case.train))
     model.with_(effects=(everywhere,))  # raises for a value out of bounds
     assert set(everywhere.values["stall_torque"]) == set(model.joints)
+
+
+def test_a_joint_that_was_taken_off_an_effect_comes_back(tmp_path) -> None:
+    arm = load_arm(tmp_path).with_effect(CATALOGUE["coulomb_friction"])
+    truth = arm.with_values({"coulomb_friction.torque": {"shoulder": 0.4, "elbow": 0.2}})
+    train, test = ([record(truth, noise=3e-4, seed=seed)] for seed in (1, 2))
+    whole, pruned = (fitted_on(model, train, test) for model in (arm, arm.without_effect("coulomb_friction").with_effect(
+        CATALOGUE["coulomb_friction"], ("elbow",))))  # fmt: skip
+    assert removed_joints(whole, pruned) == {"shoulder"} and not removed_joints(pruned, whole)
+    assert pruned.held_out.chi2[0] > 2
+    back = with_joint(pruned, whole, "shoulder", train, test)
+    torque = back.model.effects[0].values["torque"]
+    assert list(torque) == ["shoulder", "elbow"] and torque["shoulder"] == pytest.approx(0.4, rel=0.05)
+    assert back.held_out.chi2.max() < 1.5 and back.rollouts > pruned.rollouts
+
+
+def fitted_on(model, train, test) -> Candidate:
+    """The model with its effects, fitted."""
+    problem = Problem(model, train)
+    fit = minimise(problem, problem.start)
+    model = problem.model_at(fit.x)
+    return Candidate(CATALOGUE["coulomb_friction"], model, problem, fit, evaluate(model, test), problem.rollouts)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from embodiedreamer_gym.diagnosis import search as search_module
 from embodiedreamer_gym.diagnosis.held_out import HeldOut
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution
-from embodiedreamer_gym.diagnosis.search import _is_missed
+from embodiedreamer_gym.diagnosis.search import _restore_joints
 from embodiedreamer_gym.diagnosis.search_state import SearchState
 from embodiedreamer_gym.diagnosis.verdict import brings_little, unrefuted
 from embodiedreamer_gym.diagnosis.wording import Attempt, verdict_text
@@ -37,10 +38,41 @@ def start(by_effort: bool) -> Any:
     return None, SimpleNamespace(signals=SimpleNamespace(by_effort=by_effort)), None
 
 
-@pytest.mark.parametrize(("without", "expected"), [(5.0, True), (4.2, False)])
-def test_an_effect_is_missed_where_the_error_of_a_joint_rises_without_it(without, expected) -> None:
-    state = SearchState(start(False), errors(9.0, 9.0), errors(9.0, 9.0), null(2.0, 2), [step(1.0, without)])
-    assert _is_missed(state, step(1.0, 4.0)) is expected
+@pytest.mark.parametrize("exact", [True, False])
+@pytest.mark.parametrize(("needed", "restored"), [({"b"}, ["b"]), ({"a", "b"}, ["b", "a"]), ({"a", "b", "c"}, None)])
+def test_joints_come_back_one_at_a_time_until_none_is_missed(exact, needed, restored, monkeypatch) -> None:
+    """The error of a joint that needs the effect is large without it, and most at joint b."""
+    size, back = {"a": 30.0, "b": 50.0, "c": 20.0}, []
+
+    def fit(joints: set[str]) -> Any:
+        return step(*(size[j] if j in needed - joints else 1.0 for j in "abc"))
+
+    def with_joint(pruned: Any, whole: Any, joint: str, train: object, test: object) -> Any:
+        back.append(joint)
+        return fit(set(back))
+
+    monkeypatch.setattr(search_module, "removed_joints", lambda whole, pruned: set("abc") - set(back))
+    monkeypatch.setattr(search_module, "with_joint", with_joint)
+    model = SimpleNamespace(joints=("a", "b", "c"))
+    state = SearchState(
+        (model, *start(False)[1:]), errors(60.0, 60.0, 60.0), errors(60.0, 60.0, 60.0), null(2.0, 3), [fit(set())]
+    )
+    everywhere = [fit({"a", "b", "c"})]
+    _restore_joints(SimpleNamespace(train=(), test=()), state, everywhere, exact)  # pyright: ignore[reportArgumentType]
+    assert (state.steps is everywhere) is (restored is None)
+    assert restored is None or back == restored
+
+
+@pytest.mark.parametrize(("without", "missed"), [(5.0, True), (4.2, False)])
+def test_a_joint_stays_out_where_the_error_hardly_rises(without, missed, monkeypatch) -> None:
+    monkeypatch.setattr(search_module, "removed_joints", lambda whole, pruned: {"a"})
+    model = SimpleNamespace(joints=("a", "b"))
+    state = SearchState(
+        (model, *start(False)[1:]), errors(9.0, 9.0), errors(9.0, 9.0), null(2.0, 2), [step(1.0, without)]
+    )
+    everywhere = [step(1.0, 4.0)]
+    _restore_joints(SimpleNamespace(train=(), test=()), state, everywhere, exact=False)  # pyright: ignore[reportArgumentType]
+    assert (state.steps is everywhere) is missed
 
 
 def test_a_model_beyond_its_own_noise_is_refuted_by_one_that_is_not() -> None:
@@ -72,22 +104,52 @@ def test_shares_are_of_robots_like_the_calibrated_model() -> None:
 @pytest.mark.parametrize(
     ("most", "left", "steps", "expected"),
     [
-        ([1.4, 8.0], None, 1, True),  # the null distribution judges, and nothing is fitted
-        ([1.4, 900.0], [1.0, 9.0], 1, True),
-        ([1.4, 900.0], [1.0, 11.0], 1, False),
-        ([1.4, 900.0], [2.5, 1.0], 1, True),  # the law of a single effect may be inexact
-        ([1.4, 900.0], [2.5, 1.0], 2, False),
+        ([1.4, 8.0], [], 1, True),  # the null distribution judges, and nothing is fitted
+        ([1.4, 900.0], [[1.0, 9.0]], 1, True),
+        ([1.4, 900.0], [[1.0, 11.0], [1.0, 11.0]], 1, False),
+        ([1.4, 900.0], [[1.0, 11.0], [1.0, 9.0]], 1, True),  # after a few iterations more
+        ([1.4, 900.0], [[2.5, 1.0]], 1, True),  # the law of a single effect may be inexact
+        ([1.4, 900.0], [[2.5, 1.0], [2.5, 1.0]], 2, False),
     ],
 )
 def test_where_wrong_masses_make_large_errors_effects_are_judged_with_masses_estimated(
     most, left, steps, expected, monkeypatch
 ) -> None:
     module = sys.modules["embodiedreamer_gym.diagnosis.diagnose"]
-    besides = [] if left is None else [SimpleNamespace(trained=errors(*left))]
-    monkeypatch.setattr(module, "beside_robot_errors", lambda search, candidate: besides.pop())
-    state: Any = SimpleNamespace(most=np.array(most), steps=[None] * steps)
-    assert module._outlasts_masses(None, state) is expected
-    assert not besides
+    fits = [SimpleNamespace(x=None, residuals=np.sqrt(chi2)) for chi2 in left]
+    problem = SimpleNamespace(rollouts=1, joint_rms=lambda residuals: residuals[None])
+    monkeypatch.setattr(module, "fit_with_robot_errors", lambda *a, **k: (problem, fits.pop(0)))
+    monkeypatch.setattr(module, "minimise", lambda *a, **k: fits.pop(0))
+    last: Any = SimpleNamespace(problem=None, fit=SimpleNamespace(x=None))
+    state: Any = SimpleNamespace(
+        most=np.array(most),
+        steps=[last] * steps,
+        judged_start=errors(99.0, 99.0),
+        judged=errors(1.0, 20.0),
+        start_null=null(2.0, 2),
+    )
+    assert module._outlasts_masses(SimpleNamespace(train=(), rollouts=0), state) is expected
+    assert not fits
+
+
+@pytest.mark.parametrize(("left", "steps", "expected"), [(4.0, 1, True), (4.0, 2, False), (20.0, 1, False)])
+def test_a_single_effect_that_explains_nearly_all_at_every_joint_needs_no_such_fit(
+    left, steps, expected, monkeypatch
+) -> None:
+    module = sys.modules["embodiedreamer_gym.diagnosis.diagnose"]
+    problem = SimpleNamespace(rollouts=1, joint_rms=lambda residuals: residuals[None])
+    poor = problem, SimpleNamespace(x=None, residuals=np.array([50.0, 50.0]))
+    monkeypatch.setattr(module, "fit_with_robot_errors", lambda *a, **k: poor)
+    monkeypatch.setattr(module, "minimise", lambda *a, **k: poor[1])
+    last: Any = SimpleNamespace(problem=None, fit=SimpleNamespace(x=None))
+    state: Any = SimpleNamespace(
+        most=np.array([1.4, 900.0]),
+        steps=[last] * steps,
+        judged_start=errors(1.0, 99.0),
+        judged=errors(1.0, left),
+        start_null=null(2.0, 2),
+    )
+    assert module._outlasts_masses(SimpleNamespace(train=(), rollouts=0), state) is expected
 
 
 @pytest.mark.parametrize(("before", "little"), [(1000.0, True), (3.0, False)])
