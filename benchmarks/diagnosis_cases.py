@@ -191,7 +191,7 @@ def run_case(name: str, seeds: str, label: Label, oracle: str = "singles") -> di
         case = draw(name, seeds, label)
         row["label"] |= {"values": case.hidden, "joints": places(case.hidden)}
         if isinstance(case, independent.IndependentCase):
-            row["label"]["visibility"] = dict(case.visibility)
+            row["label"] |= {"visibility": dict(case.visibility), "shown": case.shown}
         with tempfile.TemporaryDirectory() as folder:
             model = RobotModel.load(case.write(folder))
             row["label"]["beyond"] = beyond(model, case.hidden)

@@ -72,6 +72,18 @@ def test_main_asks_for_every_effect_and_for_pairs_of_two_families():
     assert all(set(label.effects) < set(label.question) for label in labels("ties", "test"))
 
 
+@pytest.mark.parametrize(
+    ("said", "strict", "lenient"), [("ab", True, True), ("a", False, True), ("b", False, False), ("abc", False, False)]
+)
+def test_a_joint_that_shows_nothing_of_an_effect_may_be_left_out(said, strict, lenient):
+    one = row(effects=("encoder_offset",))
+    one["label"] |= {"joints": {"encoder_offset": ["a", "b"]}, "shown": {"encoder_offset": {"a": 9.0, "b": 0.1}}}
+    one["found"]["joints"] = {"encoder_offset": list(said)}
+    found = by_key([one, row()])
+    assert found["joints"].hits == strict + 1 and found["joints"].of == 2
+    assert found["joints_shown"].hits == lenient and found["joints_shown"].of == 1
+
+
 def test_labels_are_sealed_before_the_first_diagnosis(tmp_path, monkeypatch, capsys):
     out = tmp_path / "run" / "main.jsonl"
     sealed = out.with_suffix(".labels.json")

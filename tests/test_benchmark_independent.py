@@ -147,3 +147,12 @@ def test_the_files_do_not_tell_what_is_hidden(tmp_path):
     case.write(tmp_path)
     text = " ".join(path.read_text() for path in tmp_path.rglob("*") if path.is_file())
     assert "payload" not in text and "backlash" not in text and set(case.visibility) == {"payload", "backlash"}
+
+
+def test_an_offset_about_a_vertical_axis_shows_nothing():
+    robot, logger = nominal(DESK5), Logger(1.0, 100.0, False)
+    yardstick = Yardstick(robot, [KINDS["sines"](DESK5, np.random.default_rng(0), 1.0)], logger, 3e-4)
+    fault = FAULTS["encoder_offset"](DESK5, np.array([0, 1]), np.full((5, 4), 0.7), 0.5)
+    shown = yardstick.by_joint(fault)
+    assert list(shown) == list(DESK5.names[:2]) and shown["pan"] < 0.5 and shown["lift"] > 5
+    assert yardstick.by_joint(FAULTS["payload"](DESK5, np.array([0]), np.full((5, 4), 0.7), 0.5)) == {}

@@ -67,11 +67,12 @@ class Sensors:
 
 @dataclass(frozen=True)
 class IndependentCase:
-    """A robot, its faults with their visibility, and its logs to learn from and held out."""
+    """A robot, its faults with their visibility, also of each joint alone, and its logs to learn from and held out."""
 
     robot: Robot
     faults: Mapping[str, Fault]
     visibility: Mapping[str, float]
+    shown: Mapping[str, Mapping[str, float]]
     train: tuple[Recording, ...]
     test: tuple[Recording, ...]
 
@@ -125,13 +126,15 @@ def draw(
     yardstick = Yardstick(robot, paths[2:], logger, sensors.sigma) if effects else None
     faults: dict[str, Fault] = {}
     seen: dict[str, float] = {}
+    shown: dict[str, dict[str, float]] = {}
     for name in effects:
         if yardstick is not None:
             faults[name], seen[name] = choose(FAULTS[name], wanted, yardstick, rng)
+            shown[name] = yardstick.by_joint(faults[name])
     logs = [sensors.log(f"{kind}_{k}", robot.arm, simulate(robot, list(faults.values()), path, logger, rng),
                         logger.hold, rng)
             for k, (kind, path) in enumerate(zip(kinds, paths, strict=True))]  # fmt: skip
-    return IndependentCase(robot, faults, seen, tuple(logs[:2]), tuple(logs[2:]))
+    return IndependentCase(robot, faults, seen, shown, tuple(logs[:2]), tuple(logs[2:]))
 
 
 def draw_robot(arm: Arm, rng: np.random.Generator) -> Robot:
@@ -161,6 +164,14 @@ class Yardstick:
         """Root mean square of the change of position on the joint where it is largest, in noises."""
         change = self._positions([fault]) - self.without
         return float(np.sqrt(np.mean(change**2, axis=0)).max() / self.sigma)
+
+    def by_joint(self, fault: Fault) -> dict[str, float]:
+        """The like of the fault on each of its joints alone; none of a fault of the whole arm."""
+        if fault.per_arm:
+            return {}
+        return {
+            fault.arm.names[j]: self(type(fault)(fault.arm, np.array([j]), fault.draw, fault.size)) for j in fault.at
+        }
 
 
 def choose(kind: type[Fault], wanted: float, yardstick: Yardstick, rng: np.random.Generator) -> tuple[Fault, float]:
