@@ -99,7 +99,7 @@ def diagnose(
                     whole_test=all_test)  # fmt: skip
     with ended_workers():
         result, moved = _attempt(search, model, max_effects), None
-        if result.verdict != "nothing_missing":
+        if result.verdict == "unknown" or result.state.needs_all_motion:
             moved = learn_from_worst(search, result.state, train_logs, max_seconds)
         if moved is not None:
             search = moved[0]

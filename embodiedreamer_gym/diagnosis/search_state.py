@@ -142,6 +142,11 @@ class SearchState:
         return fitted <= EXACT < self.null.excess(self.held.chi2, self.fitted.chi2)
 
     @property
+    def needs_all_motion(self) -> bool:
+        """Whether the model so far is exact, but only if it is fitted to held-out motion too."""
+        return self.together is not None and self.is_exact
+
+    @property
     def judged(self) -> HeldOut:
         """Error on all motion, by which effects are accepted."""
         return self.steps[-1].judged if self.steps else self.judged_start
