@@ -170,3 +170,12 @@ def test_what_wrong_masses_swamp_is_judged_by_its_share_where_no_joint_is_near_i
     state.steps[0].judged = errors(9.0)
     assert state.is_exact
     assert module._fits_all_motion(None, state, None) is expected
+
+
+@pytest.mark.parametrize(("together", "needed"), [(None, False), (1.1, True), (9.0, False)])
+def test_a_recording_is_learned_from_only_where_a_fit_to_all_motion_is_what_makes_the_model_exact(
+    together, needed
+) -> None:
+    state = SearchState(start(False), errors(99.0), errors(99.0), null(2.0), [step(9.0)])
+    state.together = None if together is None else (errors(together), errors(together))
+    assert state.needs_all_motion is needed
