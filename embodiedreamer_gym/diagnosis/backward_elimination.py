@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate, polish
-from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate
+from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate, as_candidate, polish
+from embodiedreamer_gym.diagnosis.held_out import HeldOut
 from embodiedreamer_gym.diagnosis.joint_selection import select_joints
 from embodiedreamer_gym.diagnosis.limits import release_limits
 from embodiedreamer_gym.diagnosis.verdict import TIE, contenders, improves
@@ -118,9 +118,8 @@ def with_joint(
         effects.append(type(effect)(**values))
     problem = Problem(pruned.model.with_(effects=tuple(effects)), train, hold=pruned.problem.hold)
     fit = release_limits(problem, minimise(problem, problem.start, ITERATIONS, TOLERANCE))
-    model = problem.model_at(fit.x)
-    held_out = evaluate(model, test, problem.hold)
-    return Candidate(pruned.kind, model, problem, fit, held_out, pruned.rollouts + problem.rollouts)
+    found = as_candidate(pruned.kind, problem, fit, test)
+    return replace(found, rollouts=pruned.rollouts + found.rollouts)
 
 
 def exchanged(
@@ -135,6 +134,4 @@ def exchanged(
             effects.append(next(e for e in new.model.effects if e.name == new.kind.name))
     problem = Problem(last.model.with_(effects=tuple(effects)), train, hold=last.problem.hold)
     fit = minimise(problem, problem.start, ITERATIONS, TOLERANCE)
-    model = problem.model_at(fit.x)
-    kind = last.kind if new is None else new.kind
-    return Candidate(kind, model, problem, fit, evaluate(model, test, problem.hold), problem.rollouts)
+    return as_candidate(last.kind if new is None else new.kind, problem, fit, test)

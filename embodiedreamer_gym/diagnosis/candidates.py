@@ -106,7 +106,9 @@ def begin_refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recordi
     problem = Problem(trial.model, train, hold=coarse.hold)
     residuals = problem.residuals(fit.x)[0]
     problem.rollouts += sum(c.rollouts for _, c in begun)
-    return _candidate(trial, problem, replace(fit, residuals=residuals, cost=cost_of(problem, fit.x, residuals)), test)
+    return as_candidate(
+        trial.kind, problem, replace(fit, residuals=residuals, cost=cost_of(problem, fit.x, residuals)), test
+    )
 
 
 def finish_refit(
@@ -121,7 +123,7 @@ def finish_refit(
     if fit.cost <= rival + BEHIND:
         further = [start_of(problem, trial.again)] if trial.again else []
         fit = leave_valley(problem, fit, further, rival)
-    done = _candidate(trial, problem, release_limits(problem, fit), test)
+    done = as_candidate(trial.kind, problem, release_limits(problem, fit), test)
     return replace(done, rollouts=begun.rollouts + problem.rollouts - spent)
 
 
@@ -182,12 +184,13 @@ def resume_refit(trial: Trial, cached: CachedFit, train: Sequence[Recording], te
     problem = Problem(trial.model, train, hold=cached.hold)
     if len(cached.x) != len(problem.rows):
         raise CalibrationError(f"the refit cache does not fit {trial.name}; give another file.")
-    return _candidate(trial, problem, fit_at(problem, cached.x), test)
+    return as_candidate(trial.kind, problem, fit_at(problem, cached.x), test)
 
 
-def _candidate(trial: Trial, problem: Problem, fit: Fit, test: Sequence[Recording]) -> Candidate:
+def as_candidate(kind: type[Effect], problem: Problem, fit: Fit, test: Sequence[Recording]) -> Candidate:
+    """A finished fit and how it does on the held-out recordings."""
     model = problem.model_at(fit.x)
-    return Candidate(trial.kind, model, problem, fit, evaluate(model, test, problem.hold), problem.rollouts)
+    return Candidate(kind, model, problem, fit, evaluate(model, test, problem.hold), problem.rollouts)
 
 
 def polish(candidate: Candidate, test: Sequence[Recording]) -> Candidate:

@@ -187,8 +187,9 @@ def finish(problem: Problem, fit: Fit, seconds: float, wider: tuple[Problem, Fit
     """A least-squares fit as a Calibration: values, intervals, what is not determined.
 
     wider: a fit of the same parameters and of others beside, from which the intervals are taken, of those whose law jumps by
-    resampling too; each is extended to hold the value. Where efforts are compared it is extended to hold as much around the value: masses that an unloaded log fixed and
-    masses that are estimated again give two values of a load, and neither is known better than to this half-width.
+    resampling too; each is extended to hold the value. Where efforts are compared it is extended to hold as much around the
+    value: masses that an unloaded log fixed and masses that are estimated again give two values of a load, and neither is known
+    better than to this half-width.
     """
     judge, around = wider or (problem, fit)
     uncertainty = spread(judge, around.x, around.residuals * around.weight, around.jacobian * around.weight[:, None])
@@ -197,7 +198,7 @@ def finish(problem: Problem, fit: Fit, seconds: float, wider: tuple[Problem, Fit
     inside = (around.x > judge.lower + 1e-9) & (around.x < judge.upper - 1e-9)
     jumps = np.zeros(len(wanted), bool) if around.jumps is None else around.jumps & wanted & inside
     below, above = with_jumps(judge, around.x, uncertainty.half_width, jumps)
-    low, high = judge.values(around.x - below), judge.values(around.x + above)
+    low, high, widest = judge.values(around.x - below), judge.values(around.x + above), np.maximum(below, above)
     if wider is not None and problem.signals.by_effort:
         around_value = around.x.copy()
         around_value[[place[row.name] for row in problem.rows]] = fit.x
@@ -206,12 +207,12 @@ def finish(problem: Problem, fit: Fit, seconds: float, wider: tuple[Problem, Fit
     intervals, undetermined = dict(problem.model.intervals), []
     for row, value in zip(problem.rows, problem.values(fit.x), strict=True):
         i = place[row.name]
-        if np.isfinite(below[i]):
+        if np.isfinite(widest[i]):
             ends = (max(min(low[i], value), row.low), min(max(high[i], value), row.high))
             intervals[row.name] = (float(ends[0]), float(ends[1]))
         else:
             intervals.pop(row.name, None)
-        if max(below[i], above[i]) > UNDETERMINED and not judge.of_urdf[i]:
+        if widest[i] > UNDETERMINED and not judge.of_urdf[i]:
             undetermined.append(row.name)
     model = problem.model_at(fit.x, intervals)
     if problem.hold is not None:

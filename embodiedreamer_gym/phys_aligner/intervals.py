@@ -18,11 +18,10 @@ UNDETERMINED = 1.0  # half-width in scaled units: a factor e, or a typical size 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Half-widths (m,) of the 95 % intervals in scaled units, covariance (m, m), what is not determined."""
+    """Half-widths (m,) of the 95 % intervals in scaled units, and the covariance (m, m)."""
 
     half_width: np.ndarray
     covariance: np.ndarray
-    undetermined: np.ndarray
 
 
 def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray) -> Spread:
@@ -57,7 +56,7 @@ def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray)
         covariance[np.ix_(keep, keep)] = cov
         half[keep] = NORMAL_95 * np.sqrt(np.maximum(np.diag(cov), 0.0))
         half[half > HOPELESS] = np.inf
-    return Spread(half, covariance, half > UNDETERMINED)
+    return Spread(half, covariance)
 
 
 def _series(problem: Problem) -> Iterator[tuple[int, int, np.ndarray]]:

@@ -31,17 +31,15 @@ def resampled_reach(problem: Problem, x: np.ndarray, rows: np.ndarray) -> np.nda
     Where a law jumps, the error as a function of its parameter is rugged, so that slopes say nothing about how well it is
     determined. Here each parameter is scanned, the others held, and blocks of the motion are drawn again with replacement; the
     interval holds the value with the least error in 95 % of these draws (bootstrap; Kuensch, Annals of Statistics 17, 1989).
-    What reaches an end of the scan is infinite. Parameters of one name are scanned on all joints at once, and a joint's are judged by its own residuals.
+    What reaches an end of the scan is infinite. Parameters of one name are scanned on all joints at once, and a joint's are
+    judged by its own residuals.
     """
     reach = np.zeros((2, len(x)))
     rng = np.random.default_rng(0)
     across = np.linspace(-1.0, 1.0, POINTS)
-    for name in dict.fromkeys(
-        (row.key.effect, row.key.parameter) for row, own in zip(problem.rows, rows, strict=True) if own
-    ):
-        own = [
-            int(i) for i in np.flatnonzero(rows) if (problem.rows[i].key.effect, problem.rows[i].key.parameter) == name
-        ]
+    wanted = [int(i) for i in np.flatnonzero(rows)]
+    for group in dict.fromkeys(problem.rows[i].key.group for i in wanted):
+        own = [i for i in wanted if problem.rows[i].key.group == group]
         points = np.repeat(x[None], POINTS, axis=0)
         for i in own:
             size = 1.0 if problem.logarithmic[i] else max(abs(x[i]), 1.0)
@@ -50,10 +48,8 @@ def resampled_reach(problem: Problem, x: np.ndarray, rows: np.ndarray) -> np.nda
         for i in own:
             blocks = _blocks(problem, squares, i)
             drawn = blocks[rng.integers(0, len(blocks), (DRAWS, len(blocks)))].sum(axis=1)
-            first, last = (
-                drawn.argmin(axis=1),
-                POINTS - 1 - drawn[:, ::-1].argmin(axis=1),
-            )  # equal where a limit is not reached
+            # all values do as well where a limit is not reached: of equal errors the first counts below, the last above
+            first, last = drawn.argmin(axis=1), POINTS - 1 - drawn[:, ::-1].argmin(axis=1)
             low, high = np.quantile(points[first, i], 0.025), np.quantile(points[last, i], 0.975)
             ends = low <= problem.lower[i] or low > points[0, i], high >= problem.upper[i] or high < points[-1, i]
             reach[:, i] = max(x[i] - low, 0.0), max(high - x[i], 0.0)

@@ -67,6 +67,23 @@ def test_a_parameter_that_does_nothing_has_no_interval(arm) -> None:
     assert np.isinf(resampled_reach(problem, x, rows)[1, rows]).all()
 
 
+@pytest.mark.parametrize("end", [0, 1])
+def test_an_interval_of_which_one_end_is_infinite_is_none(arm, end, monkeypatch) -> None:
+    problem = Problem(arm, [record(arm, noise=NOISE)])
+    fit = minimise(problem, problem.start)
+    name = problem.rows[0].name
+    assert name in finish(problem, fit, 0.0).model.intervals
+
+    def one_end(problem, x, half_width, rows):
+        reach = np.repeat(half_width[None], 2, axis=0)
+        reach[end, 0] = np.inf
+        return reach
+
+    monkeypatch.setattr(calibration, "with_jumps", one_end)
+    found = finish(problem, fit, 0.0)
+    assert name not in found.model.intervals and name in found.undetermined
+
+
 def test_intervals_of_widths_hold_them_more_often_than_by_slopes(arm, monkeypatch) -> None:
     """Of six robots whose servos are a little stiffer than the model's, with friction that the model lacks."""
     said, held = 0, {True: 0, False: 0}
