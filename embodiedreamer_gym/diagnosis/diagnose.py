@@ -123,7 +123,7 @@ def diagnose(
     return summarise(
         result, model=model, ranking=search.ranking, unobservable=search.unobservable, catalogue=catalogue, test=search.whole_test,
         rollouts=search.rollouts, seconds=time.perf_counter() - begun, baseline=baseline,
-        notes=notes,
+        notes=notes, learned_from=() if moved is None else (moved[1].name,),
     )  # fmt: skip
 
 

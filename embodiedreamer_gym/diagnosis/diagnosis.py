@@ -57,6 +57,7 @@ class Diagnosis:
         robots (usual: median, most: 95 % quantile).
     model: the model with the effects that were found.
     notes: caveats of the verdict.
+    learned_from: names of held-out recordings that were fitted to as well; the errors are those of the others.
     """
 
     verdict: str
@@ -84,6 +85,7 @@ class Diagnosis:
     excess: float
     explainable: dict[str, dict[str, float]]
     notes: tuple[str, ...] = ()
+    learned_from: tuple[str, ...] = ()
 
     @property
     def best(self) -> str | None:
@@ -192,7 +194,7 @@ class Diagnosis:
 def summarise(
     attempt: Attempt, *, model: RobotModel, ranking: Sequence[Ranked], unobservable: tuple[str, ...],
     catalogue: Mapping[str, type[Effect]], test: Sequence[Recording], rollouts: int, seconds: float, baseline: float | None,
-    notes: tuple[str, ...] = (),
+    notes: tuple[str, ...] = (), learned_from: tuple[str, ...] = (),
 ) -> Diagnosis:  # fmt: skip
     """Put a search's results into a Diagnosis."""
     verdict, calibrated, final, p_value = attempt.verdict, attempt.calibrated, attempt.final, attempt.p_value
@@ -238,7 +240,7 @@ def summarise(
         unexplained=unexplained, steps=tuple(stages), p_value=p_value, rollouts=rollouts, seconds=seconds,
         unit=comparison.unit, chi2=_chi2(base, held, null, kept),
         closest=() if named else tuple(c.kind.name for c in steps), nominal=model, calibrated=calibrated.model, model=better,
-        family=family, members=state.probabilities, excess=state.excess, explainable=explainable, notes=notes,
+        family=family, members=state.probabilities, excess=state.excess, explainable=explainable, notes=notes, learned_from=learned_from,
     )  # fmt: skip
 
 

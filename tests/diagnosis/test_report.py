@@ -167,6 +167,16 @@ def test_notes_stand_before_the_verdict(arm, delayed, logs, tmp_path) -> None:
     )
 
 
+def test_a_page_compares_on_recordings_that_were_not_learned_from(arm, delayed, logs, tmp_path) -> None:
+    held_out = "on recordings that no fit has used"
+    found = replace(answer(arm, delayed), learned_from=(logs[0].name,))
+    page = opened(write_report(tmp_path, diagnosis=found, recordings=[logs[0].with_(name="other"), logs[0]]))
+    alone = opened(write_report(tmp_path, diagnosis=found, recordings=[logs[0].with_(name="other")]))
+    assert page.text == alone.text and held_out in page.text
+    both = compare([arm, delayed], logs, ("calibrated", "with_effect"))
+    assert held_out not in opened(write_report(tmp_path, diagnosis=found, comparison=both)).text
+
+
 def test_a_page_of_a_diagnosis(arm, delayed, logs, tmp_path) -> None:
     found = answer(arm, delayed)
     page = opened(write_report(tmp_path, diagnosis=found, breakdown=error_breakdown(arm, logs), recordings=logs))

@@ -45,9 +45,12 @@ def write_report(
     """Write index.html into a folder and return its path; an older page stays when writing fails.
 
     Any of the results may be left out. Without a comparison, `models` (of a diagnosis: its nominal, calibrated and
-    better model) are compared on `recordings`, where there are any. links: text -> file beside the page.
+    better model) are compared on `recordings`, where there are any, but for those that the diagnosis learned from.
+    links: text -> file beside the page.
     Raises: EmbodieDreamerError when there is nothing to report or the folder cannot be written to.
     """
+    if diagnosis:
+        recordings = [recording for recording in recordings if recording.name not in diagnosis.learned_from]
     if comparison is None and recordings and (models or diagnosis):
         by_label = dict(diagnosis.models_by_label()) if diagnosis and not models else {}
         comparison = compare(tuple(models) or tuple(by_label.values()), recordings, tuple(by_label) or None)
@@ -89,7 +92,7 @@ def _context(
         "comparison": comparison, "breakdown": breakdown, "diagnosis": diagnosis, "next_step": "", "before": 0,
         "verdict": sentences.headline(comparison, breakdown, calibration), "numbers": [], "steps": [], "story": "",
         "ranking": [], "at_fault": (), "worst": [], "breakdown_worst": [], "unexplained": [], "unseen": [], "trust": [],
-        "attributed": False,
+        "attributed": False, "held_out": False,
         "gains_guessed": ("nominal",) if diagnosis and diagnosis.gains_guessed else (),
     }  # fmt: skip
     if comparison:
@@ -99,6 +102,8 @@ def _context(
         context |= _of_diagnosis(diagnosis)
         labels = comparison.labels[:-1] if comparison else ()
         context["before"] = labels.index("calibrated") if "calibrated" in labels else 0
+        compared = [r.name for r in comparison.recordings] if comparison else []
+        context["held_out"] = not set(compared) & set(diagnosis.learned_from)
     elif comparison:
         cells = zip(comparison.labels, comparison.error, comparison.end_effector_mm, strict=True)
         context["numbers"] = [(label, milli(error, comparison.unit), _at_end(end)) for label, error, end in cells]
