@@ -132,6 +132,7 @@ class Diagnosis:
             "verdict": self.verdict,
             "sentence": self.sentence,
             "notes": list(self.notes),
+            "learned_from": list(self.learned_from),
             "effects": list(self.effects),
             "closest": list(self.closest),
             "family": self.family,

@@ -35,7 +35,7 @@ def test_one_held_out_recording_is_learned_from_where_only_these_show_the_error(
     assert found.effects == ("command_rate_limit",) and found.joints["command_rate_limit"] == ("shoulder",)
     assert found.parameters["command_rate_limit"]["shoulder"]["value"] == pytest.approx(1.2, rel=0.02)
     assert any("wave_6 was learned from too" in note for note in found.notes)
-    assert found.learned_from == ("wave_6",)
+    assert found.learned_from == ("wave_6",) and found.as_dict()["learned_from"] == ["wave_6"]
 
 
 def test_the_parts_stay_where_the_training_motion_shows_the_error(arms) -> None:
