@@ -20,7 +20,7 @@ from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
 from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
 from embodiedreamer_gym.diagnosis.search import search_effects
 from embodiedreamer_gym.diagnosis.search_state import Search, SearchState, screen_all
-from embodiedreamer_gym.diagnosis.unseen_motion import learn_from_worst
+from embodiedreamer_gym.diagnosis.unseen_motion import learn_from_worst, only_held_out_shows
 from embodiedreamer_gym.diagnosis.verdict import (
     ALARM,
     EXACT,
@@ -98,8 +98,8 @@ def diagnose(
                     np.random.default_rng(0 if seed is None else seed), RefitCache(refit_cache, model, [*train, *test], catalogue),
                     whole_test=all_test)  # fmt: skip
     with ended_workers():
-        result, moved = _attempt(search, model, max_effects), None
-        if result.verdict == "unknown" or result.state.needs_all_motion:
+        result, moved = _attempt(search, model, max_effects, len(all_test) > 1), None
+        if result.verdict == "unknown" or result.state.needs_all_motion or result.state.unseen:
             moved = learn_from_worst(search, result.state, train_logs, max_seconds)
         if moved is not None:
             search = moved[0]
@@ -174,11 +174,13 @@ def _evidence(search: Search, model: RobotModel) -> float:
     return log_evidence(problem, fit)
 
 
-def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:
+def _attempt(search: Search, model: RobotModel, max_effects: int, needs_motion: bool = False) -> Attempt:
     """Calibrate a model, test whether it is wrong, and search for the effects that it lacks.
 
     Where efforts are compared, an effect is named on the URDF's own masses (2 % off) only if it leaves nothing to explain, and
     nowhere if plain least squares does much better without it.
+
+    needs_motion: whether there is no search where only held-out motion shows an error.
     """
     search.ranking = []
     problem, fit = fit_least_squares(model, search.train, progress=search.progress)
@@ -191,8 +193,10 @@ def _attempt(search: Search, model: RobotModel, max_effects: int) -> Attempt:
     search.rollouts += null.rollouts
     trained = trained_errors(calibrated.model, problem, fit)
     p_value = null.p_value(base.chi2, trained.chi2)
-    screened = screen_all(search, problem, fit, null, first=True)
     state = SearchState((calibrated.model, problem, fit), base, trained, null)
+    if p_value < ALARM and needs_motion and only_held_out_shows(state):
+        return Attempt("unknown", calibrated, calibrated, state, p_value)
+    screened = screen_all(search, problem, fit, null, first=True)
     verdict, shares = "nothing_missing", None
     if p_value < ALARM:
         state = search_effects(search, state, screened, max_effects)

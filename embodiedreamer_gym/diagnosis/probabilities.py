@@ -25,8 +25,10 @@ def candidate_probabilities(
 
     Likelihoods on the fitted and on the held-out motion, with Schwarz's penalty for the parameters of each effect at the
     joints that it helps. A joint's noise is the sensor's, or what the best candidate leaves where that is more. Averaged over
-    a bootstrap: near the noise of blocks of time, else of whole recordings, since errors that follow the motion repeat.
-    Sources: Schwarz, Ann. Statist. 6(2), 1978; Waddell, Kishino and Ota, Systematic Biology 51(3), 2002 (bootstrap of model weights).
+    a Bayesian bootstrap: near the noise of blocks of time, else of whole recordings, since errors that follow the motion repeat.
+    Its weights are never zero: what is seen in one block alone, as a limit that is reached once, is in every draw.
+    Sources: Schwarz, Ann. Statist. 6(2), 1978; Waddell, Kishino and Ota, Systematic Biology 51(3), 2002 (bootstrap of model
+    weights); Rubin, Ann. Statist. 9(1), 1981 (Bayesian bootstrap).
 
     base: the model without the effects.
     before: its errors, on the fitted and on the held-out motion.
@@ -37,9 +39,7 @@ def candidate_probabilities(
     groups: list[np.ndarray] = []
     far = _is_far([c.held_out for c in candidates])
     for part, errors in enumerate(([c.trained for c in candidates], [c.held_out for c in candidates])):
-        noise = np.maximum(np.min([e.chi2 for e in errors], axis=0), 1.0)
-        share = min(1.0, seconds[part] / CORRELATED / max(errors[0].counts.sum(axis=0).max(), 1))
-        blocks = np.array([-0.5 * share * np.sum(e.blocks / noise, axis=1) for e in errors])
+        blocks = _log_likelihood(errors, seconds[part])
         pieces = len(errors[0].blocks)
         group = np.arange(pieces) // (pieces // recordings[part]) if far else np.arange(pieces)
         groups.append(group + (groups[0].max() + 1 if groups else 0))
@@ -49,10 +49,17 @@ def candidate_probabilities(
     )
     group = np.concatenate(groups)
     sums = np.stack([log_likelihood[:, group == g].sum(axis=1) for g in range(group.max() + 1)], axis=1)
-    weights = rng.multinomial(sums.shape[1], np.full(sums.shape[1], 1.0 / sums.shape[1]), size=DRAWS)
+    weights = sums.shape[1] * rng.dirichlet(np.ones(sums.shape[1]), size=DRAWS)
     drawn = weights @ sums.T - penalty
     odds = np.exp(drawn - drawn.max(axis=1, keepdims=True))
     return np.mean(odds / odds.sum(axis=1, keepdims=True), axis=0)
+
+
+def _log_likelihood(errors: Sequence[HeldOut], seconds: float) -> np.ndarray:
+    """Logarithm of the likelihood (K, pieces) of each candidate's errors."""
+    noise = np.maximum(np.min([e.chi2 for e in errors], axis=0), 1.0)
+    share = min(1.0, seconds / CORRELATED / max(errors[0].counts.sum(axis=0).max(), 1))
+    return np.array([-0.5 * share * np.sum(e.blocks / noise, axis=1) for e in errors])
 
 
 def _is_far(held: Sequence[HeldOut]) -> bool:

@@ -31,7 +31,9 @@ from embodiedreamer_gym.diagnosis.search_state import (
     screen_all,
 )
 from embodiedreamer_gym.diagnosis.special_cases import prefer_special_cases
+from embodiedreamer_gym.diagnosis.unseen_motion import contradicted
 from embodiedreamer_gym.diagnosis.verdict import (
+    FAR,
     INEXACT,
     SMALLEST_GAIN,
     brings_little,
@@ -75,6 +77,7 @@ def search_effects(
     if state.is_exact or is_far_from_noise(state.base, state.held, state.start_null.chi2):
         prefer_special_cases(search, state)
     eliminate(search, state)
+    state.unseen = contradicted(search, state, singles)
     return state
 
 
@@ -176,9 +179,11 @@ def _restore_joints(search: Search, state: SearchState, everywhere: list[Candida
 def eliminate(search: Search, state: SearchState) -> None:
     """Drop redundant effects, resolve a tie for the first, and take each effect off the joints that do not need it.
 
-    The last effect goes too where the held-out error does not fall by it, or not significantly.
+    The last effect goes too where the held-out error does not fall by it, or not significantly. Of effects that are not named
+    in any case nothing is taken off: they leave too much of an error that is near the noise elsewhere.
     """
-    if not state.steps:
+    far = is_far_from_noise(state.base, state.held, state.start_null.chi2)
+    if not state.steps or (not state.by_effort and not state.is_exact and state.excess > FAR and not far):
         return
     search.progress("backward elimination", 0, len(state.steps), held_out_error=search.milli(state.held.error))
     spent, first = sum(s.rollouts for s in state.steps), state.steps[0]

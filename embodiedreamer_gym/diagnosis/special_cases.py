@@ -43,3 +43,4 @@ def prefer_special_cases(search: Search, state: SearchState) -> None:
                 state.steps = [*steps, replace(plain, kind=rename.get(last.kind.name, last.kind))]
                 state.null = current_null(search, state)
                 fit_together(search, state)
+                break

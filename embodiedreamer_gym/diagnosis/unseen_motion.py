@@ -7,10 +7,39 @@ from dataclasses import replace
 
 import numpy as np
 
+from embodiedreamer_gym.diagnosis.candidates import Candidate
+from embodiedreamer_gym.diagnosis.decision import ODDS, independent_share, likelihood_ratio
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
 from embodiedreamer_gym.diagnosis.search_state import Search, SearchState
+from embodiedreamer_gym.diagnosis.verdict import FAR
+from embodiedreamer_gym.phys_aligner.problem import CORRELATED
 from embodiedreamer_gym.recordings import Recording, thin
+
+
+def only_held_out_shows(state: SearchState) -> bool:
+    """Whether the calibrated model errs at some joint on held-out motion far more than faultless robots, and not on the fitted one."""
+    if state.by_effort:
+        return False
+    fitted, held = (np.quantile(chi2, 0.95, axis=0) for chi2 in (state.null.trained_chi2, state.null.chi2))
+    return bool(np.any((state.trained.chi2 <= fitted) & (state.base.chi2 > FAR * held)))
+
+
+def contradicted(search: Search, state: SearchState, singles: Sequence[Candidate]) -> Candidate | None:
+    """The single effect that fits the training motion best, where that motion speaks for it and the held-out motion against it.
+
+    It leaves there what faultless robots have, and is more probable than the model so far by Schwarz's criterion with all its
+    parameters. Either it is wrong, or the training motion does not determine all of it: of a limit with two directions it may
+    reach one. A limit may be reached in one piece of time, so that the scatter over pieces says nothing.
+    """
+    least, now = min(singles, key=lambda c: c.fit.cost), state.steps[-1] if state.steps else None
+    if now is None or least.kind is now.kind or not state.is_exact_on_fitted(least.trained):
+        return None
+    parameters = len(least.problem.rows) - len(state.start[1].rows)
+    needed = parameters * np.log(sum(r.duration for r in search.train) / CORRELATED)
+    seen = likelihood_ratio(least.trained, now.trained, independent_share(search.train)).value
+    held = likelihood_ratio(now.held_out, least.held_out, independent_share(search.test)).value
+    return least if seen > needed and held > 2 * np.log(ODDS) else None
 
 
 def learn_from_worst(
@@ -19,14 +48,15 @@ def learn_from_worst(
     """A search that learns from one held-out recording too, and that recording; None where this would not help.
 
     A limit that the training motion does not reach leaves no trace in it, and whatever is fitted to it says nothing about the
-    limit. So where the model so far does as well on the training motion as faultless robots do, and not on the held-out motion,
-    the held-out recording with the largest error is moved; the others judge.
+    limit. So where the model so far does as well on the training motion as faultless robots do and not on the held-out motion,
+    the calibrated model does at some joint, or another effect is `contradicted`, the held-out recording with the largest error
+    is moved; the others judge.
 
     train: the whole training recordings; seconds: of motion that are used of each part.
     """
-    if not state.is_wrong_unseen or len(search.whole_test) < 2:
+    if len(search.whole_test) < 2 or not (state.is_wrong_unseen or state.unseen or only_held_out_shows(state)):
         return None
-    model, problem, _ = state.current
+    model, problem = (state.unseen.model, state.unseen.problem) if state.unseen else state.current[:2]
     most = np.quantile(state.null.chi2, 0.95, axis=0)
     errors = [float((evaluate(model, [r], problem.hold).chi2 / most).max()) for r in search.whole_test]
     worst = int(np.argmax(errors))

@@ -68,6 +68,14 @@ def test_far_from_the_noise_whole_recordings_are_drawn() -> None:
     assert 0.05 < far[0] < 0.95
 
 
+def test_an_error_in_one_piece_of_time_is_evidence() -> None:
+    """A limit that is reached once: whatever pieces of time are weighted how, the model without it errs there."""
+    exact = np.ones((PIECES, JOINTS))
+    once = exact.copy()
+    once[3] = 40.0
+    assert shares(candidate("torque_saturation", exact), candidate("command_rate_limit", once))[0] > 0.95
+
+
 def test_families_add_up() -> None:
     members = {"coulomb_friction": 0.71, "stribeck_friction": 0.26, "rotor_inertia": 0.03}
     found = family_probabilities(members, CATALOGUE)

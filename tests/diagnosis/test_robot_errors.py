@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
+from embodiedreamer_gym.diagnosis.candidates import as_candidate
 from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
+from embodiedreamer_gym.diagnosis.search_state import SearchState, _leaves_noise, fit_together
+from embodiedreamer_gym.diagnosis.verdict import EXACT
+from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.effects.command_timing import CommandTiming
+from embodiedreamer_gym.effects.inertial_error import InertialError
 from embodiedreamer_gym.phys_aligner.calibration import Calibration, finish
 from embodiedreamer_gym.phys_aligner.least_squares import minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
@@ -14,6 +22,7 @@ from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import simulate
 from tests.bank import fast, robot
+from tests.diagnosis.test_search_state import null, start
 from tests.two_joint_arm import load_arm, record
 
 LIMIT, NOISE = 0.45, 4e-4  # N m, rad
@@ -98,3 +107,22 @@ def test_masses_that_are_held_fixed_are_no_better_known(tmp_path) -> None:
         assert low <= 1.0 <= high
         halves.append((high - low) / 2)
     assert halves[1] == pytest.approx(halves[0], rel=0.05) and halves[1] > 0.01
+
+
+@pytest.mark.parametrize(("effect", "exact"), [("load_friction", True), ("coulomb_friction", False)])
+def test_one_effect_leaves_nothing_where_the_robots_own_errors_are_estimated(
+    tmp_path, effect: str, exact: bool
+) -> None:
+    """Friction that grows with the load multiplies an error of the centres of mass; another law does not become right by it."""
+    arm = load_arm(tmp_path)
+    truth = arm.with_effect("load_friction").with_values({"load_friction.coefficient": {"shoulder": 0.6, "elbow": 0.5}})
+    truth = truth.with_effect(InertialError(z={"shoulder": 0.007, "elbow": -0.007}))
+    train, test = ([record(truth, noise=NOISE, seed=seed) for seed in seeds] for seeds in ((0, 1), (2, 3)))
+    problem = Problem(arm.with_effect(effect), train)
+    found = as_candidate(CATALOGUE[effect], problem, minimise(problem, problem.start), test)
+    search: Any = SimpleNamespace(train=train, test=test, rollouts=0)
+    state = SearchState(start(by_effort=False), found.held_out, found.trained, null(1.5, 2), [found])
+    assert state.excess > EXACT
+    assert _leaves_noise(search, state) is exact
+    fit_together(search, state)
+    assert state.is_exact is exact

@@ -66,6 +66,7 @@ def test_joints_come_back_one_at_a_time_until_none_is_missed(exact, needed, rest
 @pytest.mark.parametrize(("without", "missed"), [(5.0, True), (4.2, False)])
 def test_a_joint_stays_out_where_the_error_hardly_rises(without, missed, monkeypatch) -> None:
     monkeypatch.setattr(search_module, "removed_joints", lambda whole, pruned: {"a"})
+    monkeypatch.setattr(search_module, "fit_together", lambda search, state: None)
     model = SimpleNamespace(joints=("a", "b"))
     state = SearchState(
         (model, *start(False)[1:]), errors(9.0, 9.0), errors(9.0, 9.0), null(2.0, 2), [step(1.0, without)]

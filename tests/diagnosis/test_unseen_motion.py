@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 
 from embodiedreamer_gym.diagnosis import diagnose
+from embodiedreamer_gym.diagnosis.search_state import SearchState
+from embodiedreamer_gym.diagnosis.unseen_motion import contradicted, only_held_out_shows
 from embodiedreamer_gym.effects import CATALOGUE
+from tests.diagnosis.test_search_state import errors, null, start
 from tests.two_joint_arm import load_arm, record, wave
 
 NOISE = 4e-4  # rad
@@ -49,3 +55,45 @@ def test_the_only_held_out_recording_stays_held_out(arms) -> None:
     arm, limited = arms
     found = diagnose(arm, logs(limited, (0.2, 0.25)), logs(limited, (1.2,), first=5), catalogue=KNOWN, jobs=1)
     assert not any("learned from too" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("trained", "held", "expected"),
+    [
+        ((1.0, 1.0), (1.0, 9.0), True),  # at the elbow, nothing but held-out motion shows the error
+        ((1.0, 9.0), (1.0, 9.0), False),
+        ((9.0, 1.0), (9.0, 9.0), True),
+        ((1.0, 1.0), (1.0, 3.0), False),  # too little to give up a held-out recording for
+    ],
+)
+def test_an_error_that_only_held_out_motion_shows(trained, held, expected) -> None:
+    state = SearchState(start(by_effort=False), errors(*held), errors(*trained), null(2.0, 2))
+    assert only_held_out_shows(state) is expected
+
+
+def fit_of(name: str, cost: float, trained: tuple[float, ...], held: tuple[float, ...]) -> Any:
+    """A refitted effect with 7 parameters."""
+    found = SimpleNamespace(cost=cost)
+    rows = SimpleNamespace(rows=range(7))
+    return SimpleNamespace(
+        kind=CATALOGUE[name], fit=found, problem=rows, trained=errors(*trained), held_out=errors(*held)
+    )
+
+
+@pytest.mark.parametrize(
+    ("trained", "held", "expected"),
+    [
+        ((1.0, 1.0), (1.0, 40.0), True),
+        ((1.0, 1.0), (1.0, 1.0), False),  # held-out motion agrees
+        ((1.0, 2.9), (1.0, 40.0), False),  # training motion hardly prefers it
+        ((1.0, 3.9), (1.0, 40.0), False),  # it is not exact there
+    ],
+)
+def test_an_effect_that_training_motion_speaks_for_and_held_out_motion_against(trained, held, expected) -> None:
+    named = fit_of("torque_saturation", 0.8, (1.0, 3.0), (1.0, 2.0))
+    other = fit_of("voltage_limit", 0.7, trained, held)
+    begin = (None, SimpleNamespace(rows=range(2), signals=SimpleNamespace(by_effort=False)), None)
+    state = SearchState(begin, errors(60.0, 60.0), errors(60.0, 60.0), null(3.0, 2), [named])  # pyright: ignore[reportArgumentType]
+    logs = [SimpleNamespace(time=range(4), duration=0.2)]
+    search: Any = SimpleNamespace(train=logs, test=logs)
+    assert (contradicted(search, state, [named, other]) is other) is expected
