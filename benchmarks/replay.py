@@ -2,7 +2,8 @@
 
 A stand-in robot with a hidden effect is diagnosed; the better model is saved, loaded and played in PyBullet under
 the recorded commands, learnt from and held out. Its error, joint by joint, must be the one that `compare` gives,
-within 0.1 mrad; and with the effect deleted from the file it must not be.
+within 0.1 mrad; and with the effect deleted from the file it must not be. The commands of a pair of ALOHA arms go through
+`env.step` of an environment that was made from the file.
 """
 
 from __future__ import annotations
@@ -11,26 +12,30 @@ import argparse
 import json
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
 from benchmarks.common import save
 from embodiedreamer_gym.diagnosis import compare, diagnose
 from embodiedreamer_gym.engines.bullet.plant import BulletPlant
 from embodiedreamer_gym.engines.plant import replay
-from embodiedreamer_gym.recordings import Recording
+from embodiedreamer_gym.envs.replay import replay as replay_actions
+from embodiedreamer_gym.recordings import Recording, load_recordings
 from embodiedreamer_gym.robot import RobotModel
-from embodiedreamer_gym.standin.cases import draw_case
+from embodiedreamer_gym.standin.cases import aloha_case, draw_case
 
+ENV, PAIR = "EmbodieDreamer/PutCupOnMat-v0", "aloha"
 CASES = (
     ("coulomb_friction", "arm6"),
     ("command_delay", "arm6"),
     ("payload", "arm6b"),
     ("torque_saturation", "arm7"),
+    ("coulomb_friction", PAIR),
 )
 TOLERANCE = 1e-4  # rad
 
@@ -60,34 +65,57 @@ class Replayed:
         return self.gap < TOLERANCE and self.gap_without > TOLERANCE
 
 
-def joint_errors(model: RobotModel, recordings: Sequence[Recording]) -> np.ndarray:
-    """Each joint's rms (n,) over all usable samples of the recordings, replayed in PyBullet."""
-    squares, count = np.zeros(model.n), np.zeros(model.n)
-    for recording in recordings:
-        error = np.where(recording.usable, recording.position - replay(BulletPlant(model), recording).position, 0.0)
-        squares += (error**2).sum(axis=0)
-        count += recording.usable.sum(axis=0)
-    return np.sqrt(squares / count)
+def in_plant(path: Path, recordings: Sequence[Recording]) -> list[np.ndarray]:
+    """Positions (T, n) rad of a saved model in PyBullet under the commands of recordings."""
+    model = RobotModel.load(path)
+    return [replay(BulletPlant(model), recording).position for recording in recordings]
 
 
-def round_trip(model: RobotModel, recordings: Sequence[Recording], folder: Path) -> Replayed:
+def in_environment(path: Path, recordings: Sequence[Recording]) -> list[np.ndarray]:
+    """The like, with the commands through `env.step` of an environment made from the file."""
+    env = gym.make(ENV, robot=str(path), obs_type="state", collisions=False)
+    positions = [replay_actions(env, recording) for recording in recordings]
+    env.close()
+    return positions
+
+
+def joint_errors(positions: Sequence[np.ndarray], recordings: Sequence[Recording]) -> np.ndarray:
+    """Each joint's rms (n,) over all usable samples of the recordings."""
+    pairs = list(zip(positions, recordings, strict=True))
+    squares = sum((np.where(r.usable, r.position - p, 0.0) ** 2).sum(axis=0) for p, r in pairs)
+    return np.sqrt(squares / sum(r.usable.sum(axis=0) for r in recordings))
+
+
+def round_trip(
+    model: RobotModel,
+    recordings: Sequence[Recording],
+    folder: Path,
+    play: Callable[[Path, Sequence[Recording]], list[np.ndarray]] = in_plant,
+) -> Replayed:
     """Save the model as B.json, load it, replay; then again without the effects the file lists."""
     path = folder / "B.json"
     model.save(path)
     compared = compare(model, recordings).joint_rms[0]
-    replayed = joint_errors(RobotModel.load(path), recordings)
+    replayed = joint_errors(play(path, recordings), recordings)
     without = None
     if model.effects:
         data = json.loads(path.read_text())
         path.write_text(json.dumps({**data, "effects": [], "intervals": {}}))
-        without = joint_errors(RobotModel.load(path), recordings)
+        without = joint_errors(play(path, recordings), recordings)
     return Replayed(tuple(e.name for e in model.effects), compared, replayed, without)
 
 
 def run(effect: str, arm: str, seed: int, jobs: int = 2) -> Replayed:
     """Draw a robot, diagnose it and replay the finding."""
-    case = draw_case(effect, arm, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as name:
+        if arm == PAIR:
+            case = aloha_case(effect, "left", rng, "strong", episodes=4, seconds=8.0)
+            model = RobotModel.load(case.write(name))
+            train, test = (load_recordings(f"{name}/{part}/*.hdf5", hz=30.0) for part in ("train", "test"))
+            found = diagnose(model, train, test, max_effects=1, jobs=jobs)
+            return round_trip(found.model, test, Path(name), in_environment)
+        case = draw_case(effect, arm, rng)
         model = RobotModel.load(case.write(name))
         found = diagnose(model, case.train, case.test, jobs=jobs)
         return round_trip(found.model, [*case.train, *case.test], Path(name))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import gymnasium as gym
@@ -10,43 +9,22 @@ import numpy as np
 import pytest
 
 import embodiedreamer_gym as er
+from benchmarks.replay import TOLERANCE, run
 from embodiedreamer_gym.envs.replay import replay
 from embodiedreamer_gym.errors import SimulationError
-from embodiedreamer_gym.recordings import Recordings
 from embodiedreamer_gym.standin.cases import aloha_case
 from tests.bank import robot
 
 ID = "EmbodieDreamer/PutCupOnMat-v0"
-TOLERANCE = 1e-4  # rad, of each joint's rms
-
-
-def joint_errors(path: Path, logs: Recordings, **arguments) -> np.ndarray:
-    """Each joint's rms (14,) of logs whose commands went through env.step."""
-    env = gym.make(ID, robot=str(path), obs_type="state", **arguments)
-    errors = [np.where(log.usable, log.position - replay(env, log), 0.0) for log in logs]
-    env.close()
-    return np.sqrt(
-        np.sum([(e**2).sum(0) for e in errors], axis=0) / np.sum([log.usable.sum(0) for log in logs], axis=0)
-    )
 
 
 @pytest.mark.slow
-def test_logs_to_diagnosis_to_environment(tmp_path: Path) -> None:
+def test_logs_to_diagnosis_to_environment() -> None:
     """HDF5 logs of a stand-in pair with a hidden effect, diagnosed, give an environment that errs as `compare` says."""
-    case = aloha_case("coulomb_friction", "left", np.random.default_rng(7), "strong", episodes=4, seconds=8.0)
-    model = er.RobotModel.load(case.write(tmp_path))
-    train, test = (er.load_recordings(tmp_path / part / "*.hdf5", hz=30.0) for part in ("train", "test"))
-    found = er.diagnose(model, train, test, max_effects=1)
-    assert found.best == "coulomb_friction" and all(j.startswith("left") for j in found.joints["coulomb_friction"])
-    found.model.save(tmp_path / "B.json")
-    compared = er.compare(found.model, test).joint_rms[0]
-    replayed = joint_errors(tmp_path / "B.json", test, collisions=False)
-    assert np.abs(replayed - compared).max() < TOLERANCE
-    data = json.loads((tmp_path / "B.json").read_text())
-    assert data["effects"]
-    (tmp_path / "B.json").write_text(json.dumps({**data, "effects": [], "intervals": {}}))
-    without = joint_errors(tmp_path / "B.json", test, collisions=False)
-    assert np.abs(without - compared).max() > 3 * TOLERANCE, "the effect in the file makes no difference"
+    found = run("coulomb_friction", "aloha", seed=7)
+    assert found.effects == ("coulomb_friction",)
+    assert found.gap < TOLERANCE
+    assert found.gap_without > 3 * TOLERANCE, "the effect in the file makes no difference"
 
 
 @pytest.mark.parametrize("rule", ["linear", "hold"])
