@@ -220,6 +220,13 @@ def _attempt(search: Search, model: RobotModel, max_effects: int, needs_motion: 
     return Attempt(verdict, calibrated, final, state, p_value, shares)
 
 
+def _explains_excess(state: SearchState) -> bool:
+    """Whether the effects explain most of the calibrated model's excess error, on the fitted motion or on held-out motion."""
+    null, held = state.start_null, state.held if state.together is None else state.together[1]
+    return max(total_explained(state.base, held, null.chi2),
+               total_explained(state.trained, state.fitted, null.trained_chi2)) >= EXPLAINED  # fmt: skip
+
+
 def _outlasts_masses(search: Search, state: SearchState) -> bool:
     """Whether the effects leave little where the motion shows wrong masses so well that nearly any error would pass for theirs.
 
@@ -248,15 +255,15 @@ def _leaves_little(problem: Problem, fit: Fit, most: np.ndarray) -> bool:
 
 
 def _fits_all_motion(search: Search, state: SearchState, shares: np.ndarray | None) -> bool:
-    """Whether the effects leave what faultless robots have on all motion; a single one may leave a little more.
+    """Whether the effects leave what faultless robots have on all motion, and explain what was above it; a single one may leave a little more.
 
-    Logs far from any noise are judged by the share that is explained, beside what a general regression predicts (shares).
+    An alarm by chance leaves little to explain, and an effect that explains none of it is not its reason. Logs far from any noise are judged by the share that is explained, beside what a general regression predicts (shares).
     """
     if not state.steps:
         return False
     much = total_explained(state.judged_start, state.judged, state.null.chi2) >= EXPLAINED
     inexact = len(state.steps) == 1 and state.excess <= INEXACT and much
-    if (state.is_exact or inexact) and _outlasts_masses(search, state):
+    if (state.is_exact or inexact) and _explains_excess(state) and _outlasts_masses(search, state):
         return True
     errors = (state.base, state.held, state.start_null.chi2)
     if not is_far_from_noise(*errors):

@@ -168,7 +168,19 @@ def test_what_wrong_masses_swamp_is_judged_by_its_share_where_no_joint_is_near_i
     monkeypatch.setattr(module, "_outlasts_masses", lambda search, state: outlasts)
     monkeypatch.setattr(module, "is_far_from_noise", lambda *errors: far)
     state = SearchState(start(False), errors(99.0), errors(99.0), null(1000.0), [step(9.0)])
-    state.steps[0].judged = errors(9.0)
+    state.steps[0].judged, state.start_null = errors(9.0), null(2.0)
+    assert state.is_exact
+    assert module._fits_all_motion(None, state, None) is expected
+
+
+@pytest.mark.parametrize(("left", "together", "expected"), [(2.3, None, False), (1.2, None, True), (2.3, 1.2, True)])
+def test_an_effect_that_explains_none_of_a_chance_alarm_is_not_named(left, together, expected, monkeypatch) -> None:
+    """The second joint is little above what faultless robots have, and stays so, or falls in a fit to all motion."""
+    module = sys.modules["embodiedreamer_gym.diagnosis.diagnose"]
+    monkeypatch.setattr(module, "_outlasts_masses", lambda search, state: True)
+    state = SearchState(start(False), errors(1.0, 2.3), errors(1.0, 1.0), null(2.0, 2), [step(1.0, left)])
+    state.steps[0].trained, state.steps[0].judged = errors(1.0, 1.0), errors(1.0, left)
+    state.together = None if together is None else (errors(1.0, 1.0), errors(1.0, together))
     assert state.is_exact
     assert module._fits_all_motion(None, state, None) is expected
 
