@@ -10,6 +10,7 @@ import numpy as np
 from embodiedreamer_gym.diagnosis.backward_elimination import exchanged
 from embodiedreamer_gym.diagnosis.candidates import Candidate, Trial, polish
 from embodiedreamer_gym.diagnosis.effect_starts import Values, fitted_values, pair_starts
+from embodiedreamer_gym.diagnosis.exactness import fit_together
 from embodiedreamer_gym.diagnosis.pair_screening import is_contained, screen_pairs
 from embodiedreamer_gym.diagnosis.refits import beside_robot_errors, refit_all
 from embodiedreamer_gym.diagnosis.screening import Screened
@@ -18,7 +19,6 @@ from embodiedreamer_gym.diagnosis.search_state import (
     SearchState,
     added_effects,
     current_null,
-    fit_together,
     likeliest,
     screen_all,
 )

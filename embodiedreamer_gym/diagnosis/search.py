@@ -17,6 +17,7 @@ from embodiedreamer_gym.diagnosis.backward_elimination import (
     with_joint,
 )
 from embodiedreamer_gym.diagnosis.candidates import Candidate, polish
+from embodiedreamer_gym.diagnosis.exactness import fit_together
 from embodiedreamer_gym.diagnosis.pair_search import add_pair
 from embodiedreamer_gym.diagnosis.refits import close_beside_robot_errors, fit_candidates
 from embodiedreamer_gym.diagnosis.screening import Screened
@@ -26,7 +27,6 @@ from embodiedreamer_gym.diagnosis.search_state import (
     SearchState,
     added_effects,
     current_null,
-    fit_together,
     likeliest,
     screen_all,
 )

@@ -7,23 +7,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.candidates import (
-    ITERATIONS,
-    TOLERANCE,
-    Candidate,
-    leave_valley,
-)
-from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, pooled
+from embodiedreamer_gym.diagnosis.candidates import Candidate
+from embodiedreamer_gym.diagnosis.held_out import HeldOut, pooled
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution, draw_null
 from embodiedreamer_gym.diagnosis.probabilities import candidate_probabilities
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
-from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
 from embodiedreamer_gym.diagnosis.screening import VISIBLE_SHARE, LinearisationPoint, Screened, linearise, screen
-from embodiedreamer_gym.diagnosis.verdict import ALARM, EXACT, FAR, INEXACT, improves, leaves_excess
+from embodiedreamer_gym.diagnosis.verdict import ALARM, EXACT, improves, leaves_excess
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.io.progress import ProgressCallback
 from embodiedreamer_gym.io.tables import milli
-from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
+from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
@@ -86,7 +80,7 @@ class SearchState:
     far; start_null: like the start; steps: one candidate per added effect; closest: best single effect; probabilities: of each effect, given that one of
     the candidates is right; tie: the effects of which one is missing, where no single one is probable enough; rivals:
     candidates for the first step that held-out motion does not distinguish, where efforts are compared; together: errors on
-    the fitted and on the held-out motion of a fit to both, see `fit_together`; exact_beside: whether one effect leaves nothing
+    the fitted and on the held-out motion of a fit to both, see `exactness.fit_together`; exact_beside: whether one effect leaves nothing
     where the robot's own errors are estimated beside it; unseen: a single effect that the
     training motion speaks for and held-out motion against, see `unseen_motion.contradicted`.
     """
@@ -265,39 +259,3 @@ def _is_special_case(one: Candidate, other: Candidate) -> bool:
 def added_effects(base: RobotModel, model: RobotModel) -> list[str]:
     """Names of the effects that a model has beyond another."""
     return [e.name for e in model.effects if not base.has_effect(type(e))]
-
-
-def fit_together(search: Search, state: SearchState) -> None:
-    """Fit the model so far to all motion where its fit is exact on the training motion and not on the held-out one.
-
-    A limit that only the held-out motion reaches is not determined by the training motion; the law may be right all the same.
-    Where one effect is still not exact, the robot's errors are estimated beside it, see `_leaves_noise`.
-    """
-    state.together, state.exact_beside = None, False
-    if state.steps and state.is_wrong_unseen:
-        _fit_all_motion(search, state)
-    if len(state.steps) == 1 and not state.by_effort and EXACT < state.excess <= FAR:
-        state.exact_beside = _leaves_noise(search, state)
-
-
-def _fit_all_motion(search: Search, state: SearchState) -> None:
-    last = state.steps[-1]
-    problem = Problem(last.model, [*search.train, *search.test], hold=last.problem.hold)
-    fit = leave_valley(problem, minimise(problem, problem.start, ITERATIONS, TOLERANCE, derivatives=False))
-    model = problem.model_at(fit.x)
-    search.rollouts += 2 * problem.rollouts
-    state.together = (evaluate(model, search.train, problem.hold), evaluate(model, search.test, problem.hold))
-
-
-def _leaves_noise(search: Search, state: SearchState) -> bool:
-    """Whether the model so far leaves little more than noise on all motion where the robot's errors are fitted to the training motion.
-
-    Friction that grows with the load multiplies what wrong masses do to the motion. Errors that are estimated on the
-    training motion and hold on the held-out one are those masses, and no second effect is needed.
-    """
-    last = state.steps[-1]
-    problem, fit = fit_with_robot_errors(last.problem, last.fit.x, search.train, derivatives=False)
-    held = evaluate(problem.model_at(fit.x), search.test, problem.hold)
-    search.rollouts += problem.rollouts
-    worst = np.maximum(problem.joint_rms(fit.residuals)[0] ** 2, held.chi2)
-    return bool((worst <= np.minimum(EXACT * state.most, INEXACT)).all())

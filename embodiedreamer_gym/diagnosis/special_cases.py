@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from embodiedreamer_gym.diagnosis.candidates import refit, single_trial
+from embodiedreamer_gym.diagnosis.exactness import fit_together
 from embodiedreamer_gym.diagnosis.refits import beside_robot_errors
 from embodiedreamer_gym.diagnosis.screening import linearise, screen_effect
-from embodiedreamer_gym.diagnosis.search_state import Search, SearchState, current_null, fit_together, likeliest
+from embodiedreamer_gym.diagnosis.search_state import Search, SearchState, current_null, likeliest
 from embodiedreamer_gym.phys_aligner.least_squares import fit_at
 from embodiedreamer_gym.phys_aligner.problem import Problem
 

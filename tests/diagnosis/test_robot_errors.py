@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.diagnosis.candidates import as_candidate
+from embodiedreamer_gym.diagnosis.exactness import _leaves_noise, fit_together
 from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
-from embodiedreamer_gym.diagnosis.search_state import SearchState, _leaves_noise, fit_together
+from embodiedreamer_gym.diagnosis.search_state import SearchState
 from embodiedreamer_gym.diagnosis.verdict import EXACT
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.effects.command_timing import CommandTiming

@@ -10,9 +10,10 @@ import pytest
 from embodiedreamer_gym.diagnosis import null_distribution
 from embodiedreamer_gym.diagnosis.candidates import Candidate, leave_valley
 from embodiedreamer_gym.diagnosis.effect_starts import start_of
+from embodiedreamer_gym.diagnosis.exactness import fit_together
 from embodiedreamer_gym.diagnosis.held_out import evaluate
 from embodiedreamer_gym.diagnosis.null_distribution import draw_null
-from embodiedreamer_gym.diagnosis.search_state import SearchState, fit_together
+from embodiedreamer_gym.diagnosis.search_state import SearchState
 from embodiedreamer_gym.diagnosis.shapes import shape_starts
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.phys_aligner.least_squares import fit_at, minimise
