@@ -42,9 +42,13 @@ TOLERANCE = 1e-4  # rad
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """Per-joint errors (n,) rad: as `compare` has it, in PyBullet from the file, and with the effect deleted."""
+    """Per-joint errors (n,) rad: as `compare` has it, in PyBullet from the file, and with the effect deleted.
+
+    joints: on which the effects act.
+    """
 
     effects: tuple[str, ...]
+    joints: frozenset[str]
     compared: np.ndarray
     replayed: np.ndarray
     without: np.ndarray | None
@@ -102,7 +106,8 @@ def round_trip(
         data = json.loads(path.read_text())
         path.write_text(json.dumps({**data, "effects": [], "intervals": {}}))
         without = joint_errors(play(path, recordings), recordings)
-    return Replayed(tuple(e.name for e in model.effects), compared, replayed, without)
+    joints = frozenset(joint for e in model.effects for values in e.values.values() for joint in values)
+    return Replayed(tuple(e.name for e in model.effects), joints, compared, replayed, without)
 
 
 def run(effect: str, arm: str, seed: int, jobs: int = 2) -> Replayed:

@@ -26,7 +26,6 @@ import numpy as np
 
 from benchmarks.diagnosis_figures import TARGETS, TEXTS, wanted
 from benchmarks.payload import mass_errors, masses_held
-from benchmarks.tracking import summary
 from embodiedreamer_gym.io.files import atomic_file
 from embodiedreamer_gym.io.results import run_stamp, write_results
 
@@ -123,15 +122,9 @@ def page(results: Mapping[str, Any] | None = None) -> str:
     places.filters |= {
         "f": lambda value, digits=0: f"{value:.{digits}f}",
         "median": lambda values: float(np.median(list(values))),
-        "of": lambda rows, name: [row for row in rows if row["job"].startswith(f"{name} | ")],
-        "covered": lambda rows: float(
-            np.mean([side == 0 for row in rows for side in row["sides"] if side is not None])
-        ),
     }
     found = kept() if results is None else results
-    return places.from_string(TEMPLATE.read_text()).render(
-        r=found, blind=blind, off=mass_errors, held=masses_held, tracked=summary
-    )
+    return places.from_string(TEMPLATE.read_text()).render(r=found, blind=blind, off=mass_errors, held=masses_held)
 
 
 def main() -> None:

@@ -255,9 +255,11 @@ def _leaves_little(problem: Problem, fit: Fit, most: np.ndarray) -> bool:
 
 
 def _fits_all_motion(search: Search, state: SearchState, shares: np.ndarray | None) -> bool:
-    """Whether the effects leave what faultless robots have on all motion, and explain what was above it; a single one may leave a little more.
+    """Whether the effects leave what faultless robots have on all motion, and explain most of what was above it.
 
-    An alarm by chance leaves little to explain, and an effect that explains none of it is not its reason. Logs far from any noise are judged by the share that is explained, beside what a general regression predicts (shares).
+    A single one may leave a little more. An alarm by chance leaves little to explain, and an effect that explains none of it is
+    not its reason. Logs far from any noise are judged by the share that is explained, beside what a general regression
+    predicts (shares).
     """
     if not state.steps:
         return False

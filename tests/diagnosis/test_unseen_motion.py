@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from embodiedreamer_gym.diagnosis import diagnose
+from embodiedreamer_gym.diagnosis import diagnose, search
 from embodiedreamer_gym.diagnosis.search_state import SearchState
 from embodiedreamer_gym.diagnosis.unseen_motion import contradicted, only_held_out_shows
 from embodiedreamer_gym.effects import CATALOGUE
@@ -55,6 +56,22 @@ def test_the_only_held_out_recording_stays_held_out(arms) -> None:
     arm, limited = arms
     found = diagnose(arm, logs(limited, (0.2, 0.25)), logs(limited, (1.2,), first=5), catalogue=KNOWN, jobs=1)
     assert not any("learned from too" in note for note in found.notes)
+
+
+def test_what_no_search_can_find_is_not_searched_for(arms, monkeypatch) -> None:
+    module, searches = sys.modules["embodiedreamer_gym.diagnosis.diagnose"], []
+    whole = module.search_effects
+    monkeypatch.setattr(module, "search_effects", lambda *given: searches.append(given) or whole(*given))
+    arm, limited = arms
+    found = diagnose(arm, logs(limited, (0.2, 0.25)), logs(limited, (1.2, 1.6), first=5), catalogue=KNOWN, jobs=1)
+    assert found.learned_from and len(searches) == 1
+
+
+def test_a_contradicted_effect_has_a_recording_learned_from(arms, monkeypatch) -> None:
+    monkeypatch.setattr(search, "contradicted", lambda searched, state, singles: singles[0])
+    arm, limited = arms
+    found = diagnose(arm, logs(limited, (1.2, 1.6)), logs(limited, (1.2, 1.6), first=5), catalogue=KNOWN, jobs=1)
+    assert found.learned_from
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,8 @@ ID = "EmbodieDreamer/PutCupOnMat-v0"
 def test_logs_to_diagnosis_to_environment() -> None:
     """HDF5 logs of a stand-in pair with a hidden effect, diagnosed, give an environment that errs as `compare` says."""
     found = run("coulomb_friction", "aloha", seed=7)
-    assert found.effects == ("coulomb_friction",)
+    assert found.effects == ("coulomb_friction",) and found.joints
+    assert all(joint.startswith("left") for joint in found.joints)
     assert found.gap < TOLERANCE
     assert found.gap_without > 3 * TOLERANCE, "the effect in the file makes no difference"
 
