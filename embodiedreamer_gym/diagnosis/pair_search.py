@@ -11,6 +11,7 @@ from embodiedreamer_gym.diagnosis.backward_elimination import exchanged
 from embodiedreamer_gym.diagnosis.candidates import Candidate, Trial, polish
 from embodiedreamer_gym.diagnosis.effect_starts import Values, fitted_values, pair_starts
 from embodiedreamer_gym.diagnosis.exactness import fit_together
+from embodiedreamer_gym.diagnosis.other_valleys import leave_valleys
 from embodiedreamer_gym.diagnosis.pair_screening import is_contained, screen_pairs
 from embodiedreamer_gym.diagnosis.refits import beside_robot_errors, refit_all
 from embodiedreamer_gym.diagnosis.screening import Screened
@@ -60,7 +61,7 @@ def add_pair(
     if not pairs:
         return
     tie, probabilities = state.tie, state.probabilities
-    rivals = sorted(pairs, key=lambda c: c.fit.cost)[:RIVALS]
+    rivals = leave_valleys(search, state, sorted(pairs, key=lambda c: c.fit.cost)[:RIVALS])
     judged = [beside_robot_errors(search, c) for c in rivals]
     best = rivals[judged.index(likeliest(search, state, judged))]
     chosen = polish(best, search.test)

@@ -87,10 +87,15 @@ def beside_robot_errors(search: Search, candidate: Candidate) -> Candidate:
     return replace(candidate, fit=replace(candidate.fit, residuals=fit.residuals), held_out=held_out)
 
 
-def close_beside_robot_errors(search: Search, candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates; the best, its special cases and those close behind with the errors that they have beside the robot's own."""
+def close_to_best(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidate with the least cost, its special cases and those close behind."""
     best = min(candidates, key=lambda c: c.fit.cost)
-    close = [c for c in candidates if c.fit.cost < best.fit.cost + CLOSE_BEHIND or c.kind.name in best.kind.generalises]
+    return [c for c in candidates if c.fit.cost < best.fit.cost + CLOSE_BEHIND or c.kind.name in best.kind.generalises]
+
+
+def close_beside_robot_errors(search: Search, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates; those close to the best, if there are any, with the errors that they have beside the robot's own."""
+    close = close_to_best(candidates)
     if len(close) < 2:
         return list(candidates)
     return [beside_robot_errors(search, c) if c in close else c for c in candidates]

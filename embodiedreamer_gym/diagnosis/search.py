@@ -18,6 +18,7 @@ from embodiedreamer_gym.diagnosis.backward_elimination import (
 )
 from embodiedreamer_gym.diagnosis.candidates import Candidate, polish
 from embodiedreamer_gym.diagnosis.exactness import fit_together
+from embodiedreamer_gym.diagnosis.other_valleys import leave_valleys
 from embodiedreamer_gym.diagnosis.pair_search import add_pair
 from embodiedreamer_gym.diagnosis.refits import close_beside_robot_errors, fit_candidates
 from embodiedreamer_gym.diagnosis.screening import Screened
@@ -62,6 +63,7 @@ def search_effects(
     state.closest = min(singles, key=lambda c: c.held_out.score)
     improving = state.improving(singles)
     if improving:
+        improving = leave_valleys(search, state, improving)
         judged = close_beside_robot_errors(search, improving)
         best = improving[judged.index(likeliest(search, state, judged))]
         state.steps = [polish(best, search.test)]

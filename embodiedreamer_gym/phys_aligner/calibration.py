@@ -18,6 +18,7 @@ from embodiedreamer_gym.phys_aligner.intervals import UNDETERMINED, spread
 from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.resampling import with_jumps
+from embodiedreamer_gym.phys_aligner.shares import fits_at_bounds
 from embodiedreamer_gym.phys_aligner.signals import with_effort_sensor, with_effort_unit
 from embodiedreamer_gym.phys_aligner.starts import recombine, scan_starts
 from embodiedreamer_gym.recordings import Recording, thin
@@ -187,7 +188,7 @@ def finish(problem: Problem, fit: Fit, seconds: float, wider: tuple[Problem, Fit
     """A least-squares fit as a Calibration: values, intervals, what is not determined.
 
     wider: a fit of the same parameters and of others beside, from which the intervals are taken, of those whose law jumps by
-    resampling too; each is extended to hold the value. Where efforts are compared it is extended to hold as much around the
+    resampling too; each is extended to hold the value, and those of fits that are as likely with shares at 0 and 1. Where efforts are compared it is extended to hold as much around the
     value: masses that an unloaded log fixed and masses that are estimated again give two values of a load, and neither is known
     better than to this half-width.
     """
@@ -199,6 +200,10 @@ def finish(problem: Problem, fit: Fit, seconds: float, wider: tuple[Problem, Fit
     jumps = np.zeros(len(wanted), bool) if around.jumps is None else around.jumps & wanted & inside
     below, above = with_jumps(judge, around.x, uncertainty.half_width, jumps)
     low, high, widest = judge.values(around.x - below), judge.values(around.x + above), np.maximum(below, above)
+    if wider is not None:
+        likely = fits_at_bounds(judge, around)
+        low = np.min([low, *judge.values(likely - below)], axis=0)
+        high = np.max([high, *judge.values(likely + above)], axis=0)
     if wider is not None and problem.signals.by_effort:
         around_value = around.x.copy()
         around_value[[place[row.name] for row in problem.rows]] = fit.x

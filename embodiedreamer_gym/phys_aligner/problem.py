@@ -115,6 +115,11 @@ class Problem:
         """Values of scaled parameters (..., m)."""
         return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, x, 0.0)), x * self._size)
 
+    def times(self, x: np.ndarray, factor: float, rows: np.ndarray) -> np.ndarray:
+        """Scaled parameters x (m,) with the values of rows (m,) bool times a factor, inside their bounds."""
+        scaled = np.where(self.logarithmic, x + np.log(factor), x * factor)
+        return np.clip(np.where(rows, scaled, x), self.lower, self.upper)
+
     def sets(self, x: np.ndarray) -> dict[ParameterKey, np.ndarray]:
         """Parameter sets (P, joints or arms) by group, for the simulation, of scaled parameters (P, m)."""
         values = self.values(np.atleast_2d(x))

@@ -69,7 +69,7 @@ def _effort_start(problem: Problem) -> np.ndarray:
             found = start_values(*terms[j], scale[j], model.rotor_inertia[j] if known[0] else None)
             values[i] = np.clip(found[keys.index(row.key.group)], row.low, row.high)
     points = np.stack([problem.start, np.clip(problem.scale(values), problem.lower, problem.upper)])
-    return recombine(problem, points, problem.joint_rms(problem.residuals(points)) ** 2)
+    return best_by_joint(problem, points)
 
 
 def piecewise_start(problem: Problem, starts: Sequence[np.ndarray]) -> np.ndarray:
@@ -96,6 +96,12 @@ def piecewise_start(problem: Problem, starts: Sequence[np.ndarray]) -> np.ndarra
     costs = [cost_of(problem, x, r) for x, r in zip(choices, residuals, strict=True)]
     problem.rollouts += short.rollouts
     return choices[int(np.argmin(costs))]
+
+
+def best_by_joint(problem: Problem, points: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
+    """Parameters (m,) that take for each joint those of the point (m,) with the least error there, see `recombine`."""
+    stacked = np.asarray(points)
+    return recombine(problem, stacked, problem.joint_rms(problem.residuals(stacked)) ** 2)
 
 
 def recombine(problem: Problem, points: np.ndarray, chi2: np.ndarray) -> np.ndarray:

@@ -1,0 +1,61 @@
+"""Shares in a law, as the jump at the edge of a dead zone: laws in use often have none of it, or all.
+
+A wide dead zone with some jump does nearly what a narrower one does without, so that their likelihoods differ little over a
+long valley with many small ones in it, which no derivative shows.
+"""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+
+from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
+from embodiedreamer_gym.phys_aligner.problem import Problem
+from embodiedreamer_gym.phys_aligner.starts import best_by_joint, joint_of_rows
+from embodiedreamer_gym.robot import ParameterKey
+
+ITERATIONS, TOLERANCE = 6, 1e-4
+REJECTED = 1.92  # fall of the logarithm of the likelihood from which a value is outside a 95 % interval
+SIZES = np.geomspace(0.5, 2.0, 5)  # of the effect where a share is moved, relative to those of a fit
+
+
+def share_rows(problem: Problem) -> np.ndarray:
+    """Which parameters (m,) are shapes between 0 and 1."""
+    keys = {
+        ParameterKey(p.name, e.name) for e in problem.model.effects for p in e.parameters
+        if p.shape and (p.low, p.high, p.unit) == (0.0, 1.0, "1")
+    }  # fmt: skip
+    return np.array([row.key.group in keys for row in problem.rows], bool)
+
+
+def at_bounds(problem: Problem, x: np.ndarray, shares: np.ndarray) -> list[np.ndarray]:
+    """The parameters x (m,) with shares (m,) bool at 0 and at 1, each joint with the size of the effect that suits it best."""
+    effects = {problem.rows[i].key.effect for i in np.flatnonzero(shares)}
+    sizes = np.array([row.key.effect in effects for row in problem.rows]) & ~shares
+    starts = []
+    for bound in (problem.lower, problem.upper):
+        moved = np.where(shares, bound, x)
+        starts.append(best_by_joint(problem, [problem.times(moved, factor, sizes) for factor in SIZES]))
+    return starts
+
+
+def fits_at_bounds(problem: Problem, fit: Fit) -> np.ndarray:
+    """Parameters (K, m) of fits with shares held at 0 and at 1, which intervals have to hold too; those of the fit elsewhere.
+
+    That is where the likelihood of a joint's residuals falls too much. K is 0 without shares.
+    """
+    shares = share_rows(problem)
+    if not shares.any():
+        return np.empty((0, len(fit.x)))
+    log_chi2, count = np.log1p(problem.joint_rms(fit.residuals)[0] ** 2), problem.joint_counts
+    found = []
+    for start in at_bounds(problem, fit.x, shares):
+        held = copy.copy(problem)
+        held.lower, held.upper = (np.where(shares, start, bound) for bound in (problem.lower, problem.upper))
+        other = minimise(held, start, ITERATIONS, TOLERANCE, derivatives=False)
+        problem.rollouts = held.rollouts
+        rise = np.log1p(problem.joint_rms(other.residuals)[0] ** 2) - log_chi2
+        likely = rise * count * problem.independent <= REJECTED
+        found.append(np.where(likely[joint_of_rows(problem)], other.x, fit.x))
+    return np.stack(found)
