@@ -57,6 +57,7 @@ SEEDS = {
     "sealed_7": 8252670,
     "sealed_8": 9859207,
     "sealed_9": 2472138,
+    "sealed_10": 5971997,
 }
 # Beside the URDF's errors an offset of each joint's effort is estimated, which a bias is, alone or in a direction-dependent friction.
 BESIDE_OFFSETS = tuple(name for name in IN_EFFORT if name not in ("torque_bias", "direction_dependent_friction"))
