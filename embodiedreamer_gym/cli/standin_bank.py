@@ -10,6 +10,7 @@ EVERY = 25  # control steps per picture: the robot in many poses, from few pictu
     o.out_file("FILE.npz", "bank"),
     o.option("--films", "DIR", "folder of the rendered images (default: FILE_films)", None, o.output_folder),
     o.option("--episodes", "N", "episodes per task", 8, o.COUNT),
+    o.option("--moving", "NAME", "cameras that move with the robot: left_wrist, right_wrist", [], nargs="+"),
     o.option("--appearance", "A", "lab, or the seed of a random one", "lab"),
     o.SEED,
     o.option("--samples", "N", "light paths per pixel", 4, o.COUNT),
@@ -30,7 +31,9 @@ def run(a, progress):
         raise EmbodieDreamerError("a bank shows one bench; give --appearance lab, or a number that draws one.")
     folder = a.out.with_name(f"{a.out.stem}_films") if a.films is None else a.films
     size = read_size(a.size)
-    films = [FilmSettings(task, a.appearance, size, a.seed, None, EVERY, a.samples) for task in TASKS]
+    films = [
+        FilmSettings(task, a.appearance, size, a.seed, None, EVERY, a.samples, ("head", *a.moving)) for task in TASKS
+    ]
     film_episodes(films, a.episodes, folder, a.jobs, a.blender, progress)
     a.episodes, a.more = [folder], []
     return vis.bank.run(a, progress)

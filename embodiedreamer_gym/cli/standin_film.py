@@ -15,6 +15,7 @@ from embodiedreamer_gym.cli import options as o
     ),
     o.option("--every", "K", "control steps per image", 1, o.COUNT),
     o.option("--samples", "N", "light paths per pixel", 4, o.COUNT),
+    o.option("--camera", "NAME", "cameras: head, left_wrist, right_wrist", ["head"], nargs="+"),
     o.option("--blender", "PYTHON", "interpreter with bpy (default: this one, else $EMBODIEDREAMER_BLENDER)"),
     o.SHARD,
     o.ALL_JOBS,
@@ -28,7 +29,7 @@ def run(a, progress):
     from embodiedreamer_gym.standin.film.settings import FilmSettings
 
     tasks = list(TASKS) if a.task == ["all"] else [name.removesuffix("-v0") for name in a.task]
-    more = (a.appearance, read_size(a.size), a.seed, a.frames, a.every, a.samples)
+    more = (a.appearance, read_size(a.size), a.seed, a.frames, a.every, a.samples, tuple(a.camera))
     films = [FilmSettings(task, *more) for task in dict.fromkeys(tasks)]
     paths = film_episodes(films, a.episodes, a.out, a.jobs, a.blender, progress, shard=a.shard)
     return f"{len(paths)} episodes in {a.out}"

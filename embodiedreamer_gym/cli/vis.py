@@ -13,6 +13,7 @@ COMPUTING = (
     o.option("--bf16", None, "svd: compute in bfloat16"),
     o.option("--decode-chunk-size", "N", "svd: images decoded at once (default: 8)", None, o.COUNT),
 )
+CAMERA = o.option("--camera", "NAME", "camera of the episodes", "head")
 BANK = o.option("--bank", "B", "bank of reference photos: lab, or a file")
 TRAINING = (
     o.out_folder("output folder: model and checkpoint; an interrupted run resumes"),
@@ -75,6 +76,7 @@ def _fit(a, load, share: float, progress) -> str | None:
     *ALIGNER,
     *COMPUTING,
     BANK,
+    CAMERA,
     o.option("--chunks", "N", "chunks per episode (default: all)", None, o.COUNT),
     o.JSON,
     o.option("--strips", "DIR", "write an image strip of each episode", None, o.output_folder),
@@ -87,10 +89,10 @@ def evaluate(a, progress):
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
     from embodiedreamer_gym.vis_aligner.held_out import evaluate_aligner, tables
 
-    aligner, results, bench = _aligner(a), [], _bench(a)
-    episodes = load_episodes(a.episodes)
+    aligner, results, bank = _aligner(a), [], _bank(a)
+    episodes = load_episodes(a.episodes, a.camera)
     for number, episode in enumerate(episodes):
-        results.append(evaluate_aligner(aligner, episode, a.chunks, bench))
+        results.append(evaluate_aligner(aligner, episode, a.chunks, _bench(bank, episode)))
         psnr = results[-1].measures["closed loop"]["psnr"]
         progress("episodes evaluated", number + 1, len(episodes), PSNR=f"{psnr:.1f} dB")
         if a.strips is not None:
@@ -108,7 +110,7 @@ def evaluate(a, progress):
     return o.Result(tables(results), {"aligner": repr(aligner), "episodes": rows})
 
 
-@o.verb(EPISODES, *ALIGNER, *COMPUTING, BANK, o.out_file("FILE.mp4", "video"), o.QUIET)
+@o.verb(EPISODES, *ALIGNER, *COMPUTING, BANK, CAMERA, o.out_file("FILE.mp4", "video"), o.QUIET)
 def render(a, progress):
     """Generate the frames of an episode and write them as a video."""
     import numpy as np
@@ -119,13 +121,13 @@ def render(a, progress):
 
     if a.out.suffix != ".mp4":
         raise EmbodieDreamerError(f"{a.out} cannot be written; give a file name.mp4.")
-    episodes = load_episodes(a.episodes)
+    episodes = load_episodes(a.episodes, a.camera)
     if len(episodes) != 1:
         raise EmbodieDreamerError(f"vis render takes one episode, not {len(episodes)}.")
     one = episodes[0]
     aligner = _aligner(a)
     progress(f"{len(one)} frames")
-    frames, _ = generate(aligner, [one.references(0, _bench(a))], [one.condition.part(1, len(one))])
+    frames, _ = generate(aligner, [one.references(0, _bench(_bank(a), one))], [one.condition.part(1, len(one))])
     write_video(np.concatenate([one.frames[:1], frames[0]]), a.out)
     return a.out
 
@@ -134,6 +136,13 @@ def render(a, progress):
     EPISODES,
     o.option(
         "--more", "EPISODES", "further episodes of the same bench; any of their frames may be used", [], nargs="+"
+    ),
+    o.option(
+        "--moving",
+        "NAME",
+        "cameras of the episodes that move with the robot, for instance on its wrists",
+        [],
+        nargs="+",
     ),
     o.out_file("FILE.npz", "bank"),
     o.QUIET,
@@ -146,15 +155,21 @@ def bank(a, progress):
     paths = expand(a.episodes)
     scenes = [load_scene(path) for path in paths]
     more = load_episodes(a.more) if a.more else []
-    made = make_bank([load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes], more)
+    moving = [one for camera in a.moving for one in load_episodes([*a.episodes, *a.more], camera)]
+    made = make_bank([load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes], more, moving)
     save_bank(made, a.out)
     return f"{a.out}: {made!r}"
 
 
-def _bench(a):
+def _bank(a):
     from embodiedreamer_gym.vis_aligner import load_bank
 
-    return None if a.bank is None else load_bank(a.bank).bench
+    return None if a.bank is None else load_bank(a.bank)
+
+
+def _bench(bank, episode):
+    """What a bank knows of the bench by the camera of an episode."""
+    return None if bank is None else bank.moving if episode.condition.moving_camera else bank.bench
 
 
 def _aligner(a, device: str | None = None):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.engines.frame import Frame
+from embodiedreamer_gym.engines.frame import Frame, with_surroundings
 from embodiedreamer_gym.engines.plant import Plant
 from embodiedreamer_gym.engines.prop import Prop
 from embodiedreamer_gym.errors import SimulationError
@@ -140,6 +140,13 @@ class Engine(ABC):
     def tip(self, arm: int) -> Pose:
         """Where the end effector of an arm is."""
         return self.link_pose(self.model.arms[arm])
+
+    def around(self, frame: Frame, camera: Camera, size: tuple[int, int]) -> Frame:
+        """A frame in which table and background are parts too where the camera moves."""
+        if camera.link is None:
+            return frame
+        links = len(self.part_names) - len(self.settings.props)
+        return with_surroundings(frame, links, camera.matrix(size), *camera.pose(self.mount(camera)))
 
     def mount(self, camera: Camera) -> tuple[np.ndarray, np.ndarray] | None:
         """Position and quaternion of the link that carries a camera; None for one that stands in the world."""

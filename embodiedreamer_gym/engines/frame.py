@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,8 @@ class Frame:
     rgb: (H, W, 3) uint8.
     depth: (H, W) float32, m along the optical axis; the camera's `far` where nothing is.
     segmentation: (H, W) uint8, class numbers; 0 is the background.
-    parts: (H, W) uint8, number of the rigid part, from 1; 0 elsewhere.
+    parts: (H, W) uint8, number of the rigid part, from 1; 0 elsewhere. To a camera that moves with a link, table and background
+    are two parts more, after the robot's links and before the props.
     projections: (L, 3, 4) float32 of the L parts: (u, v, 1) depth = projection (x, y, z, 1), from m in the part's frame
     to pixels.
     hulls: (L, P, 3) float32, points of each part's convex hull, m in its frame; all zero for a part without a shape; none
@@ -45,6 +46,25 @@ def stacked(frames: Sequence[Frame]) -> dict[str, np.ndarray]:
     rows = [frame.as_dict() for frame in frames]
     data = {key: np.stack([row[key] for row in rows]) for key in rows[0] if key != "hulls"}
     return data | ({"hulls": frames[0].hulls} if len(frames[0].hulls) else {})
+
+
+def with_surroundings(frame: Frame, links: int, matrix: np.ndarray, camera_position: np.ndarray,
+                      camera_axes: np.ndarray) -> Frame:  # fmt: skip
+    """A frame of a camera that moves, to which table and background are parts too: they follow the first `links` parts.
+
+    The background counts as infinitely far, so that turning the camera moves it in the picture and carrying it does not.
+    Arguments as of `projections`.
+    """
+    world = projections(matrix, camera_position, camera_axes, [(np.zeros(3), np.eye(3))])
+    far = world * np.array([1, 1, 1, 0], np.float32)
+    parts = np.where(frame.parts > links, frame.parts + 2, frame.parts)
+    around = (frame.parts == 0) & (frame.segmentation <= 1)
+    parts[around] = np.where(frame.segmentation[around] == 1, links + 1, links + 2)
+    hulls = frame.hulls
+    if len(hulls):
+        hulls = np.insert(hulls, [links, links], 0.0, axis=0)
+    shown = np.concatenate([frame.projections[:links], world, far, frame.projections[links:]])
+    return replace(frame, parts=parts.astype(np.uint8), projections=shown, hulls=hulls)
 
 
 def projections(matrix: np.ndarray, camera_position: np.ndarray, camera_axes: np.ndarray,

@@ -27,7 +27,6 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.vis_aligner import load_bank
 from embodiedreamer_gym.vis_aligner.condition import OBJECT
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
-from embodiedreamer_gym.wrappers.generated_frames import first
 from embodiedreamer_gym.wrappers.vis_aligner import conditions
 
 CAMERA = "head"
@@ -71,7 +70,7 @@ def draw_scenes(task: str, count: int, bank: str | None = "lab", robot: str = "a
             if photos is not None:
                 grain = photos.bench.grain if photos.bench is not None and photos.bench.grain else 0.0
                 noise = np.random.default_rng(number).normal(0.0, grain, picture.shape)
-                picture = np.clip(np.round(first(photos, seen, None).last + noise), 0, 255).astype(np.uint8)
+                picture = np.clip(np.round(photos.start(seen).last + noise), 0, 255).astype(np.uint8)
             pictures.append(picture)
             masks.append(np.where(seen.classes[0] >= OBJECT, seen.classes[0] - (OBJECT - 1), 0).astype(np.uint8))
             progress_or_silence(progress)("scenes", number + 1, count)

@@ -20,7 +20,6 @@ from embodiedreamer_gym.recordings.episodes.aloha import AlohaEpisodes
 from embodiedreamer_gym.recordings.hdf5 import read_settings
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, References, generate, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.editing import ReferenceEditor, describe, draws_of, edited, masks_of
-from embodiedreamer_gym.wrappers.generated_frames import first
 
 RECIPE = 2  # to be raised with whatever changes the episodes of the same settings
 ABOUT = "augmentation"  # the attribute that tells how an episode was made
@@ -142,7 +141,7 @@ def _painted(work: _Work, played: Played) -> References:
     """References of a first frame that is painted from photos."""
     if work.bank is None:
         raise RecordingError("there is neither a bank nor a first frame to start from.")
-    return first(work.bank.of(played.names[3:]), played.condition, None)
+    return work.bank.of(played.names[3:]).start(played.condition)
 
 
 def _write(work: _Work, source: Source, copy: int, played: Played, start: References) -> None:

@@ -12,8 +12,10 @@ import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.bench import bench_of, make_bench
-from embodiedreamer_gym.vis_aligner.clip import Bench, Episode
+from embodiedreamer_gym.vis_aligner.clip import Bench, Episode, References
 from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, OBJECT, ROBOT, Condition
+from embodiedreamer_gym.vis_aligner.moving_bench import make_moving_bench
+from embodiedreamer_gym.vis_aligner.moving_view import compose_view
 
 MARGIN = 0.06  # of the width: how far around an object its shadow is copied with it
 SLENDER = 1.5  # ratio of an outline's axes from which it is turned, not only stretched
@@ -49,12 +51,15 @@ class Entry:
 @dataclass(frozen=True, eq=False)
 class Bank:
     """plate (H, W, 3) uint8: the bench without objects, the robot at rest; entries: photos with objects; bench:
-    what else is known of it, where that was made.
+    what else is known of it, where that was made; moving: what is known of it by cameras that move, the like; props: names of
+    the objects in a scene, see `of`.
     """
 
     plate: Array
     entries: tuple[Entry, ...]
     bench: Bench | None = None
+    moving: Bench | None = None
+    props: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.entries:
@@ -85,7 +90,16 @@ class Bank:
                 f"no photo of the bank shows {' and '.join(props)}; there are photos of {'; '.join(shown)}. Make a bank of "
                 "your own with `embodiedreamer vis bank`."
             )
-        return replace(self, entries=fitting)
+        return replace(self, entries=fitting, props=tuple(props))
+
+    def start(self, condition: Condition, entry: Entry | None = None) -> References:
+        """References of an episode's beginning: a photo, or a picture composed from photos.
+
+        Raises: VisionError where the bank does not know such a camera.
+        """
+        frame = entry.frame if entry is not None and not condition.moving_camera else self.compose(condition)
+        bench = self.moving if condition.moving_camera else self.bench
+        return References.start(frame, condition.part(0, 1), bench, (*CLASS_NAMES[:OBJECT], *self.props))
 
     def entry(self, number: int) -> Entry:
         """Photo number 0, 1, ...
@@ -101,12 +115,18 @@ class Bank:
 
         Each object gets the appearance of the photo in which it stood nearest, moved and turned into its mask, and its
         shadow around it.
-        Raises: VisionError when the sizes differ.
+        Raises: VisionError when the sizes differ, or the bank knows no camera that moves.
         """
         if condition.size != self.size:
             raise VisionError(
                 f"the bank's photos are {self.size}, the simulated frames {condition.size}; they must agree."
             )
+        if condition.moving_camera:
+            if self.moving is None:
+                raise VisionError(
+                    "the bank has no photos by a camera that moves; make it again with `embodiedreamer vis bank --moving`."
+                )
+            return compose_view(self.moving, condition, (*CLASS_NAMES[:OBJECT], *self.props))
         picture, classes = self.plate.astype(np.float32), condition.classes[0]
         for number in sorted(set(np.unique(classes[classes >= OBJECT]).tolist()), reverse=True):  # what lies flat first
             mask = classes == number
@@ -157,12 +177,13 @@ class Bank:
 
 
 def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] | None] = (),
-              joints: Sequence[Array | None] = (), more: Sequence[Episode] = ()) -> Bank:  # fmt: skip
+              joints: Sequence[Array | None] = (), more: Sequence[Episode] = (),
+              moving: Sequence[Episode] = ()) -> Bank:  # fmt: skip
     """A bank of the first frames of episodes that begin with the robot in one pose.
 
     The plate is the median of what table and background look like where no object is, and the robot of the first frames;
     poses, joints: of the props and the robot at the first frames, where known; more: episodes of the same bench that begin
-    anywhere, to know more of it.
+    anywhere, to know more of it; moving: episodes of the same bench by cameras that move with the robot.
     Raises: VisionError without an episode, or where sizes differ.
     """
     if not episodes:
@@ -183,7 +204,7 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
         Entry(frame, seen, joints[i] if joints else None, poses[i] if poses else None, episodes[i].class_names[OBJECT:])
         for i, (frame, seen) in enumerate(zip(firsts, classes, strict=True))
     ]
-    return Bank(filled, tuple(entries), bench)
+    return Bank(filled, tuple(entries), bench, make_moving_bench(moving) if moving else None)
 
 
 def _by_place(episodes: Sequence[Episode], more: Sequence[Episode]) -> tuple[list[Episode], list[Episode]]:

@@ -7,6 +7,7 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from embodiedreamer_gym.vis_aligner.clip import Bench, Gallery
 from embodiedreamer_gym.vis_aligner.condition import Condition
 from embodiedreamer_gym.vis_aligner.light import Light
 from embodiedreamer_gym.vis_aligner.shadows import Plane
+from embodiedreamer_gym.vis_aligner.table_atlas import TableAtlas
 
 VERSION = 2  # of the files; since 2 a bench may have a light, and then its picture shows no shadow on the table
 MOST_LIGHTS = 1000
@@ -34,16 +36,26 @@ def save_bank(bank: Bank, path: str | Path) -> None:
         "classes": np.stack([e.classes for e in bank.entries]), "props": np.array(["\n".join(e.props) for e in bank.entries]),
     }  # fmt: skip
     if bank.bench is not None:
-        data |= {"bench": bank.bench.picture, "bench.seen": bank.bench.seen}
-        if bank.bench.gallery is not None:
-            seen = vars(bank.bench.gallery.condition)
-            data["gallery"] = bank.bench.gallery.frames
-            data |= {f"gallery.{key}": array for key, array in seen.items() if array is not None}
+        data |= {
+            "bench": bank.bench.picture,
+            "bench.seen": bank.bench.seen,
+            **_gallery_arrays("gallery", bank.bench.gallery),
+        }
         if bank.bench.grain is not None:
             data["bench.grain"] = np.array(bank.bench.grain)
         if (light := bank.bench.light) is not None:
             data |= {f"light.{key}": getattr(light, key) for key in ("positions", "strengths", "receivers", "matrix")}
             data["light.plane"] = np.append(light.plane.normal, light.plane.offset)
+    if bank.moving is not None:
+        data |= _gallery_arrays("moving", bank.moving.gallery)
+        for name, photos in bank.moving.things.items():
+            data |= _gallery_arrays(f"thing:{name}", photos)
+        if (atlas := bank.moving.atlas) is not None:
+            data |= {
+                "atlas": atlas.picture,
+                "atlas.seen": atlas.seen,
+                "atlas.place": np.append(atlas.corner, atlas.height),
+            }
     if all(e.joints is not None for e in bank.entries):
         data["joints"] = np.stack([np.asarray(e.joints) for e in bank.entries])
     for name in sorted({n for e in bank.entries for n in (e.poses or {})}):
@@ -72,7 +84,7 @@ def load_bank(path: str | Path) -> Bank:
             props = tuple(str(arrays["props"][i]).split("\n"))
             joints = arrays["joints"][i] if "joints" in arrays else None
             entries.append(Entry(frame, classes, joints, poses or None, props))
-        return Bank(plate, tuple(entries), _bench(arrays))
+        return Bank(plate, tuple(entries), _bench(arrays), _moving(arrays))
     except (OSError, LookupError, TypeError, ValueError, AttributeError, EOFError, RuntimeError, zlib.error,
             zipfile.BadZipFile, SyntaxError, tokenize.TokenError) as error:  # fmt: skip
         raise VisionError(f"{path} is no reference bank ({error}); make one with `embodiedreamer vis bank`.") from error
@@ -106,13 +118,45 @@ def _bench(arrays: Mapping[str, Array]) -> Bench | None:
         return None
     if arrays["bench"].shape != arrays["plate"].shape:
         raise ValueError("the bench's picture has another size than the plate")
-    for key in ("bench", "gallery", "gallery.rgb", "gallery.classes", "gallery.parts"):
-        if key in arrays and arrays[key].dtype != np.uint8:
-            raise ValueError(f"{key} is not uint8")
-    seen = {key.removeprefix("gallery."): data for key, data in arrays.items() if key.startswith("gallery.")}
-    gallery = Gallery(arrays["gallery"], Condition(**seen)) if "gallery" in arrays else None
+    if arrays["bench"].dtype != np.uint8:
+        raise ValueError("bench is not uint8")
     grain = float(arrays["bench.grain"]) if "bench.grain" in arrays else None
-    return Bench(arrays["bench"], arrays["bench.seen"].astype(bool), gallery, _light(arrays), grain)
+    seen = arrays["bench.seen"].astype(bool)
+    return Bench(arrays["bench"], seen, _gallery(arrays, "gallery"), _light(arrays), grain)
+
+
+def _moving(arrays: Mapping[str, Array]) -> Bench | None:
+    """What a file knows of the bench by cameras that move."""
+    if "moving" not in arrays and "atlas" not in arrays:
+        return None
+    atlas = None
+    if "atlas" in arrays:
+        x, y, height = arrays["atlas.place"].astype(float)
+        atlas = TableAtlas(arrays["atlas"], arrays["atlas.seen"].astype(bool), np.array([x, y]), float(height))
+    names = [key.removeprefix("thing:") for key in arrays if key.startswith("thing:") and "." not in key]
+    things = {name: photos for name in names if (photos := _gallery(arrays, f"thing:{name}")) is not None}
+    nothing = np.zeros_like(arrays["plate"])
+    return Bench(nothing, nothing[..., 0] > 0, _gallery(arrays, "moving"), atlas=atlas, things=things)
+
+
+def _gallery_arrays(key: str, gallery: Gallery | None) -> dict[str, Array]:
+    """A gallery's arrays under a key; none without one."""
+    if gallery is None:
+        return {}
+    seen = {field.name: getattr(gallery.condition, field.name) for field in fields(gallery.condition)}
+    return {key: gallery.frames} | {f"{key}.{name}": array for name, array in seen.items() if array is not None}
+
+
+def _gallery(arrays: Mapping[str, Array], key: str) -> Gallery | None:
+    """The gallery that a file has under a key; None without one."""
+    if key not in arrays:
+        return None
+    seen = {name.removeprefix(f"{key}."): data for name, data in arrays.items() if name.startswith(f"{key}.")}
+    for name, data in ((key, arrays[key]), *((n, seen[n]) for n in ("rgb", "classes", "parts") if n in seen)):
+        if data.dtype != np.uint8:
+            raise ValueError(f"{name} is not uint8")
+    seen["depth"] = seen["depth"].astype(np.float32)
+    return Gallery(arrays[key], Condition(**seen))
 
 
 def _light(arrays: Mapping[str, Array]) -> Light | None:

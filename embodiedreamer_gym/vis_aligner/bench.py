@@ -141,4 +141,4 @@ def _free(condition: Condition) -> np.ndarray:
     side = 2 * max(1, round(EDGE * condition.size[0])) + 1
     kernel = np.ones((side, side), np.uint8)
     things = (condition.classes >= ROBOT).astype(np.uint8)
-    return np.stack([cv2.dilate(t, kernel) == 0 for t in things])
+    return condition.free & np.stack([cv2.dilate(t, kernel) == 0 for t in things])

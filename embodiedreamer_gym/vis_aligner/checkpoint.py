@@ -15,6 +15,7 @@ from embodiedreamer_gym.vis_aligner.bank import Bank
 from embodiedreamer_gym.vis_aligner.bank_files import load_bank as read_bank
 from embodiedreamer_gym.vis_aligner.lean import Lean, LeanConfig
 from embodiedreamer_gym.vis_aligner.lean_aligner import LeanAligner
+from embodiedreamer_gym.vis_aligner.moving_view import AssembledAligner
 from embodiedreamer_gym.vis_aligner.network_inputs import Inputs
 from embodiedreamer_gym.vis_aligner.svd_aligner import SvdSettings
 
@@ -61,13 +62,16 @@ def load_lean(path: str | Path) -> tuple[Lean, int]:
 
 def load_aligner(name: str | Path, steps: int | None = None, seed: int = 0, device: str = "cpu",
                  svd: SvdSettings | None = None) -> Aligner:  # fmt: skip
-    """The aligner "lean" (shipped), of a file, or of a folder with a diffusers model.
+    """The aligner "lean" (shipped), "assembled" (without a network), of a file, or of a folder with a diffusers model.
 
     steps: of diffusion; None for 1 of a lean model, 4 of a diffusers model.
     device: on which networks compute: cpu, cuda, ..., or auto, which is an accelerator where there is one.
     svd: how a diffusers model computes; None for its defaults, and for a lean model, which has no such settings.
     Raises: VisionError where there is none, for a device that is not available, or settings that it does not have.
     """
+    if str(name) == AssembledAligner.name:
+        check_lean(svd, str(name), "no svd")
+        return AssembledAligner()
     path = Path(str(ASSETS / SHIPPED[str(name)])) if str(name) in SHIPPED else Path(name)
     if path.is_dir():
         from embodiedreamer_gym.vis_aligner.svd import load_svd  # needs the extra [svd]
@@ -79,11 +83,11 @@ def load_aligner(name: str | Path, steps: int | None = None, seed: int = 0, devi
     return LeanAligner(network.to(where), chunk, 1 if steps is None else steps, seed, path.stem)
 
 
-def check_lean(svd: SvdSettings | None, name: str) -> None:
-    """Raises: VisionError where a lean model is given settings of a diffusers model."""
+def check_lean(svd: SvdSettings | None, name: str, kind: str = "lean") -> None:
+    """Raises: VisionError where another model than a diffusers one, of some kind, is given that one's settings."""
     if svd is not None:
         raise VisionError(
-            f"bf16, gradient checkpointing and decode_chunk_size are for svd aligners, and {name} is lean; leave them out."
+            f"bf16, gradient checkpointing and decode_chunk_size are for svd aligners, and {name} is {kind}; leave them out."
         )
 
 

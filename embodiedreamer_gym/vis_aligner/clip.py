@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.io.deprecation import renamed_arguments
-from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, ROBOT, Array, Condition, Window, facings
+from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, Array, Condition, Window, facings
 from embodiedreamer_gym.vis_aligner.light import Light, relit, unshaded
+from embodiedreamer_gym.vis_aligner.table_atlas import TableAtlas
 
 MOST_GRAIN = 64.0  # of 255
 
@@ -55,7 +57,8 @@ class Bench:
 
     picture (H, W, 3) uint8: what is behind robot and objects; seen (H, W) bool: where that is known; gallery: photos of the
     robot in other poses; light: where it comes from, and then the picture shows no shadow on the table; grain: standard
-    deviation of the sensor's noise, of 255.
+    deviation of the sensor's noise, of 255; atlas: the table, for a camera that moves; things: photos of each object, by its
+    name, each with the object as its only part.
 
     Raises: VisionError where the sizes differ.
     """
@@ -65,6 +68,8 @@ class Bench:
     gallery: Gallery | None = None
     light: Light | None = None
     grain: float | None = None
+    atlas: TableAtlas | None = None
+    things: Mapping[str, Gallery] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.grain is not None and not 0 <= self.grain <= MOST_GRAIN:
@@ -92,6 +97,10 @@ class Bench:
         """A condition with its shade, where the light is known."""
         return condition if self.light is None else self.light.on(condition)
 
+    def photos_of(self, class_names: Sequence[str]) -> dict[int, Gallery]:
+        """Photos of the objects by the numbers that their classes have; those that are not known are left out."""
+        return {number: self.things[name] for number, name in enumerate(class_names) if name in self.things}
+
 
 @dataclass(frozen=True, eq=False)
 class References:
@@ -100,7 +109,8 @@ class References:
     last, anchor (H, W, 3) uint8; last_condition, anchor_condition: the simulator's view at those instants (T = 1); plate
     (H, W, 3) uint8: the newest picture of table and background, where they were ever seen; seen (H, W) bool: where;
     gallery: true pictures of the robot in other poses; light: of the bench, and then the plate shows no shadow on the table,
-    and the views have their shade.
+    and the views have their shade; atlas: the table, for a camera that moves; things: photos of the objects, by the numbers
+    of their classes.
     The anchor is the true first frame and is never replaced.
     """
 
@@ -112,11 +122,15 @@ class References:
     seen: Array
     gallery: Gallery | None = None
     light: Light | None = None
+    atlas: TableAtlas | None = None
+    things: Mapping[int, Gallery] = field(default_factory=dict)
 
     @staticmethod
-    def start(frame: Array, condition: Condition, bench: Bench | None = None) -> References:
+    def start(
+        frame: Array, condition: Condition, bench: Bench | None = None, class_names: Sequence[str] = ()
+    ) -> References:
         """References of an episode's first frame (H, W, 3) and the simulator's view of it; bench: what is known
-        of it beforehand.
+        of it beforehand; class_names: what the classes' numbers mean, by which the bench knows the objects.
 
         Raises: VisionError when the sizes differ.
         """
@@ -125,14 +139,14 @@ class References:
             raise VisionError(
                 f"the reference must be ({height}, {width}, 3) uint8 as the simulated frames, not {frame.shape} {frame.dtype}."
             )
-        free = condition.classes[-1] < ROBOT
+        free = condition.free[-1]
         first = condition.part(len(condition) - 1, len(condition))
         if bench is None:
             return References(frame, first, frame, first, np.where(free[..., None], frame, 0).astype(np.uint8), free)
         first = bench.lit(first)
         plate = np.where(free[..., None], unshaded(frame, first), 0).astype(np.uint8)
         plate, seen = bench.over(plate, free)
-        return References(frame, first, frame, first, plate, seen, bench.gallery, bench.light)
+        return References(frame, first, frame, first, plate, seen, **_known(bench, class_names))
 
     def lit(self, condition: Condition) -> Condition:
         """A condition with its shade, where the light is known."""
@@ -141,8 +155,8 @@ class References:
     def after(self, frames: Array, condition: Condition) -> References:
         """References once frames (T, H, W, 3) have been shown: what they uncovered is kept, what was seen is not redrawn."""
         plate, seen = self.plate, self.seen
-        for number, (frame, classes) in enumerate(zip(frames, condition.classes, strict=True)):
-            new = ~seen & (classes < ROBOT)
+        for number, (frame, free) in enumerate(zip(frames, condition.free, strict=True)):
+            new = ~seen & free
             if new.any():
                 shown = unshaded(frame, self.lit(condition.part(number, number + 1)))
                 plate, seen = np.where(new[..., None], shown, plate), seen | new
@@ -158,7 +172,8 @@ class References:
         """The part of everything in a window."""
         pictures = (self.last[window], self.last_condition.crop(window), self.anchor[window])
         anchored = self.anchor_condition.crop(window)
-        return References(*pictures, anchored, self.plate[window], self.seen[window], self.gallery, self.light)
+        known = (self.gallery, self.light, self.atlas, self.things)
+        return References(*pictures, anchored, self.plate[window], self.seen[window], *known)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -206,7 +221,7 @@ class Episode:
     @cached_property
     def first_seen(self) -> Array:
         """The first frame (H, W) in which table or background shows at a pixel; T where none does."""
-        free = self.condition.classes < ROBOT
+        free = self.condition.free
         return np.where(free.any(axis=0), free.argmax(axis=0), len(self))
 
     def lit(self, bench: Bench | None) -> Episode:
@@ -230,5 +245,11 @@ class Episode:
         if bench is not None:
             plate, seen = bench.over(plate, seen)
         part = self.condition.part
-        known = (None, None) if bench is None else (bench.gallery, bench.light)
-        return References(self.frames[at], part(at, at + 1), self.frames[0], part(0, 1), plate, seen, *known)
+        known = {} if bench is None else _known(bench, self.class_names)
+        return References(self.frames[at], part(at, at + 1), self.frames[0], part(0, 1), plate, seen, **known)
+
+
+def _known(bench: Bench, class_names: Sequence[str]) -> dict[str, Any]:
+    """What references take over from a bench beside its plate."""
+    return {"gallery": bench.gallery, "light": bench.light, "atlas": bench.atlas,
+            "things": bench.photos_of(class_names)}  # fmt: skip

@@ -71,6 +71,17 @@ class Condition:
         """Width and height."""
         return self.rgb.shape[2], self.rgb.shape[1]
 
+    @property
+    def free(self) -> Array:
+        """Pixels (T, H, W) of table and background of a camera that stands; to one that moves they are parts."""
+        around = self.classes < ROBOT
+        return around if self.parts is None else around & (self.parts == 0)
+
+    @property
+    def moving_camera(self) -> bool:
+        """Whether the camera moves, so that table and background are parts."""
+        return self.parts is not None and bool((self.parts[self.classes < ROBOT] > 0).any())
+
     def part(self, start: int, end: int) -> Condition:
         """Frames start .. end - 1."""
         return self._cut(slice(start, end), WHOLE, self.projections)
@@ -97,6 +108,15 @@ class Condition:
             name: None if any(x is None for x in arrays) else np.concatenate(arrays) for name, arrays in fields.items()
         }
         return Condition(hulls=clips[0].hulls, **joined)
+
+    def only(self, number: int) -> Condition | None:
+        """The condition with the object of a class as its only part; None where it does not show or is no part."""
+        of_object = self.classes == number
+        found = np.unique(np.asarray(self.parts)[of_object]) if self.parts is not None else np.zeros(1, np.uint8)
+        if len(found) != 1 or not found[0]:
+            return None
+        shown = np.asarray(self.projections)[:, int(found[0]) - 1][:, None]
+        return replace(self, parts=of_object.astype(np.uint8), projections=shown, hulls=None)
 
     def without_parts(self, smallest: int = 0) -> Condition:
         """The condition with nothing known of the rigid parts of this class and those above it."""

@@ -48,16 +48,21 @@ class Change:
 
         A pixel is filled where its point of the part was in view.
         """
-        out = _nothing(self.condition)
+        out = nothing(self.condition)
         if self.before.projections is not None:
             numbers = np.zeros(self.before.projections.shape[1], int)
-            _fill(picture[None], self.before, self.before.projections[0], numbers, self.condition, self.moved, out)
+            fill_parts(picture[None], self.before, self.before.projections[0], numbers, self.condition, self.moved, out)
         return out
 
 
-def reproject_gallery(gallery: Gallery | None, condition: Condition) -> Reprojected:
-    """Colours of the robot's parts, each from the photo of a gallery that shows it most nearly from the same side."""
-    out = _nothing(condition)
+def reproject_gallery(
+    gallery: Gallery | None, condition: Condition, where: np.ndarray | None = None, choices: int = CHOICES
+) -> Reprojected:
+    """Colours of the robot's parts, each from the photo of a gallery that shows it most nearly from the same side.
+
+    where (T, H, W) bool: pixels that are looked for; None for all. choices: photos that are tried for each part.
+    """
+    out = nothing(condition)
     if gallery is None or condition.parts is None or gallery.condition.projections is None:
         return out
     now = facings(condition).mean(axis=0)[: gallery.condition.projections.shape[1]]
@@ -65,16 +70,17 @@ def reproject_gallery(gallery: Gallery | None, condition: Condition) -> Reprojec
     alike = np.einsum("klc,lc->kl", gallery.facings[:, :count], now)
     alike[gallery.visible[:, :count] < FEWEST] = -np.inf
     order = np.argsort(-alike, axis=0, kind="stable")
-    for numbers in order[:CHOICES]:
+    for numbers in order[:choices]:
         usable = np.isfinite(alike[numbers, np.arange(count)])
         wanted = _of_parts(np.broadcast_to(usable, (len(condition), count)), condition.parts) & ~out[1]
+        wanted = wanted if where is None else wanted & where
         projections = gallery.condition.projections[numbers, np.arange(count)]
-        _fill(gallery.frames, gallery.condition, projections, numbers, condition, wanted, out)
+        fill_parts(gallery.frames, gallery.condition, projections, numbers, condition, wanted, out)
     return out
 
 
-def _fill(pictures: np.ndarray, before: Condition, projections: np.ndarray, numbers: np.ndarray, condition: Condition,
-          wanted: np.ndarray, out: Reprojected) -> None:  # fmt: skip
+def fill_parts(pictures: np.ndarray, before: Condition, projections: np.ndarray, numbers: np.ndarray, condition: Condition,
+               wanted: np.ndarray, out: Reprojected) -> None:  # fmt: skip
     """Fill in the colours of wanted pixels (T, H, W).
 
     pictures (K, H, W, 3) and before (K frames): of which each part (L) is looked for in the one of its number, where it has
@@ -114,7 +120,8 @@ def _sampled(pictures: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.concatenate(taken)[:, 0]
 
 
-def _nothing(condition: Condition) -> Reprojected:
+def nothing(condition: Condition) -> Reprojected:
+    """Colours of no pixel of a condition."""
     return np.zeros(condition.rgb.shape, np.uint8), np.zeros(condition.classes.shape, bool)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -31,10 +32,11 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
     info["clip"]: with a camera, what it saw after every n-th action and the last, F = ceil(k / every) times, padded with
     the last: rgb (F, H, W, 3) uint8, depth (F, H, W) m, classes (F, H, W), parts (F, H, W), projections (F, L, 3, 4), hulls
     (L, P, 3), see `Frame`.
+    info["clips"]: the like by the name of each of several cameras, instead of info["clip"].
     info["filmed"]: how many of the F frames are new, 0 after a reset.
 
     k: actions of a chunk.
-    camera: name of a camera, or None.
+    camera: name of a camera, names of several, or None.
     size: its picture's width and height, pixels; the environment's own where None.
     every: n.
     Raises: SimulationError for k or n below 1, an action space that is no box, a camera of an environment without `capture`, or
@@ -42,8 +44,9 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """
 
     def __init__(
-        self, env: gym.Env, k: int = 8, camera: str | None = None, size: tuple[int, int] | None = None, every: int = 1
-    ) -> None:
+        self, env: gym.Env, k: int = 8, camera: str | Sequence[str] | None = None, size: tuple[int, int] | None = None,
+        every: int = 1,
+    ) -> None:  # fmt: skip
         gym.Wrapper.__init__(self, env)
         for text, count in (("a chunk has k = 1 or more actions", k), ("the camera films every n = 1 or more", every)):
             if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
@@ -51,17 +54,15 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         one = env.action_space
         if not isinstance(one, spaces.Box):
             raise SimulationError(f"ActionChunk takes actions that are arrays, not a {type(one).__name__}.")
-        if camera is not None:
-            _check_capture(env, camera)
-        self.k, self.every, self.camera = int(k), int(every), camera
+        self.k, self.every, self.cameras = int(k), int(every), _cameras(env, camera)
         inner = chunks_inside(env)
         self._chunked = inner is not None
-        if inner is not None and (inner.k != self.k or camera is not None):
+        if inner is not None and (inner.k != self.k or self.cameras):
             raise SimulationError(
                 f"the actions are chunks of {inner.k} already; leave this ActionChunk out, or give k={inner.k} and no camera."
             )
         self.size = None if size is None else check_size("size", size)
-        gym.utils.RecordConstructorArgs.__init__(self, k=self.k, camera=camera, size=self.size, every=self.every)
+        self._record()
         if self._chunked:
             return
         low, high = (np.repeat(bound[None], self.k, axis=0) for bound in (one.low, one.high))
@@ -72,21 +73,26 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self._limit = env.spec.max_episode_steps if self._inner is not None and env.spec is not None else None
         self._played = 0
 
-    def film(self, camera: str, size: tuple[int, int], every: int | None = None) -> None:
-        """Film with a camera from the next reset on, at a size (width, height), after each n-th action (None: as it is).
+    def film(self, camera: str | Sequence[str], size: tuple[int, int], every: int | None = None) -> None:
+        """Film with a camera, or several, from the next reset on, at a size (width, height), after each n-th action (None: as it is).
 
         Raises: SimulationError where this chunk films something else already.
         """
-        own = self.size or getattr(self.unwrapped, "image_size", None)
-        if self.camera is not None and (self.camera, own, every or self.every) != (camera, tuple(size), self.every):
+        own, wanted = self.size or getattr(self.unwrapped, "image_size", None), _cameras(self.env, camera)
+        if self.cameras and (self.cameras, own, every or self.every) != (wanted, tuple(size), self.every):
             raise SimulationError(
-                f"ActionChunk films {self.camera} at {_text(own)} after every {self.every}, and wanted is {camera} at "
-                f"{_text(size)} after every {every or self.every}; leave camera, size and every of ActionChunk out."
+                f"ActionChunk films {' and '.join(self.cameras)} at {_text(own)} after every {self.every}, and wanted is "
+                f"{' and '.join(wanted)} at {_text(size)} after every {every or self.every}; leave camera, size and every of "
+                "ActionChunk out."
             )
-        if self.camera is None:
-            _check_capture(self.env, camera)
-            self.camera, self.size, self.every = camera, check_size("size", size), every or self.every
-            gym.utils.RecordConstructorArgs.__init__(self, k=self.k, camera=camera, size=self.size, every=self.every)
+        if not self.cameras:
+            self.cameras, self.size, self.every = wanted, check_size("size", size), every or self.every
+            self._record()
+
+    def _record(self) -> None:
+        """Keep the arguments with which Gymnasium makes this wrapper again."""
+        camera = self.cameras if len(self.cameras) > 1 else self.cameras[0] if self.cameras else None
+        gym.utils.RecordConstructorArgs.__init__(self, k=self.k, camera=camera, size=self.size, every=self.every)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; with a camera, info["clip"] is its view of this instant."""
@@ -94,7 +100,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         if self._chunked:
             return observation, info
         self._played = 0
-        return observation, info | self._chunk_info([], [], [self._frame()])
+        return observation, info | self._chunk_info([], [], [self._seen()])
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Play the actions (k, n), up to where the episode ends.
@@ -115,7 +121,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
             successes.append(bool(info.get("is_success", False)))
             over = terminated or truncated
             if over or number == len(action) or number % self.every == 0:
-                frames.append(self._frame())
+                frames.append(self._seen())
             if over:
                 break
         return (
@@ -137,13 +143,14 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         observation, reward, terminated, truncated, info = self._inner.step(action, render=last or cut)
         return observation, reward, terminated, truncated or cut, info
 
-    def _frame(self) -> Frame | None:
-        """What the camera sees at this instant; None without a camera."""
-        if self.camera is None:
-            return None
-        return self.env.unwrapped.capture(self.camera, self.size)  # pyright: ignore[reportAttributeAccessIssue]
+    def _seen(self) -> tuple[Frame, ...]:
+        """What the cameras see at this instant."""
+        capture: Any = getattr(self.env.unwrapped, "capture", None)
+        return tuple(capture(name, self.size) for name in self.cameras)
 
-    def _chunk_info(self, rewards: list[float], successes: list[bool], frames: list[Frame | None]) -> dict[str, Any]:
+    def _chunk_info(
+        self, rewards: list[float], successes: list[bool], frames: list[tuple[Frame, ...]]
+    ) -> dict[str, Any]:
         """The entries of info that describe a chunk."""
         missing = self.k - len(rewards)
         entries: dict[str, Any] = {
@@ -151,10 +158,11 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
             "successes": np.pad(np.array(successes, bool), (0, missing)),
             "steps": len(rewards),
         }
-        if self.camera is not None:
-            seen = [frame for frame in frames if frame is not None]
-            entries["clip"] = stacked(seen + seen[-1:] * (-(-self.k // self.every) - len(seen)))
-            entries["filmed"] = len(seen) if rewards else 0
+        if self.cameras:
+            shown = frames + frames[-1:] * (-(-self.k // self.every) - len(frames))
+            clips = [stacked(clip) for clip in zip(*shown, strict=True)]
+            entries |= {"clip": clips[0]} if len(clips) == 1 else {"clips": dict(zip(self.cameras, clips, strict=True))}
+            entries["filmed"] = len(frames) if rewards else 0
         return entries
 
 
@@ -167,13 +175,18 @@ def chunks_inside(env: gym.Env) -> ActionChunk | None:
     return None
 
 
-def _check_capture(env: gym.Env, camera: str) -> None:
-    """Raises: SimulationError for an environment without ground truth of what its cameras see."""
-    if not callable(getattr(env.unwrapped, "capture", None)):
+def _cameras(env: gym.Env, camera: str | Sequence[str] | None) -> tuple[str, ...]:
+    """Names of cameras, each once.
+
+    Raises: SimulationError for an environment without ground truth of what its cameras see.
+    """
+    names = () if camera is None else (camera,) if isinstance(camera, str) else tuple(dict.fromkeys(camera))
+    if names and not callable(getattr(env.unwrapped, "capture", None)):
         raise SimulationError(
             f"the environment has no method capture(camera, size) that returns a Frame, as the ALOHA environments have; give "
-            f"it one, or leave the camera '{camera}' out."
+            f"it one, or leave the camera '{names[0]}' out."
         )
+    return names
 
 
 def _text(size: Any) -> str:

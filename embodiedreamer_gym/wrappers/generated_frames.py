@@ -43,7 +43,7 @@ class GeneratedFrames:
         self, views: Sequence[Condition], entry: Entry | None, edit: Callable[[References], References] | None = None
     ) -> np.ndarray:
         """Start an episode in each environment; return its first frame (n, F, H, W, 3) for all F of each view."""
-        starts = [first(self.bank, view, entry) for view in views]
+        starts = [self.bank.start(view, entry) for view in views]
         self.references = [one if edit is None else edit(one) for one in starts]
         return self._as_seen(
             [np.repeat(self.last(i)[None], len(view), axis=0) for i, view in enumerate(views)], [0] * len(views)
@@ -57,7 +57,7 @@ class GeneratedFrames:
         frames = [np.repeat(self.last(i)[None], len(view), axis=0) for i, view in enumerate(views)]
         for i, count in enumerate(counts):
             if count == 0:
-                self.references[i] = first(self.bank, views[i], None)
+                self.references[i] = self.bank.start(views[i])
                 frames[i][:] = self.last(i)
         for start in range(0, int(max(counts, default=0)), self.aligner.chunk):
             going = [i for i, count in enumerate(counts) if count > start]
@@ -94,9 +94,3 @@ class GeneratedFrames:
         if reference is None:
             raise gym.error.ResetNeeded("call reset before the first step.")
         return reference
-
-
-def first(bank: Bank, condition: Condition, entry: Entry | None) -> References:
-    """Return the references of an episode's beginning: a photo, or a picture composed from photos."""
-    frame = entry.frame if entry is not None else bank.compose(condition)
-    return References.start(frame, condition.part(0, 1), bank.bench)

@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import VectorEnv, VectorWrapper
 
+from embodiedreamer_gym.envs.cameras import CAMERAS
 from embodiedreamer_gym.envs.tasks.task import Task
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, Condition, References, load_aligner, load_bank
@@ -22,7 +23,7 @@ SHOWING = ("pixels", "pixels_agent_pos")
 
 
 class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs):
-    """Replaces the head camera's pictures by those of a video model; reward and physics stay as they are.
+    """Replaces the cameras' pictures by those of a video model; reward and physics stay as they are.
 
     An environment of yours needs attributes `obs_type` ("pixels" or "pixels_agent_pos") and `image_size` and a method
     `capture(camera, size)` that returns a `Frame` (`engines.frame`), as `RobotView.at` does.
@@ -30,9 +31,10 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
     chunk, so that the action is (k, 14). The observation shows the last frame of a chunk, which is the reference
     of the next chunk, beside the anchor, the first frame of the episode. At a reset the reference is composed from photos
     of a bench, an empty plate with the objects where the simulator has them; or, with `reset(options={"reference": i})`, it
-    is photo i itself, and the simulator is set to its joints and objects. Wrist cameras are left out of the observation.
+    is photo i itself, and the simulator is set to its joints and objects.
 
-    info["frames"]: generated frames (F, H, W, 3) uint8 after each chunk, F = k unless `every` is larger.
+    info["frames"]: generated frames (F, H, W, 3) uint8 after each chunk, F = k unless `every` is larger; of several cameras
+    by name, as in the observation.
     info["filmed"]: how many of them are new.
 
     aligner: "lean" (the shipped weights), or a path.
@@ -43,50 +45,81 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
     grain: add the noise of the bench's sensor, the same for the same seed of the reset; what follows a frame follows it
     without.
     device: on which the network computes: cpu, cuda, ..., or auto, which is an accelerator where there is one.
+    cameras: whose pictures are generated; the others are left out of the observation. Those that move with the robot, as on
+    its wrists, need a bank made with `vis bank --moving`.
+    moving_aligner: the aligner of cameras that move; "assembled" needs no network.
     Raises: VisionError where weights, photos and picture size do not fit, or the device is not available; SimulationError
-    for observations without pictures.
+    for observations without pictures, or an editor and more cameras than one.
     """
 
     def __init__(
         self, env: gym.Env, aligner: str = "lean", bank: str = "lab", chunk: int | None = None,
         editor: ReferenceEditor | None = None, every: int = 1, grain: bool = False,
-        device: str = "cpu",
+        device: str = "cpu", cameras: Sequence[str] = ("head",), moving_aligner: str = "assembled",
     ) -> None:  # fmt: skip
         gym.utils.RecordConstructorArgs.__init__(
-            self, aligner=aligner, bank=bank, chunk=chunk, editor=editor, every=every, grain=grain, device=device
-        )
+            self, aligner=aligner, bank=bank, chunk=chunk, editor=editor, every=every, grain=grain, device=device,
+            cameras=cameras, moving_aligner=moving_aligner,
+        )  # fmt: skip
         self.aligner, photos = load_aligner(aligner, device=device), load_bank(bank)
-        gym.Wrapper.__init__(self, filmed(env, photos, self.aligner.chunk, chunk, every))
+        self.cameras = tuple(cameras)
+        if editor is not None and len(self.cameras) > 1:
+            raise SimulationError("an editor changes the pictures of one camera; leave it out, or the other cameras.")
+        gym.Wrapper.__init__(self, filmed(env, photos, self.aligner.chunk, chunk, every, self.cameras))
         self.bank = photos.of(_props(getattr(env.unwrapped, "task", None)))
-        self.observation_space = _with_picture(self.env.observation_space, picture(self.bank))
-        self._frames = GeneratedFrames(self.aligner, self.bank, 1, grain)
+        one = picture(self.bank)
+        shown = one if len(self.cameras) == 1 else spaces.Dict(dict.fromkeys(self.cameras, one))
+        self.observation_space = _with_picture(self.env.observation_space, shown)
+        self._frames = {
+            name: GeneratedFrames(
+                load_aligner(moving_aligner, device=device) if _moves(env, name) else self.aligner, self.bank, 1, grain
+            )
+            for name in self.cameras
+        }
         self.editor, self._rng = editor, np.random.default_rng()
 
     @property
     def references(self) -> References | None:
-        """What the next chunk follows; None before the first reset."""
-        return self._frames.references[0]
+        """What the next chunk of the first camera follows; None before the first reset."""
+        return self._frames[self.cameras[0]].references[0]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; options: those of the environment, and reference: number of a photo of the bank."""
         options, entry = _chosen(self.bank, options)
         observation, info = self.env.reset(seed=seed, options=options)
         self._rng = self._rng if seed is None else np.random.default_rng(seed)
-        self._frames.seed([seed])
-        (frames,) = self._frames.begin([conditions(info)], entry, self._edit)
-        return _shown(observation, frames[-1]), _with_frames(info, frames)
+        frames = {}
+        for name, generated in self._frames.items():
+            generated.seed([seed])
+            (frames[name],) = generated.begin([self._view(info, name)], entry, self._edit)
+        return self._shown(observation, info, frames)
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Play a chunk of actions and generate the frames of the camera."""
-        self._frames.last(0)  # raises before the environment moves
+        """Play a chunk of actions and generate the frames of the cameras."""
+        self._frames[self.cameras[0]].last(0)  # raises before the environment moves
         observation, reward, terminated, truncated, info = self.env.step(action)
-        (frames,) = self._frames.render([conditions(info)], [info["filmed"]])
-        observation = _shown(observation, frames[-1])
-        return observation, float(reward), terminated, truncated, _with_frames(info, frames)
+        frames = {}
+        for name, generated in self._frames.items():
+            (frames[name],) = generated.render([self._view(info, name)], [info["filmed"]])
+        observation, info = self._shown(observation, info, frames)
+        return observation, float(reward), terminated, truncated, info
 
     def render(self) -> Any:
-        """The last generated frame (H, W, 3), where the environment renders at all."""
-        return None if self.render_mode is None else self._frames.shown[0]
+        """The last generated frame (H, W, 3) of the first camera, where the environment renders at all."""
+        return None if self.render_mode is None else self._frames[self.cameras[0]].shown[0]
+
+    def _view(self, info: Mapping[str, Any], camera: str) -> Condition:
+        """The simulator's view of a chunk by a camera."""
+        return Condition(**(info["clip"] if len(self.cameras) == 1 else info["clips"][camera]))
+
+    def _shown(
+        self, observation: Any, info: Mapping[str, Any], frames: dict[str, np.ndarray]
+    ) -> tuple[Any, dict[str, Any]]:
+        """Observation and info with the generated frames."""
+        if len(frames) == 1:
+            (clip,) = frames.values()
+            return _shown(observation, clip[-1]), _with_frames(info, clip)
+        return _shown(observation, {name: clip[-1] for name, clip in frames.items()}), _with_frames(info, frames)
 
     def _edit(self, references: References) -> References:
         if self.editor is None:
@@ -152,8 +185,10 @@ class VisAlignerVectorWrapper(VectorWrapper):
         return [Condition(**{key: values[i] for key, values in clip.items()}) for i in range(self.num_envs)]
 
 
-def filmed(env: gym.Env, bank: Bank, own: int, chunk: int | None = None, every: int = 1) -> gym.Env:
-    """The environment, in an `ActionChunk` that films with the head camera at the bank's size.
+def filmed(
+    env: gym.Env, bank: Bank, own: int, chunk: int | None = None, every: int = 1, cameras: Sequence[str] = ("head",)
+) -> gym.Env:
+    """The environment, in an `ActionChunk` that films with these cameras at the bank's size.
 
     An ActionChunk that is there already is told to film; else there is one of `chunk` actions, `own` where that is None.
     Raises: SimulationError for observations without pictures, or an ActionChunk of another length or that films something
@@ -168,12 +203,12 @@ def filmed(env: gym.Env, bank: Bank, own: int, chunk: int | None = None, every: 
     check_size(getattr(env.unwrapped, "image_size", bank.size), bank)
     inner = chunks_inside(env)
     if inner is None:
-        return ActionChunk(env, chunk or own, camera="head", size=bank.size, every=every)
+        return ActionChunk(env, chunk or own, camera=cameras, size=bank.size, every=every)
     if chunk not in (None, inner.k):
         raise SimulationError(
             f"chunk is {chunk}, and ActionChunk takes {inner.k} actions at once; leave one of the two out."
         )
-    inner.film("head", bank.size, None if every == 1 else every)
+    inner.film(cameras, bank.size, None if every == 1 else every)
     return env
 
 
@@ -217,13 +252,19 @@ def _pixels(space: spaces.Space | None) -> spaces.Space | None:
     return space.spaces.get("pixels") if isinstance(space, spaces.Dict) else space
 
 
-def _with_picture(space: spaces.Space, one: spaces.Box) -> spaces.Space:
+def _with_picture(space: spaces.Space, one: spaces.Space) -> spaces.Space:
     return spaces.Dict({**space.spaces, "pixels": one}) if isinstance(space, spaces.Dict) else one
 
 
-def _shown(observation: Any, frames: np.ndarray | Sequence[np.ndarray]) -> Any:
+def _moves(env: gym.Env, camera: str) -> bool:
+    """Whether a camera moves with a link of the environment's robot."""
+    known = {**CAMERAS, **getattr(env.unwrapped, "cameras", {})}
+    return camera in known and known[camera].link is not None
+
+
+def _shown(observation: Any, frames: Any) -> Any:
     return {**observation, "pixels": frames} if isinstance(observation, Mapping) else frames
 
 
-def _with_frames(info: Mapping[str, Any], frames: np.ndarray) -> dict[str, Any]:
-    return {key: value for key, value in info.items() if key not in ("clip", "_clip")} | {"frames": frames}
+def _with_frames(info: Mapping[str, Any], frames: Any) -> dict[str, Any]:
+    return {key: value for key, value in info.items() if key not in ("clip", "_clip", "clips")} | {"frames": frames}

@@ -162,7 +162,8 @@ def test_a_photo_sets_the_simulator(files) -> None:
 def test_it_can_be_made_by_its_spec_and_drawn(files) -> None:
     env = make(files, render_mode="rgb_array")
     kwargs = env.spec.additional_wrappers[-1].kwargs
-    assert kwargs == {**files, "chunk": None, "editor": None, "every": 1, "grain": False, "device": "cpu"}
+    assert kwargs == {**files, "chunk": None, "editor": None, "every": 1, "grain": False, "device": "cpu", "cameras": ("head",),
+                      "moving_aligner": "assembled"}  # fmt: skip
     env.reset(seed=0)
     assert np.array_equal(env.render(), env.references.last)
     again = gym.make(env.spec)

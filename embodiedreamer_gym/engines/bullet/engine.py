@@ -157,7 +157,8 @@ class BulletEngine(PlantEngine):
 
     def capture(self, camera: Camera, size: tuple[int, int]) -> Frame:
         """A picture of a size (width, height) with its ground truth."""
-        return self.renderer.capture(camera, size, self.mount(camera), self._classes, self._parts, self.hulls)
+        frame = self.renderer.capture(camera, size, self.mount(camera), self._classes, self._parts, self.hulls)
+        return self.around(frame, camera, size)
 
     @cached_property
     def hulls(self) -> np.ndarray:

@@ -100,7 +100,8 @@ class MujocoEngine(MujocoWorld, PlantEngine):
 
     def capture(self, camera: Camera, size: tuple[int, int]) -> Frame:
         """A picture of a size (width, height) with its ground truth."""
-        return self.renderer.capture(self._data, camera, size, self.mount(camera), self.hulls)
+        frame = self.renderer.capture(self._data, camera, size, self.mount(camera), self.hulls)
+        return self.around(frame, camera, size)
 
     @cached_property
     def hulls(self) -> np.ndarray:

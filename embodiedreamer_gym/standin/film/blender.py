@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.errors import MissingExtraError, SimulationError
-from embodiedreamer_gym.geometry.camera import Camera
+from embodiedreamer_gym.geometry.camera import Camera, rotation_matrix
 
 STUDIO = Path(__file__).with_name("studio.py")
 VARIABLE = "EMBODIEDREAMER_BLENDER"  # environment variable: path of a Python interpreter that has bpy
@@ -69,17 +69,17 @@ def _environment(**more: str) -> dict[str, str]:
 
 
 def camera_spec(camera: Camera) -> dict[str, Any]:
-    """Blender's description of a camera fixed in the world.
+    """Blender's description of a camera that is fixed in the world or to a moving body.
 
     Blender measures the offset of the principal point in picture widths (x right, y up), from pixel corners, and derives
     fy from fx by the pixels' aspect ratio, whose two numbers must be at least 1.
     """
     width, height = camera.size
-    position, rotation = camera.pose()
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation * (1.0, -1.0, -1.0), position
+    pose[:3, :3], pose[:3, 3] = rotation_matrix(camera.rotation) * (1.0, -1.0, -1.0), camera.position
     tall = camera.fx / camera.fy  # height of a pixel over its width
     return {
+        "body": camera.link,
         "pose": pose.tolist(),
         "lens": SENSOR * camera.fx / width,
         "shift": [(0.5 * width - camera.cx - 0.5) / width, tall * (camera.cy + 0.5 - 0.5 * height) / width],

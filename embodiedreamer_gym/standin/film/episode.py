@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import zlib
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -45,41 +46,50 @@ def film_episode(film: FilmSettings, number: int, folder: Path, blender: str | N
         return 0
     seed = film.episode_seed(number)
     appearance = find_appearance(film.appearance, seed)
-    camera = NoisyCamera(CAMERAS[CAMERA], film.size, appearance.camera_noise)
+    cameras = {name: NoisyCamera(CAMERAS[name], film.size, appearance.camera_noise) for name in film.cameras}
     player = EpisodePlayer(film.task)
     try:
         whole = player.play(seed)
         steps = film.choose_steps(whole.active_steps, number)
-        simulated = _simulate(player, seed, steps, camera)
+        simulated = _simulate(player, seed, steps, cameras)
         episode = whole.select(steps)
-        poses = np.concatenate([_poses_without_props(player, whole), episode.poses])
-        scene = make_scene(Animation(player.parts, episode.bodies, poses), appearance, camera.wide, film.samples)
-        light = (render or partial(render_with_blender, blender=blender))(scene)
-        developed = _develop(light, camera, np.random.default_rng([seed, 2]), report)
-        write_episode(path, _signals(player, episode, steps), zip(developed, simulated, strict=True),
+        pictures = {}
+        for name, camera in cameras.items():
+            metered = whole.poses[0] if camera.camera.link is None else episode.poses[len(steps) // 2]
+            poses = np.concatenate([_without_props(player, metered)[None], episode.poses])
+            animation = Animation(player.parts, episode.bodies, poses)
+            scene = make_scene(animation, appearance, camera.wide, film.samples)
+            light = (render or partial(render_with_blender, blender=blender))(scene)
+            own = [] if name == CAMERA else [zlib.crc32(name.encode())]
+            developed = _develop(light, camera, np.random.default_rng([seed, 2, *own]), report)
+            pictures[name] = zip(developed, simulated[name], strict=True)
+        write_episode(path, _signals(player, episode, steps), pictures,
                       _attributes(film, number, player, episode, appearance))  # fmt: skip
     finally:
         player.close()
-    return len(steps)
+    return len(steps) * len(cameras)
 
 
-def _poses_without_props(player: EpisodePlayer, episode: ExpertEpisode) -> np.ndarray:
-    """Poses (1, bodies, 4, 4) of the first state with the props out of view: the exposure is set by this frame."""
-    poses = episode.poses[:1].copy()
-    poses[:, len(player.links) :, 2, 3] -= AWAY
+def _without_props(player: EpisodePlayer, poses: np.ndarray) -> np.ndarray:
+    """Poses (bodies, 4, 4) of a state with the props out of view: the exposure is set by this frame."""
+    poses = poses.copy()
+    poses[len(player.links) :, 2, 3] -= AWAY
     return poses
 
 
-def _simulate(player: EpisodePlayer, seed: int, steps: np.ndarray, camera: NoisyCamera) -> list[SimulatorFrame]:
+def _simulate(
+    player: EpisodePlayer, seed: int, steps: np.ndarray, cameras: Mapping[str, NoisyCamera]
+) -> dict[str, list[SimulatorFrame]]:
     """The simulator's renderings of these steps, and the classes after distortion; plays the episode again."""
-    width, height = camera.wide.size
-    frames: list[SimulatorFrame] = []
+    frames: dict[str, list[SimulatorFrame]] = {name: [] for name in cameras}
 
     def capture(step: int) -> None:
         if step in steps:
-            frame = player.capture(camera.camera, camera.size)
-            fine = player.capture(camera.wide, (FINER * width, FINER * height)).segmentation
-            frames.append(SimulatorFrame(frame, camera.distort_classes(fine)))
+            for name, camera in cameras.items():
+                width, height = camera.wide.size
+                frame = player.capture(camera.camera, camera.size)
+                fine = player.capture(camera.wide, (FINER * width, FINER * height)).segmentation
+                frames[name].append(SimulatorFrame(frame, camera.distort_classes(fine)))
 
     player.play(seed, int(steps[-1]) + 1, capture)
     return frames
@@ -109,10 +119,13 @@ def _signals(player: EpisodePlayer, episode: ExpertEpisode, steps: np.ndarray) -
 def _attributes(film: FilmSettings, number: int, player: EpisodePlayer, episode: ExpertEpisode,
                 appearance: Appearance) -> dict[str, Any]:  # fmt: skip
     """Attributes of a file."""
-    env, camera = player.env, CAMERAS[CAMERA]
+    env = player.env
+    described = {name: {f.name: getattr(CAMERAS[name], f.name) for f in fields(CAMERAS[name]) if f.name != "name"}
+                 for name in film.cameras}  # fmt: skip
+    first, *more = film.cameras
     return {
         "film": film.as_dict(number), "task": film.task, "side": episode.side, "seed": film.episode_seed(number),
-        "camera": {f.name: getattr(camera, f.name) for f in fields(camera) if f.name != "name"},
+        "camera": described[first], **({"cameras": described} if more else {}),
         "class_names": list(env.segmentation_classes), "look": appearance.as_dict(), "renderer": env.engine.renderer_name,
         "control_hz": env.control_hz, "rate": env.control_hz / film.every, "command_hold": env.robot.command_hold,
         "joint_names": list(env.robot.joints), "units": list(env.robot.units),

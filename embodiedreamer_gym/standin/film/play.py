@@ -82,7 +82,7 @@ class EpisodePlayer:
         return ExpertEpisode(self.env.side, (*self.links, *self.props), position, action, poses, by_name)
 
     def capture(self, camera: Camera, size: tuple[int, int]) -> Frame:
-        """The simulator's rendering of the current state for a camera fixed in the world; size: width, height."""
+        """The simulator's rendering of the current state for a camera in the world or on a link; size: width, height."""
         return self.env.engine.capture(camera, size)
 
     def close(self) -> None:

@@ -37,7 +37,7 @@ def film_episodes(films: Sequence[FilmSettings], episodes: int, folder: str | Pa
         raise RecordingError(f"{folder} cannot be made a folder: {error.strerror}; give another place.") from error
     wanted = (shard or Shard()).of([(film, number) for film in films for number in range(episodes)])
     missing = [(film, n) for film, n in wanted if not is_filmed(film.path(folder, n), film.as_dict(n))]
-    total = sum(min(film.frames or TYPICAL, TYPICAL // film.every) for film, _ in missing)
+    total = sum(len(film.cameras) * min(film.frames or TYPICAL, TYPICAL // film.every) for film, _ in missing)
     report, pictures, finished = progress_or_silence(progress), 0, 0
 
     def show(more: int = 1) -> None:

@@ -35,7 +35,7 @@ def make_scene(animation: Animation, appearance: Appearance, camera: Camera, sam
                classes: bool = False) -> dict[str, Any]:  # fmt: skip
     """A scene for `render` in blender.py with one frame per pose.
 
-    camera: pinhole, fixed in the world, of the renderings' size.
+    camera: pinhole, fixed in the world or to one of the bodies, of the renderings' size.
     samples: light paths per pixel.
     classes: render class numbers, in the red channel, in place of light.
     """

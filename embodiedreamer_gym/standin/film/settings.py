@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from embodiedreamer_gym.envs.cameras import CAMERAS
 from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.standin.film.appearance_library import find_appearance
@@ -48,12 +49,19 @@ class FilmSettings:
     """Control steps from one picture to the next."""
     samples: int = 4
     """Light paths per pixel."""
+    cameras: tuple[str, ...] = ("head",)
+    """Names in CAMERAS."""
 
     def __post_init__(self) -> None:
         if self.task not in TASKS:
             raise SimulationError(f"there is no task '{self.task}'; there are {', '.join(TASKS)}.")
         find_appearance(self.appearance, 0)
         check_size(self.size)
+        for name in self.cameras:
+            if name not in CAMERAS:
+                raise SimulationError(f"there is no camera '{name}'; there are {', '.join(CAMERAS)}.")
+        if len(set(self.cameras)) != len(self.cameras) or not self.cameras:
+            raise SimulationError("name at least one camera, and each once.")
         for name, smallest in MINIMUM.items():
             value = getattr(self, name)
             if value is not None and value < smallest:
@@ -68,9 +76,10 @@ class FilmSettings:
 
         The appearance stands under the key "look", as in files of earlier releases.
         """
+        views = {} if self.cameras == ("head",) else {"cameras": list(self.cameras)}
         return {"task": self.task, "look": self.appearance, "size": list(self.size), "seed": self.seed,
                 "frames": self.frames, "every": self.every, "samples": self.samples,
-                "episode": number, "recipe": RECIPE}  # fmt: skip
+                "episode": number, "recipe": RECIPE, **views}  # fmt: skip
 
     def episode_seed(self, number: int) -> int:
         """Seed of an episode, also of the environment's reset."""

@@ -39,12 +39,12 @@ def build(scene: dict[str, Any]) -> list[Any]:
     """Build a scene; returns the moving bodies in the order of the frames' poses."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     render_settings(scene)
-    make_camera(scene["camera"])
     make_world(scene["sky"])
     for lamp in scene["lamps"]:
         make_lamp(lamp)
     materials = {name: make_material(name, nodes) for name, nodes in scene["materials"].items()}
     holders = {name: place(name, None) for name in scene["moving"]}
+    make_camera(scene["camera"], holders)
     for part in scene["parts"]:
         make_part(part, materials, holders)
     if scene["classes"]:
@@ -76,16 +76,19 @@ def render_settings(scene: dict[str, Any]) -> None:
     cycles.debug_use_spatial_splits = False
 
 
-def make_camera(spec: dict[str, Any]) -> None:
-    """A pinhole camera; `camera_spec` in blender.py derives its numbers from fx, fy, cx, cy."""
+def make_camera(spec: dict[str, Any], holders: dict[str, Any]) -> None:
+    """A pinhole camera, in the world or on a body; `camera_spec` in blender.py derives its numbers from fx, fy, cx, cy."""
     lens = bpy.data.cameras.new("camera")
     lens.sensor_fit, lens.sensor_width, lens.lens = "HORIZONTAL", 36.0, spec["lens"]
     lens.shift_x, lens.shift_y = spec["shift"]
     lens.clip_start, lens.clip_end = spec["near"], spec["far"]
     render = bpy.context.scene.render
     render.pixel_aspect_x, render.pixel_aspect_y = spec["aspect"]
-    bpy.context.scene.camera = place("camera", lens)
-    bpy.context.scene.camera.matrix_world = matrix(spec["pose"])
+    camera = place("camera", lens)
+    if spec["body"] is not None:
+        camera.parent = holders[spec["body"]]
+    camera.matrix_basis = matrix(spec["pose"])
+    bpy.context.scene.camera = camera
 
 
 def make_world(sky: dict[str, Any]) -> None:

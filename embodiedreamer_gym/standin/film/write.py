@@ -15,8 +15,7 @@ from embodiedreamer_gym.io.fingerprint import check_settings
 from embodiedreamer_gym.recordings.hdf5 import LAYOUT_FLAGS, new_hdf5, read_settings, write_attributes, write_rows
 
 CAMERA = "head"
-IMAGES, CLEAN, MASKS = (f"observations/{kind}/{CAMERA}" for kind in ("images", "clean", "masks"))
-SIMULATED = f"observations/sim/{CAMERA}"
+Pictures = Iterable[tuple["CameraFrame", "SimulatorFrame"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,22 +34,23 @@ class SimulatorFrame:
     masks: np.ndarray
 
 
-def write_episode(path: Path, signals: Mapping[str, np.ndarray], pictures: Iterable[tuple[CameraFrame, SimulatorFrame]],
+def write_episode(path: Path, signals: Mapping[str, np.ndarray], pictures: Mapping[str, Pictures],
                   attributes: Mapping[str, Any]) -> None:  # fmt: skip
     """Write an episode to a temporary file, one picture at a time, and rename it when it is complete.
 
-    signals: arrays (T, ...) by dataset; attributes: mappings and lists are stored as JSON.
+    signals: arrays (T, ...) by dataset; pictures: of each camera; attributes: mappings and lists are stored as JSON.
     Raises: RecordingError when it cannot be written.
     """
     packing = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
     with new_hdf5(path) as file:
         for key, array in signals.items():
             file[key] = array
-        pictures = iter(pictures)
-        first = next(pictures)
-        file[f"{SIMULATED}/hulls"] = first[1].frame.hulls
-        rows = (_datasets(*pair) for pair in itertools.chain([first], pictures))
-        write_rows(file, len(signals["action"]), rows, lambda key: {} if key == IMAGES else packing)
+        for camera, pairs in pictures.items():
+            pairs = iter(pairs)
+            first = next(pairs)
+            file[f"observations/sim/{camera}/hulls"] = first[1].frame.hulls
+            rows = (_datasets(camera, *pair) for pair in itertools.chain([first], pairs))
+            write_rows(file, len(signals["action"]), rows, lambda key: {} if "/images/" in key else packing)
         file.attrs.update(LAYOUT_FLAGS)
         write_attributes(file, attributes, ("joint_names", "units"))
 
@@ -66,8 +66,9 @@ def is_filmed(path: Path, settings: Mapping[str, Any]) -> bool:
     return True
 
 
-def _datasets(camera: CameraFrame, simulator: SimulatorFrame) -> dict[str, np.ndarray]:
-    """Pictures by dataset; depth to a millimetre."""
-    simulated = {f"{SIMULATED}/{key}": array for key, array in simulator.frame.as_dict().items() if key != "hulls"}
-    simulated[f"{SIMULATED}/depth"] = simulator.frame.depth.astype(np.float16)
-    return {IMAGES: camera.noisy, CLEAN: camera.clean, MASKS: simulator.masks, **simulated}
+def _datasets(camera: str, taken: CameraFrame, simulator: SimulatorFrame) -> dict[str, np.ndarray]:
+    """Pictures of a camera by dataset; depth to a millimetre."""
+    simulated = {f"sim/{camera}/{key}": array for key, array in simulator.frame.as_dict().items() if key != "hulls"}
+    simulated[f"sim/{camera}/depth"] = simulator.frame.depth.astype(np.float16)
+    pictures = {f"images/{camera}": taken.noisy, f"clean/{camera}": taken.clean, f"masks/{camera}": simulator.masks}
+    return {f"observations/{key}": array for key, array in (pictures | simulated).items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -20,6 +21,7 @@ from embodiedreamer_gym.standin.film import blender
 from embodiedreamer_gym.standin.film.episode import film_episode
 from embodiedreamer_gym.standin.film.run import film_episodes
 from embodiedreamer_gym.standin.film.settings import FilmSettings
+from embodiedreamer_gym.vis_aligner import load_episode
 from tests.standin.film.grey import fake_blender, fake_python, grey, needs_bpy
 
 FILM = FilmSettings("PutCupOnMat", size=(64, 48), frames=10, every=12)
@@ -60,6 +62,41 @@ def test_a_file_holds_what_was_played_drawn_and_filmed(filmed: Path) -> None:
     assert attributes["control_hz"] == 30 and attributes["rate"] == 2.5
     assert json.loads(attributes["class_names"]) == ["background", "table", "robot", "cup", "mat"]
     assert json.loads(attributes["look"])["name"] == "lab" and json.loads(attributes["film"]) == FILM.as_dict(0)
+
+
+def test_several_cameras_are_filmed_into_one_file(filmed: Path, tmp_path: Path) -> None:
+    film = replace(FILM, cameras=("head", "left_wrist", "right_wrist"))
+    assert film_episode(film, 0, tmp_path, render=grey) == 30
+    head, again = load_episode(FILM.path(filmed, 0)), load_episode(film.path(tmp_path, 0))
+    assert np.array_equal(head.frames, again.frames) and np.array_equal(head.condition.rgb, again.condition.rgb)
+    wrist = load_episode(film.path(tmp_path, 0), "left_wrist")
+    assert wrist.condition.moving_camera and not again.condition.moving_camera and len(wrist) == 10
+    assert not np.array_equal(wrist.frames, load_episode(film.path(tmp_path, 0), "right_wrist").frames)  # other noise
+    with h5py.File(film.path(tmp_path, 0)) as file:
+        (tmp_path / "cameras.json").write_text(json.dumps({"cameras": json.loads(file.attrs["cameras"])}))
+    assert load_cameras(tmp_path / "cameras.json") == {name: CAMERAS[name] for name in film.cameras}
+    assert film_episode(film, 0, tmp_path, render=grey) == 0
+
+
+def test_a_wrists_camera_is_fixed_to_its_link(tmp_path: Path, brief: None) -> None:
+    scenes = []
+
+    def seen(scene: dict) -> Iterator[np.ndarray]:
+        scenes.append(scene)
+        yield from grey(scene)
+
+    film_episode(replace(BRIEF, cameras=("head", "right_wrist")), 0, tmp_path, render=seen)
+    assert [scene["camera"]["body"] for scene in scenes] == [None, "right_link6"]
+    assert "right_link6" in scenes[1]["moving"] and len(scenes[1]["frames"]) == 11
+    metered = np.array(scenes[1]["frames"][0])[:-2]  # without the props
+    assert (metered == np.array(scenes[1]["frames"][1 + 5])[:-2]).all()  # in the middle of the episode
+
+
+@pytest.mark.parametrize(("cameras", "message"), [(("elbow",), "no camera 'elbow'"), (("head", "head"), "each once"),
+                                                  ((), "at least one")])  # fmt: skip
+def test_cameras_that_are_none_are_refused(cameras: tuple[str, ...], message: str) -> None:
+    with pytest.raises(EmbodieDreamerError, match=message):
+        replace(FILM, cameras=cameras)
 
 
 def test_a_file_is_a_recording_with_frames_and_a_camera(filmed: Path, tmp_path: Path) -> None:

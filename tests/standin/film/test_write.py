@@ -51,7 +51,7 @@ def pictures(count: int = COUNT) -> Iterator[tuple[CameraFrame, SimulatorFrame]]
 
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     path = tmp_path / "cup_000.hdf5"
-    write_episode(path, signals(), pictures(), ATTRIBUTES)
+    write_episode(path, signals(), {"head": pictures()}, ATTRIBUTES)
     given = list(pictures())
     with h5py.File(path) as file:
         for place, (kind, shape) in PLACES.items():
@@ -77,7 +77,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
 
 def test_the_same_episode_is_the_same_file(tmp_path: Path) -> None:
     for name in ("a.hdf5", "b.hdf5"):
-        write_episode(tmp_path / name, signals(), pictures(), ATTRIBUTES)
+        write_episode(tmp_path / name, signals(), {"head": pictures()}, ATTRIBUTES)
     assert (tmp_path / "a.hdf5").read_bytes() == (tmp_path / "b.hdf5").read_bytes()
 
 
@@ -87,19 +87,19 @@ def test_an_interrupted_episode_leaves_nothing(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_episode(tmp_path / "cup_000.hdf5", signals(), cut(), ATTRIBUTES)
+        write_episode(tmp_path / "cup_000.hdf5", signals(), {"head": cut()}, ATTRIBUTES)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_place_that_takes_no_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"missing/cup\.hdf5 cannot be written"):
-        write_episode(tmp_path / "missing" / "cup.hdf5", signals(), pictures(), ATTRIBUTES)
+        write_episode(tmp_path / "missing" / "cup.hdf5", signals(), {"head": pictures()}, ATTRIBUTES)
 
 
 def test_what_is_there_is_the_same_or_in_the_way(tmp_path: Path) -> None:
     path = tmp_path / "cup_000.hdf5"
     assert not is_filmed(path, SETTINGS)
-    write_episode(path, signals(), pictures(), ATTRIBUTES)
+    write_episode(path, signals(), {"head": pictures()}, ATTRIBUTES)
     assert is_filmed(path, SETTINGS)
     with pytest.raises(RecordingError, match=r"filmed with size \[8, 6\], not \[16, 12\]; give another folder"):
         is_filmed(path, {**SETTINGS, "size": [16, 12]})
