@@ -65,7 +65,7 @@ def judge(episode: Episode, bench: Bench | None) -> tuple[dict[str, Any], HeldOu
     return {
         **{name: result.measures[name]["psnr"] for name in ROWS},
         "frames": length - 1,
-        "milliseconds": spent,
+        "frame_ms": spent,
     }, result
 
 
@@ -98,13 +98,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 clips = {key: result.clips[key] for key in ("simulated", CLOSED, "real")}
                 save_picture(metrics.strip(clips, columns=6, zoom=1), a.strips / f"wrists_{len(rows) // 2}.jpg")
             print(
-                f"| {episode.name} | {name} | " + " | ".join(f"{row[k]:.1f}" for k in (*ROWS, "milliseconds")) + " |",
+                f"| {episode.name} | {name} | " + " | ".join(f"{row[k]:.1f}" for k in (*ROWS, "frame_ms")) + " |",
                 flush=True,
             )
             save(rows, a.out)
     for name in ("known", "unknown"):
         mine = [row for row in rows if row["bench"] == name]
-        means = (np.mean([row[k] for row in mine]) for k in (*ROWS, "milliseconds"))
+        means = (np.mean([row[k] for row in mine]) for k in (*ROWS, "frame_ms"))
         print(f"| mean of {len(mine)} | {name} | " + " | ".join(f"{value:.1f}" for value in means) + " |")
     return 0
 
