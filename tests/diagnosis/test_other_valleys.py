@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 
 from embodiedreamer_gym.diagnosis.candidates import Candidate, as_candidate
-from embodiedreamer_gym.diagnosis.other_valleys import best_of_sizes
+from embodiedreamer_gym.diagnosis.other_valleys import best_of_sizes, leave_valleys
 from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.phys_aligner.calibration import STUCK, finish
@@ -51,6 +55,18 @@ def test_a_wide_dead_zone_with_a_jump_is_a_narrow_one_without(arm) -> None:
     assert fit.trained.chi2.min() > 10 and left.trained.chi2.max() < 1.1
     assert left.model.group_values(ParameterKey.of("servo_deadzone.width")) == pytest.approx(0.02, rel=0.15)
     assert left.model.group_values(ParameterKey.of("servo_deadzone.jump")).max() < 0.15
+
+
+def test_only_candidates_close_to_the_best_are_fitted_again(arm) -> None:
+    truth = with_effect(arm, "command_lowpass", time_constant=0.1)
+    fit, _ = refitted(truth, with_effect(arm, "command_lowpass", 2.0, time_constant=0.05), noise=2e-3)
+    far = replace(fit, kind=CATALOGUE["payload"], fit=replace(fit.fit, cost=fit.fit.cost + 1.0))
+    test = [record(truth, noise=2e-3, seed=2)]
+    search: Any = SimpleNamespace(train=fit.problem.recordings, test=test, jobs=1, rollouts=0)
+    state: Any = SimpleNamespace(start=(arm, None, None))
+    left, kept = leave_valleys(search, state, [fit, far])
+    assert kept is far and left.fit.cost < fit.fit.cost and search.rollouts == left.rollouts - fit.rollouts > 0
+    assert left.model.group_values(ParameterKey.of("command_lowpass.time_constant")) == pytest.approx(0.1, rel=0.05)
 
 
 def test_a_fit_in_the_deepest_valley_stays(arm) -> None:
