@@ -10,7 +10,7 @@ import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
 
-TABLE, ROBOT, OBJECT, GOAL = 1, 2, 3, 4  # classes; 0 is the background, further props count as goals
+BACKGROUND, TABLE, ROBOT, OBJECT, GOAL = 0, 1, 2, 3, 4  # classes; further props count as goals
 CLASS_NAMES = ("background", "table", "robot", "object", "goal")
 Array = np.ndarray
 Window = tuple[slice, slice]  # rows and columns of a picture

@@ -13,16 +13,14 @@ import numpy as np
 
 from embodiedreamer_gym.vis_aligner.aligner import check_batch
 from embodiedreamer_gym.vis_aligner.clip import Bench, Gallery, References
-from embodiedreamer_gym.vis_aligner.condition import ROBOT, TABLE, Condition, facings
+from embodiedreamer_gym.vis_aligner.condition import BACKGROUND, ROBOT, TABLE, Condition, facings
 from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, reprojected_frames
 from embodiedreamer_gym.vis_aligner.reprojection import Change, Reprojected, fill_parts, nothing, reproject_gallery
 from embodiedreamer_gym.vis_aligner.surfaces import in_front, map_back, part_projection, table_points, warped
-from embodiedreamer_gym.vis_aligner.table_atlas import TableAtlas
+from embodiedreamer_gym.vis_aligner.table_atlas import DARK, TableAtlas
 
-BACKGROUND = 0
 PHOTOS = 4  # of a gallery that are tried for the background
 CHOICES = 6  # of its photos that are tried for a link or an object, which may each show a piece of it
-DARK = 8.0  # of 255, below which ratios of colours say little
 SMOOTH = 5.0 / 128  # of the width: standard deviation over which exposures are matched
 MOST_APART = 0.4  # logarithm of the ratio of two exposures
 FAINT = 0.01  # weight below which nothing is near

@@ -11,6 +11,7 @@ from gymnasium import spaces
 from gymnasium.vector import VectorEnv, VectorWrapper
 
 from embodiedreamer_gym.envs.cameras import CAMERAS
+from embodiedreamer_gym.envs.observations import pixel_space
 from embodiedreamer_gym.envs.tasks.task import Task
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, Condition, References, load_aligner, load_bank
@@ -67,15 +68,12 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
             raise SimulationError("an editor changes the pictures of one camera; leave it out, or the other cameras.")
         gym.Wrapper.__init__(self, filmed(env, photos, self.aligner.chunk, chunk, every, self.cameras))
         self.bank = photos.of(_props(getattr(env.unwrapped, "task", None)))
-        one = picture(self.bank)
-        shown = one if len(self.cameras) == 1 else spaces.Dict(dict.fromkeys(self.cameras, one))
+        shown = pixel_space(self.cameras, self.bank.size)
         self.observation_space = _with_picture(self.env.observation_space, shown)
-        self._frames = {
-            name: GeneratedFrames(
-                load_aligner(moving_aligner, device=device) if _moves(env, name) else self.aligner, self.bank, 1, grain
-            )
-            for name in self.cameras
-        }
+        moving = [name for name in self.cameras if _moves(env, name)]
+        aligners = dict.fromkeys(self.cameras, self.aligner)
+        aligners |= dict.fromkeys(moving, load_aligner(moving_aligner, device=device)) if moving else {}
+        self._frames = {name: GeneratedFrames(one, self.bank, 1, grain) for name, one in aligners.items()}
         self.editor, self._rng = editor, np.random.default_rng()
 
     @property
@@ -110,7 +108,7 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
 
     def _view(self, info: Mapping[str, Any], camera: str) -> Condition:
         """The simulator's view of a chunk by a camera."""
-        return Condition(**(info["clip"] if len(self.cameras) == 1 else info["clips"][camera]))
+        return conditions(info) if len(self.cameras) == 1 else Condition(**info["clips"][camera])
 
     def _shown(
         self, observation: Any, info: Mapping[str, Any], frames: dict[str, np.ndarray]
@@ -146,7 +144,7 @@ class VisAlignerVectorWrapper(VectorWrapper):
         super().__init__(env)
         self.aligner: Aligner = load_aligner(aligner, device=device)
         photos = load_bank(bank)
-        one = picture(photos)
+        one = pixel_space(("head",), photos.size)
         pixels = _pixels(env.single_observation_space)
         if pixels is None or pixels.shape != one.shape:
             raise VisionError(f"the environments must show pictures {one.shape}, as the bank's photos; make them with "
@@ -221,12 +219,6 @@ def check_size(size: tuple[int, int], bank: Bank) -> None:
             f"image_size={bank.size}, or give a bank of {asked}, made by `embodiedreamer standin bank --size {size[0]}x{size[1]} "
             f"--out FILE.npz` (simulated bench, with Blender) or by `embodiedreamer vis bank` of your own episodes of that size."
         )
-
-
-def picture(bank: Bank) -> spaces.Box:
-    """The space of the bank's pictures."""
-    width, height = bank.size
-    return spaces.Box(0, 255, (height, width, 3), np.uint8)
 
 
 def conditions(info: Mapping[str, Any]) -> Condition:
