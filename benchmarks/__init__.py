@@ -2,4 +2,4 @@
 
 from benchmarks.common import pin_threads
 
-pin_threads()  # before anything loads NumPy, so that results do not depend on the number of cores
+pin_threads()  # before NumPy is loaded, so that results do not depend on the number of cores

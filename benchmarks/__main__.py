@@ -11,7 +11,7 @@ FOLDER = Path(__file__).parent
 
 
 def benchmarks() -> dict[str, str]:
-    """Name -> first line of the docstring of every benchmark that can be run, without importing any."""
+    """Name -> first docstring line of every benchmark that can be run, without importing them."""
     found = {}
     for path in sorted(FOLDER.glob("*.py")):
         text = path.read_text()
@@ -21,7 +21,7 @@ def benchmarks() -> dict[str, str]:
 
 
 def main(arguments: list[str]) -> int:
-    """Run the benchmark named first, with the arguments that follow; without a name, list them all."""
+    """Run the benchmark named by the first argument, with the other arguments; without a name, list all benchmarks."""
     found = benchmarks()
     if not arguments:
         print("\n".join(f"{name:<16} {text}" for name, text in found.items()))

@@ -1,4 +1,4 @@
-"""What benchmarks of ACT share: a training into a folder, and episodes played one by one that an interruption does not lose."""
+"""Functions shared by benchmarks of ACT: training into a folder, and playing episodes with results kept on disk."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 
 from benchmarks.common import save
 
-SIZE = (128, 96)  # of the pictures
-SAVED_EVERY = 5  # episodes
+SIZE = (128, 96)  # width and height of the pictures, pixels
+SAVED_EVERY = 5  # episodes between two saves
 
 
 def keep_settings(folder: Path, **settings: Any) -> None:
-    """Make a folder for results, and write what they are of; one that is there has to be of the same.
+    """Make a folder for results and write their settings; an existing folder must have the same settings.
 
-    Raises: SystemExit where it is of other settings.
+    Raises: SystemExit where the settings differ.
     """
     from embodiedreamer_gym.errors import RecordingError
     from embodiedreamer_gym.io.fingerprint import check_settings
@@ -36,9 +36,10 @@ def keep_settings(folder: Path, **settings: Any) -> None:
 
 def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Callable[[int, int, str], None],
               small: tuple[int, int] = SIZE, mirror: bool = True, eyes: bool = True, **network: Any) -> Any:  # fmt: skip
-    """A policy of the head camera, trained or gone on with.
+    """Train a policy of the head camera, or resume its training.
 
-    training: of `TrainingConfig`; network: of `ActConfig`; told: hears of the steps of the optimiser.
+    training: fields of `TrainingConfig`; network: fields of `ActConfig`; told: called with the optimiser's progress;
+    eyes: whether object poses from masks are an input.
     """
     from embodiedreamer_gym.envs.robots import load_robot
     from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train, with_object_poses
@@ -52,7 +53,7 @@ def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Calla
 
 
 def play_each(path: Path, count: int, play: Callable[[int], Any], name: str) -> list[Any]:
-    """What each of the first episodes gave, by `play(number)`: rows with a success, kept in a file as they come."""
+    """Results of the first `count` episodes, by `play(number)`: rows with a success, saved to a file at intervals."""
     rows = json.loads(path.read_text()) if path.is_file() else []
     for number in range(len(rows), count):
         rows.append(play(number))
@@ -63,7 +64,7 @@ def play_each(path: Path, count: int, play: Callable[[int], Any], name: str) -> 
 
 
 def played(policy: Any, env: Any, seed: int, execute: int | None = None) -> dict[str, Any]:
-    """One episode, in chunks of which so many actions are executed (None: all)."""
+    """Play one episode; execute: number of actions that are executed of each chunk (None: all)."""
     from embodiedreamer_gym.policies.evaluation import executed, play
 
     return asdict(play(policy, env, seed, executed(policy, execute)))

@@ -1,8 +1,9 @@
-"""An ALOHA log of a user: ten teleoperated episodes of the 14-D pair at 30 Hz, no time stamps, an effect on one arm.
+"""A typical ALOHA log: ten teleoperated episodes of the 14-D pair at 30 Hz, no time stamps, an effect on one arm.
 
 python -m benchmarks.aloha_log [--effects coulomb_friction,payload,...] [--seed 0] [--out FILE.json]
 
-The stand-in writes AgileX HDF5; the files are read with --hz 30 as a user would, five episodes train, five judge.
+The stand-in writes AgileX HDF5; the files are read with --hz 30, as a user would; five episodes train, five are held
+out.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ EFFECTS = "coulomb_friction,command_delay,payload,torque_bias,stribeck_friction,
 
 
 def run_case(effect: str | None, side: str, seed: int) -> dict:
-    """Write, read and diagnose one user's folder of episodes."""
+    """Write, read and diagnose one folder of episodes."""
     case = aloha_case(effect, side, np.random.default_rng([seed, sum(map(ord, effect or "null"))]))
     with tempfile.TemporaryDirectory() as folder:
         path = case.write(folder)

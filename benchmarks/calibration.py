@@ -1,11 +1,11 @@
-"""How well, how fast and with how many rollouts each method calibrates a 7-joint arm.
+"""Calibration methods on a 7-joint arm: accuracy, time and number of rollouts.
 
     python -m benchmarks.calibration [--starts 20] [--search-starts 3] [--jobs 1] [--shard I/N]
                                      [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 
-21 unknowns (stiffness, damping, Coulomb friction of 7 joints), starts off by up to a factor 3, one recording
-of 10 s at 50 Hz with 0.5 mrad of noise, judged on another motion without noise. The truth comes once from the
-plant that the fits use and once from MuJoCo. Finished rows are kept; a second run goes on from them.
+21 unknowns (stiffness, damping, Coulomb friction of 7 joints), initial values off by up to a factor of 3, one recording
+of 10 s at 50 Hz with 0.5 mrad of noise, evaluated on another motion without noise. The true robot is simulated once
+with the plant that the fits use, and once with MuJoCo. Finished rows are kept; the next run continues from them.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ OUT = Path("build/benchmarks/calibration.jsonl")
 ARM = "arm7"
 FRICTION = (1.0, 1.5, 1.0, 0.8, 0.4, 0.3, 0.2)  # N m
 FACTOR, SECONDS, RATE, NOISE = 3.0, 10.0, 50.0, 5e-4  # -, s, Hz, rad
-REST = 2.0  # s for which the arm stands still before a recording
-METHODS: dict[str, tuple[str, dict[str, Any]]] = {  # row -> method of calibrate, its options
+REST = 2.0  # s that the arm stands still before a recording
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {  # row -> method of `calibrate`, its options
     "least-squares": ("least-squares", {}),
     "surrogate-trajectory": ("surrogate-trajectory", {}),
     "surrogate (paper)": ("surrogate", {}),
@@ -50,12 +50,12 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {  # row -> method of calibrate
     "cma-es 400": ("cma-es", {}),
     "cma-es 2000": ("cma-es", {"budget": 2000}),
 }
-MANY = ("least-squares", "surrogate-trajectory")  # run from all starts; the searches from the first few
+MANY = ("least-squares", "surrogate-trajectory")  # methods run from all starts; the others run from the first few
 
 
 @dataclass(frozen=True)
 class Task:
-    """A truth, the recording to fit, and another motion (without noise) to judge by."""
+    """The true model, the recording to fit, and another motion (without noise) for evaluation."""
 
     name: str
     truth: RobotModel
@@ -65,7 +65,7 @@ class Task:
 
 
 def true_model(folder: Path) -> RobotModel:
-    """The arm with its true values; viscous friction acts as damping does and is counted there."""
+    """The arm with its true values; viscous friction acts like damping and is included in it."""
     servo = TRUTH[ARM]
     (folder / "arm.urdf").write_text(arm_urdf(ARM))
     damping = np.array(servo.damping) + np.array(servo.viscous_friction)
@@ -80,14 +80,14 @@ def true_model(folder: Path) -> RobotModel:
 
 
 def motions() -> tuple[Motion, Motion]:
-    """The motion to fit and the one to judge by."""
+    """The motion to fit and the one for evaluation."""
     span = span_of(arm_urdf(ARM), arm_joints(ARM), arm_home(ARM), reach=0.7, speed=0.8)
     fit, judge = np.random.default_rng(1), np.random.default_rng(2)
     return multisine(span, fit, SECONDS), point_to_point(span, judge, SECONDS)
 
 
 def play(model: RobotModel, motion: Motion, noise: np.ndarray | float = 0.0) -> Recording:
-    """Record a motion on our own plant, from rest; noise: (T, n) added, or 0."""
+    """Record a motion on the package's own plant, from rest; noise: (T, n) to add, or 0."""
     lead = round(REST * RATE)
     time_ = np.arange(lead + int(motion.duration * RATE) + 1) / RATE
     command = motion(time_ - REST)
@@ -98,7 +98,7 @@ def play(model: RobotModel, motion: Motion, noise: np.ndarray | float = 0.0) -> 
 
 
 def own_plant(truth: RobotModel) -> Task:
-    """The model class is exactly right."""
+    """Task from the package's own plant: the model class is exactly right."""
     fit, judge = motions()
     samples = int(SECONDS * RATE) + 1
     noise = NOISE * np.random.default_rng(0).standard_normal((samples, truth.n))
@@ -107,7 +107,7 @@ def own_plant(truth: RobotModel) -> Task:
 
 
 def mujoco_plant(truth: RobotModel) -> Task:
-    """Another engine, stepped at 10 kHz: friction, integration and start are not quite the model's."""
+    """Task from MuJoCo at 10 kHz: friction, integration and initial state differ slightly from the model."""
     servo, fit, judge = TRUTH[ARM], *motions()
     robot = StandIn(
         arm_urdf(ARM),
@@ -128,7 +128,7 @@ def mujoco_plant(truth: RobotModel) -> Task:
 
 
 def start_from(truth: RobotModel, seed: int, factor: float = FACTOR) -> RobotModel:
-    """The truth with every unknown off by up to a factor either way."""
+    """The true model with every unknown multiplied or divided by up to `factor`."""
     rng = np.random.default_rng(1000 + seed)
     true = (truth.stiffness, truth.damping, np.array(FRICTION))
     stiffness, damping, torque = (v * factor ** rng.uniform(-1, 1, truth.n) for v in true)
@@ -137,12 +137,12 @@ def start_from(truth: RobotModel, seed: int, factor: float = FACTOR) -> RobotMod
 
 
 def unknowns(model: RobotModel) -> np.ndarray:
-    """The 21 values."""
+    """The 21 unknown values."""
     return model.parameters().select("stiffness", "damping", "coulomb_friction").values
 
 
 def judge(task: Task, model: RobotModel) -> dict[str, float]:
-    """Errors of a model: mrad on both recordings, % of the unknowns, the paper's on the other motion."""
+    """Errors of a model: mrad on both recordings, % of the unknowns, and the paper's metrics on the other motion."""
     runs = [simulate(model, r).position for r in (task.train, task.held_out)]
     rms = [
         float(np.mean(np.sqrt(np.mean((q - r.position) ** 2, axis=0)))) * 1e3
@@ -189,7 +189,7 @@ PAPER = (
 
 
 def table(rows: dict[str, dict[str, float]], block: str, columns: tuple[tuple[str, str, int], ...]) -> str:
-    """Median and range over starts, a line for each method."""
+    """Median and range over starts, one line per method."""
     methods: dict[str, list[dict[str, float]]] = {}
     for job, row in rows.items():
         name, method, _ = job.split(" | ")
@@ -207,7 +207,7 @@ def table(rows: dict[str, dict[str, float]], block: str, columns: tuple[tuple[st
 
 
 def verdicts(rows: dict[str, dict[str, float]], block: str) -> str:
-    """From how many starts the aims are met."""
+    """Number of starts from which the targets are met."""
     lines = []
     for method, most in (("least-squares", 300), ("surrogate-trajectory", 150)):
         found = [row for job, row in rows.items() if job.startswith(f"{block} | {method} | ")]
@@ -221,7 +221,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--starts", type=int, default=20, help=f"starts of {' and '.join(MANY)}")
     parser.add_argument("--search-starts", type=int, default=3, help="starts of the other methods")
-    case_options(parser, OUT, jobs=1)  # the table has the time of each fit
+    case_options(parser, OUT, jobs=1)  # so that the time of each fit in the table is comparable
     options = parser.parse_args()
     jobs = []
     for block in ("own plant", "MuJoCo"):

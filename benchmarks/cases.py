@@ -1,4 +1,4 @@
-"""What benchmarks that are lists of cases share: their options, the rows of finished cases, `result.json` and `run.json`."""
+"""Functions shared by benchmarks that run lists of cases: options, finished rows, `result.json` and `run.json`."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from embodiedreamer_gym.io.progress import duration
 from embodiedreamer_gym.io.results import run_of, write_results
 from embodiedreamer_gym.io.shard import Shard
 
-COSTS = ("seconds", "run")  # of a row, which result.json leaves out
+COSTS = ("seconds", "run")  # keys of a row that result.json leaves out
 
 
 def case_options(parser: argparse.ArgumentParser, out: Path | str | None = None, jobs: int = 2) -> None:
-    """Add --jobs, --shard, --out, --rows and --results; out: what --out is where it is not given."""
+    """Add --jobs, --shard, --out, --rows and --results; out: default of --out."""
     default = "no file" if out is None else out
     parser.add_argument("--jobs", type=int, default=jobs, help="processes (default %(default)s)")
     parser.add_argument("--shard", type=shard, default=Shard(), metavar="I/N", help="only part I of N of the cases")
@@ -41,17 +41,17 @@ def one_sentence() -> Iterator[None]:
 
 
 def read(cases: Cases, path: Path | None, also: Sequence[Path] = ()) -> list[Row]:
-    """The rows of finished cases in a file, where it exists, and in further ones, in the order of the list."""
+    """The rows of finished cases in a file, if it exists, and in further files, in the order of the list."""
     return cases.read(*([path] if path is not None and path.exists() else []), *also)
 
 
 def run_cases(a: argparse.Namespace, cases: Cases, work: Work, path: Path | None, also: Sequence[Path],
               show: Callable[[Row], str], unit: str = "case") -> list[Row]:  # fmt: skip
-    """Run the cases of the shard that are missing, a line for each, with the time that the others take at this pace.
+    """Run the missing cases of the shard; print a line for each, with the estimated time left.
 
-    path: keeps the rows; None: nothing does. also: files of rows that are finished.
+    path: file for the rows; None: they are not kept. also: further files of finished rows.
     Returns the rows of all finished cases, in the order of the list.
-    Raises: EmbodieDreamerError where there is none, and as `Cases.run`.
+    Raises: EmbodieDreamerError where no case is finished, and as `Cases.run`.
     """
     begun, new, left = time.perf_counter(), list[Row](), len(cases.missing(path, a.shard, also))
     for row in cases.run(work, path, a.shard, a.jobs, also):
@@ -69,7 +69,7 @@ def run_cases(a: argparse.Namespace, cases: Cases, work: Work, path: Path | None
 def save_results(
     a: argparse.Namespace, cases: Cases, rows: list[Row], seeds: Any, result: dict[str, Any], **times: float
 ) -> None:
-    """Write the files of --results; result: without times; times: what run.json keeps beside the sum of seconds."""
+    """Write the files of --results; result: content without times; times: further times for run.json."""
     if a.results is not None:
         whole = {
             "settings": dict(cases.settings),

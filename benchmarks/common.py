@@ -1,4 +1,4 @@
-"""What the benchmarks share: where real data lie, one thread for BLAS, intervals of shares, results written beside and renamed."""
+"""Functions shared by the benchmarks: folders of real data, one BLAS thread, intervals of shares, atomic results."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ SHARED = Path(os.environ.get("EMBODIEDREAMER_SHARED_DATA", Path(__file__).parent
 
 
 def data_folder(name: str) -> Path:
-    """Folder of a real data set, which is not shipped."""
+    """Folder of a real data set; real data are not shipped."""
     return SHARED / name
 
 
 def folder(text: str) -> Path:
-    """A folder given on the command line, or by default. Raises: ArgumentTypeError where it is missing."""
+    """Argparse type: an existing folder. Raises: ArgumentTypeError where it is missing."""
     if not Path(text).is_dir():
         raise argparse.ArgumentTypeError(f"{text} is no folder; the real recordings are not shipped, give theirs.")
     return Path(text)
 
 
 def times(text: str) -> int:
-    """How often, at least once. Raises: ArgumentTypeError for anything else."""
+    """Argparse type: a whole number of at least 1. Raises: ArgumentTypeError for anything else."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text} is not allowed; give a whole number of at least 1.")
     return int(text)
 
 
 def pin_threads() -> None:
-    """One thread for BLAS and Numba; takes effect for libraries that are not loaded yet."""
+    """Use one thread for BLAS and Numba; affects only libraries that are not loaded yet."""
     for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(key, "1")
 
@@ -55,7 +55,7 @@ def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
 
 
 def redrawn(recordings: Recordings, seed: int) -> tuple[Recordings, Recordings]:
-    """Train and held-out part, dealt in turn within each kind after shuffling."""
+    """Random train and held-out parts: within each kind, shuffled recordings are assigned alternately."""
     import numpy as np
 
     order = np.random.default_rng(seed).permutation(len(recordings))

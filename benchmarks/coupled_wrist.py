@@ -1,10 +1,10 @@
-"""A stranger's industrial arm: currents, Coulomb friction on every joint, and a wrist whose motors are coupled.
+"""An unknown industrial arm: motor currents, Coulomb friction on every joint, and a wrist with coupled motors.
 
 python -m benchmarks coupled_wrist [--seeds 5] [--first-seed 0] [--out FILE.json]
 
 Positions and efforts of a stand-in arm without effects are recorded. Friction is added to the efforts, and the motor of
-joint 6 also turns with joint 5, as in the wrists of some industrial arms. Each joint's effort is a current with a
-constant of its own. The coupling is no effect of the catalogue. Plain least squares stands beside it.
+joint 6 also turns with joint 5, as in the wrists of some industrial arms. Each joint's effort is a current with its own
+torque constant. The catalogue has no effect for the coupling. Plain least squares is the baseline.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ROTOR = 0.01  # kg m^2, of motor 6
 
 
 def rubbed(recording: Recording, friction: np.ndarray, constant: np.ndarray) -> Recording:
-    """The recording with friction (n,) N m, a coupled wrist, and currents of motors with constants (n,) A/(N m)."""
+    """The recording with friction (n,) N m, a coupled wrist, and efforts as currents with constants (n,) A/(N m)."""
     motion, effort = smooth_motion(recording), np.array(recording.effort)
     v, a, own = motion.velocity, motion.acceleration, friction[5]
     effort += friction * np.sign(v)

@@ -1,4 +1,4 @@
-"""The demo: held-out errors, noise and verdict that `embodiedreamer demo` finds.
+"""The demo: held-out errors, noise and verdict of `embodiedreamer demo`.
 
 python -m benchmarks demo [--out FILE.json]
 """

@@ -1,24 +1,25 @@
-"""Blind diagnosis: robots with none, one or two hidden effects, made in another engine; what `diagnose` says of them.
+"""Blind diagnosis: `diagnose` on robots with zero, one or two hidden effects, simulated in another engine.
 
 python -m benchmarks.diagnosis [--set main|positions|teleoperation|no_command|poor_urdf|other_arm|ties|firmware|independent|independent_teleoperation] [--seeds test|development]
                                [--cases N] [--oracle singles|all|none] [--brute N] [--beside MAIN.jsonl] [--figures-only]
                                [--jobs 2] [--shard I/N] [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 
-main: 240 cases on a six-joint arm, logs of command, position and effort: 100 faultless robots, whose masses, centres of
-mass, gains and viscous friction are wrong as in every case; 80 single effects, from barely visible to strong; 30 pairs
-of effects of different families; 30 effects left out of the catalogue that the diagnoser is given, other than those
-whose law another member contains. The variants have 80 cases each: positions (and commands) alone; teleoperation at
-30 Hz to learn from and to be judged by; no_command (positions and efforts); poor_urdf (the same, masses up to 10 % and centres 10 mm off); other_arm (two other arms, the mixture of
-main, beside main's figures); ties (slow, poor motion on a user's question "this or that?", then the proposed motion is
-recorded, everything is asked again, and the two are compared by their likelihood). A torque constant is in no_command only: with a logged command the gains take
-it up, and nothing is left to see. independent and independent_teleoperation come from another generator that shares no code with
-the package's stand-in (`benchmarks/independent`): three arms, 21 effects sized by what they change of the held-out logs, 3 to 60
-sensor noises before anything is fitted, and eight effects outside the catalogue.
+main: 240 cases on a six-joint arm, logs of command, position and effort: 100 faultless robots (their masses, centres of
+mass, gains and viscous friction are wrong, as in every case); 80 single effects, from barely visible to strong; 30
+pairs of effects of different families; 30 effects removed from the catalogue that the diagnoser gets, except effects
+whose law another effect contains. The variants have 80 cases each: positions (logs without effort); teleoperation at
+30 Hz for both training and test; no_command (positions and efforts); poor_urdf (the same, with masses up to 10 % and
+centres 10 mm off); other_arm (two other arms, the mixture of main, compared with main's figures); ties (slow,
+uninformative motion and a user's question "this or that?"; then the proposed motion is recorded, the diagnosis
+repeated, and the two effects are compared by likelihood). The torque constant is in no_command only: with a logged
+command the fitted gains absorb it, so it is invisible. independent and independent_teleoperation come from another
+generator, which shares no code with the package's stand-in (`benchmarks/independent`): three arms, 21 effects that
+change the held-out logs by 3 to 60 sensor noises before any fit, and eight effects outside the catalogue.
 
-Four recordings of 6 s a case, two of them held out and of another kind. The labels are written to OUT.labels.json and
-their SHA-256 printed before the first diagnosis; the diagnoser sees files of recordings, a URDF and nominal gains.
-Finished cases are kept, one JSON line each, and not run again; --shard and --rows share them between jobs (docs/scaling.md). A case that raises an error counts as wrong.
-Thresholds are tuned on the development seeds only.
+Each case has four recordings of 6 s; two of them are held out and of another kind. The labels are written to
+OUT.labels.json and their SHA-256 is printed before the first diagnosis; the diagnoser sees only recordings, a URDF and
+nominal gains. Finished cases are kept, one JSON line each, and not run again; --shard and --rows share them between
+jobs (docs/scaling.md). A case that raises an error counts as wrong. Thresholds are tuned on the development seeds only.
 """
 
 from __future__ import annotations
@@ -40,9 +41,9 @@ FOLDER = Path("build") / "diagnosis"
 
 
 def seal(name: str, seeds: str, path: Path) -> None:
-    """Write the labels beside the rows, and print their SHA-256.
+    """Write the labels next to the rows, and print their SHA-256.
 
-    Raises: EmbodieDreamerError where other labels are there already, so that the rows are of other cases.
+    Raises: EmbodieDreamerError where the file has other labels, so that the rows belong to other cases.
     """
     text = sealed(name, seeds)
     if path.is_file() and path.read_text() != text:
@@ -55,14 +56,14 @@ def seal(name: str, seeds: str, path: Path) -> None:
 
 
 def cases_of(name: str, seeds: str, wanted: Sequence[Label]) -> Cases:
-    """Labels of a set as a list of cases."""
+    """The list of cases for labels of a set."""
     digest = hashlib.sha256(sealed(name, seeds).encode()).hexdigest()
     settings = {"set": name, "seeds": seeds, "labels_sha256": digest}
     return Cases(settings, [{"index": label.index} for label in wanted])
 
 
 class Work:
-    """`run_case`, `brute_case` or the like, with a label's number as its case."""
+    """A function such as `run_case` or `brute_case`, called with a label's index as the case."""
 
     def __init__(self, run: Callable[..., dict[str, Any]], name: str, seeds: str, **options: Any) -> None:
         self.run, self.name, self.seeds, self.options = run, name, seeds, options
@@ -73,7 +74,7 @@ class Work:
 
 
 def shown(row: Row) -> str:
-    """A finished case in a line: what is true and what was said."""
+    """A finished case as one line: ground truth and verdict."""
     truth = " + ".join(row["label"]["effects"]) or "faultless"
     said = row.get("named") or row.get("failed") or ""
     if "found" in row:
@@ -82,7 +83,7 @@ def shown(row: Row) -> str:
 
 
 def outcome(rows: Sequence[Row], name: str) -> dict[str, Any]:
-    """What `result.json` holds: the figures without times, and what was said of each case."""
+    """Content of `result.json`: the figures without times, and the verdict of each case."""
     cases = [{"index": row["index"], "kind": row["label"]["kind"], "hidden": list(row["label"]["effects"]), "verdict": verdict(row),
               "named": row.get("found", {}).get("effects", []), "failed": row.get("failed", "")} for row in rows]  # fmt: skip
     found = [{**asdict(figure), "met": figure.met} for figure in figures(rows, name) if "seconds" not in figure.key]

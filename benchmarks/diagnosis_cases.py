@@ -1,8 +1,8 @@
-"""What the diagnosis benchmark asks: the labels of its cases, the robots behind them, and one diagnosis of each.
+"""Cases of the diagnosis benchmark: their labels, the robots, and one diagnosis of each.
 
-A label says which effects a robot hides and how strongly; everything else about the robot, its motions and its noise
-comes from the case's own generator, `default_rng([seed, number of the set, index])`. The diagnoser is given the files a
-user would have; the label is set beside its answer afterwards.
+A label states which effects a robot hides and their strength; everything else about the robot, its motions and its
+noise comes from the case's own generator, `default_rng([seed, number of the set, index])`. The diagnoser gets only the
+files that a user would have; its answer is compared with the label afterwards.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ SEEDS = {
     "sealed_9": 2472138,
     "sealed_10": 5971997,
 }
-# Beside the URDF's errors an offset of each joint's effort is estimated, which a bias is, alone or in a direction-dependent friction.
+# With URDF errors, an effort offset per joint is estimated; it absorbs a bias, also of direction-dependent friction.
 BESIDE_OFFSETS = tuple(name for name in IN_EFFORT if name not in ("torque_bias", "direction_dependent_friction"))
-PLAIN_NOISES = 10.0  # visibility from which an effect of the independent generator is plain
+PLAIN_NOISES = 10.0  # visibility above which an effect of the independent generator is plain
 TIES = (
     ("command_delay", "command_lowpass"),
     ("torque_bias", "joint_spring"),
@@ -76,9 +76,9 @@ TIES = (
 
 @dataclass(frozen=True)
 class Design:
-    """A set of cases: how many of each kind, which effects in rotation, which arms, how it is recorded, how strong a single effect is.
+    """A set of cases: counts by kind, effects used in rotation, arms, recording settings, strengths of singles.
 
-    independent: whether `benchmarks.independent` makes the cases, where a strength is a visibility in sensor noises.
+    independent: whether `benchmarks.independent` makes the cases; strengths are then visibilities in sensor noises.
     """
 
     number: int
@@ -91,7 +91,7 @@ class Design:
 
     @property
     def outside(self) -> tuple[str, ...]:
-        """Effects that the diagnoser is not told of."""
+        """Effects that the diagnoser's catalogue lacks."""
         return tuple(INDEPENDENT_OUTSIDE) if self.independent else OUTSIDE
 
     @property
@@ -100,12 +100,12 @@ class Design:
         return (PLAIN_NOISES, independent.MOST) if self.independent else (PLAIN, STRONG)
 
     def partners(self, effect: str) -> list[str]:
-        """Effects that may make a pair with this one."""
+        """Effects that may form a pair with this one."""
         return independent.partners(effect) if self.independent else partners(effect)
 
 
 FEW = {"null": 24, "single": 56}
-POOR = {"mass_error": 0.1, "com_error": 0.01}  # of a real robot's URDF: relative, and m
+POOR = {"mass_error": 0.1, "com_error": 0.01}  # errors of a real robot's URDF: relative, and m
 ANOTHERS: dict[str, Any] = {"singles": independent.SINGLES, "arms": tuple(ARMS), "independent": True,
                             "strengths": (independent.LEAST, independent.MOST)}  # fmt: skip
 SLOW = {"learnt": ("slow_ramps", "slow_ramps"), "held_out": ("hold_poses", "slow_ramps"), "reach": 0.2, "speed": 0.15}
@@ -130,7 +130,7 @@ SETS = {
 
 @dataclass(frozen=True)
 class Label:
-    """What a case hides; question: of a tie, the two effects a user wants told apart, the truth being one of them."""
+    """Ground truth of a case; question: for a tie, the two effects a user wants to distinguish, one of them true."""
 
     index: int
     kind: str
@@ -141,12 +141,12 @@ class Label:
 
 
 def case_rng(name: str, seeds: str, index: int) -> np.random.Generator:
-    """The generator of one case of a set, the same whatever other cases are drawn."""
+    """The generator of one case of a set; it does not depend on the other cases."""
     return np.random.default_rng([SEEDS[seeds], SETS[name].number, index])
 
 
 def labels(name: str, seeds: str) -> list[Label]:
-    """All labels of a set; its kinds of case alternate, so that the first few are a fair mixture."""
+    """All labels of a set; the kinds of case are interleaved, so that any first few are a fair mixture."""
     design = SETS[name]
     places = [((k + 0.5) / count, kind, k) for kind, count in design.counts.items() for k in range(count)]
     return [
@@ -174,7 +174,7 @@ def _label(design: Design, index: int, kind: str, k: int, rng: np.random.Generat
 
 
 def draw(name: str, seeds: str, label: Label) -> Case | independent.IndependentCase:
-    """The robot and the recordings of a label; one that never comes to rest, as under too much friction, is redrawn."""
+    """The robot and recordings of a label; a robot that never comes to rest (too much friction) is redrawn."""
     rng = case_rng(name, seeds, label.index)
     if SETS[name].independent:
         return independent.draw(label.effects, label.arm, label.strength, rng.spawn(1)[0], **SETS[name].recording)
@@ -183,9 +183,9 @@ def draw(name: str, seeds: str, label: Label) -> Case | independent.IndependentC
 
 
 def run_case(name: str, seeds: str, label: Label, oracle: str = "singles") -> dict[str, Any]:
-    """Draw a case, write a user's files, diagnose them, and only then set the answer beside the label.
+    """Draw a case, write a user's files and diagnose them; the row has the label and the answer.
 
-    oracle: "none", "singles" or "all": of which cases a refit with the true effects is made. An error becomes a row.
+    oracle: "none", "singles" or "all": cases for which a refit with the true effects is made. An error becomes a row.
     """
     row: dict[str, Any] = {"index": label.index, "label": asdict(label)}
     begun = time.perf_counter()
@@ -228,21 +228,21 @@ def beyond(model: RobotModel, hidden: Mapping[str, Mapping[str, Mapping[str, flo
 
 
 def oracle_of(model: RobotModel, folder: str, effects: tuple[str, ...]) -> dict[str, Any]:
-    """Held-out error of the model refitted with the true effects on all joints: what knowing them is worth."""
+    """Held-out error of the model refitted with the true effects on all joints, as an upper bound."""
     train, test = (load_recordings(f"{folder}/{part}") for part in ("train", "test"))
     try:
         for name in effects:
             model = add_effect(model, name, train, test).after.model
         return {"oracle": float(compare(model, test).error[0])}
-    except Exception as error:  # no fault of the diagnosis
+    except Exception as error:  # not an error of the diagnosis
         return {"oracle": None, "oracle_failed": f"{type(error).__name__}: {error}"}
 
 
 def ask_again(case: Case, model: RobotModel, folder: str, found: Diagnosis, label: Label) -> dict[str, Any] | None:
-    """Where an effect of the question is left open: record the proposed motion twice, to learn from and to be judged by.
+    """If the question is still open: record the proposed motion twice, for training and test, and diagnose again.
 
-    The question is the diagnosis' own where it declares a tie, else the user's. Effects that the first recordings cannot
-    show have their typical sizes when the motion is chosen. None where the first answer stands.
+    The question is that of the diagnosis if it declares a tie, else the user's. If the first recordings cannot show the
+    effects, the motion is chosen for their typical sizes. None if the first answer settles the question.
     """
     pair = found.question((label.question[0], label.question[1]))
     if pair is None:
@@ -271,12 +271,12 @@ def ask_again(case: Case, model: RobotModel, folder: str, found: Diagnosis, labe
 
 
 def _between(time: np.ndarray, command: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Commands (T, n) at times (T,), linear between them."""
+    """Interpolate commands (T, n) at times (T,) linearly."""
     return lambda t: np.stack([np.interp(t, time, column) for column in command.T], axis=1)
 
 
 def brute_case(name: str, seeds: str, label: Label) -> dict[str, Any]:
-    """The baseline: refit every effect of the catalogue and name the best on held-out recordings, whatever it gains."""
+    """The baseline: refit every effect of the catalogue and name the best on held-out recordings, whatever its gain."""
     row: dict[str, Any] = {"index": label.index, "label": asdict(label)}
     begun = time.perf_counter()
     try:
@@ -297,6 +297,6 @@ def brute_case(name: str, seeds: str, label: Label) -> dict[str, Any]:
 
 
 def sealed(name: str, seeds: str) -> str:
-    """All labels of a set as the text that is written before the first diagnosis."""
+    """All labels of a set, as the text written before the first diagnosis."""
     rows = ",\n".join(json.dumps(asdict(label)) for label in labels(name, seeds))
     return f'{{"set": "{name}", "seeds": "{seeds}", "labels": [\n{rows}\n]}}\n'

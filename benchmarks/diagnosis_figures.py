@@ -1,4 +1,4 @@
-"""The figures of the diagnosis benchmark from its rows: shares and medians with 95 % intervals beside their targets."""
+"""Figures of the diagnosis benchmark from its rows: shares and medians with 95 % intervals and targets."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from embodiedreamer_gym.standin.labels import PERIODIC
 Row = Mapping[str, Any]
 
 SURE = 0.9
-# Of the independent generator's own effects, those whose family is evident.
+# Effects only in the independent generator whose family is evident.
 FOREIGN_FAMILIES = {"speed_dependent_delay": "late_command", "lost_commands": "late_command", "cable_pull": "gravity"}
-VISIBLE = 3.0  # mean over joints of the calibrated model's held-out mean square residual, in sensor noises
+VISIBLE = 3.0  # least mean over joints of the calibrated model's held-out chi2/n for an effect to count as visible
 BESIDE = ("name", "detected", "accused", "unknown", "both")
-POINTS = 0.05  # by which another arm's shares may be worse
+POINTS = 0.05  # by how much another arm's shares may be worse
 
 TEXTS = {
     "name": "visible singles: right name, and no other",
@@ -47,7 +47,7 @@ TEXTS = {
     "median_seconds": "seconds of a diagnosis, median",
     "worst_seconds": "seconds of a diagnosis, worst",
 }
-TARGETS: dict[str, dict[str, tuple[float, float]]] = {  # least and most
+TARGETS: dict[str, dict[str, tuple[float, float]]] = {  # key -> (lowest, highest)
     "main": {
         "name": (0.95, 1), "name_or_tie": (0.99, 1), "joints": (0.95, 1), "misnamed": (0, 0.03), "fall": (0.85, np.inf),
         "gap": (0.90, np.inf), "accused": (0, 0.02), "detected": (0.95, 1), "unknown": (0.90, 1),
@@ -65,7 +65,7 @@ TARGETS |= {"independent": TARGETS["main"], "independent_teleoperation": TARGETS
 
 @dataclass(frozen=True)
 class Figure:
-    """A share or a median with its 95 % interval, and the target (least, most) if it has one."""
+    """A share or a median with its 95 % interval, and its target (lowest, highest), if any."""
 
     key: str
     value: float
@@ -77,7 +77,7 @@ class Figure:
 
     @property
     def met(self) -> bool | None:
-        """Whether the value lies in its target; None without a target."""
+        """Whether the value is within its target; None without a target."""
         return None if self.target is None else bool(self.target[0] <= self.value <= self.target[1])
 
     def __str__(self) -> str:
@@ -99,7 +99,7 @@ def wanted(key: str, target: tuple[float, float]) -> str:
 
 
 def share(key: str, answers: Iterable[bool], targets: Mapping[str, tuple[float, float]]) -> list[Figure]:
-    """How often the answer is yes; nothing where nothing was asked."""
+    """Share of answers that are yes; an empty list if there are no answers."""
     given = [bool(answer) for answer in answers]
     if not given:
         return []
@@ -108,7 +108,7 @@ def share(key: str, answers: Iterable[bool], targets: Mapping[str, tuple[float, 
 
 
 def median(key: str, values: Iterable[float | None], targets: Mapping[str, tuple[float, float]]) -> list[Figure]:
-    """The median and its interval between two order statistics."""
+    """The median, with its interval from order statistics; an empty list if there are no values."""
     given = np.sort([value for value in values if value is not None])
     if not len(given):
         return []
@@ -116,7 +116,7 @@ def median(key: str, values: Iterable[float | None], targets: Mapping[str, tuple
 
 
 def figures(rows: Sequence[Row], name: str) -> list[Figure]:
-    """All figures of a set that its rows allow, with that set's targets."""
+    """All figures that the rows of a set allow, with the set's targets."""
     targets = TARGETS.get(name, {})
     singles, nulls, pairs, outside, ties = (of_kind(rows, k) for k in ("single", "null", "pair", "outside", "tie"))
     seen = [row for row in singles if visible(row)]
@@ -151,17 +151,17 @@ def figures(rows: Sequence[Row], name: str) -> list[Figure]:
 
 
 def of_kind(rows: Sequence[Row], kind: str) -> list[Row]:
-    """Rows of one kind of case."""
+    """Rows with one kind of case."""
     return [row for row in rows if row["label"]["kind"] == kind]
 
 
 def verdict(row: Row) -> str:
-    """The verdict, "failed" where the diagnosis raised an error."""
+    """The verdict; "failed" if the diagnosis raised an error."""
     return "failed" if "failed" in row else row["found"]["verdict"]
 
 
 def visible(row: Row) -> bool:
-    """Whether the calibrated model is clearly off on the held-out recordings; a failed case counts as if it were."""
+    """Whether the calibrated model clearly misses the held-out recordings; true for a failed case."""
     if "failed" in row:
         return True
     chi2 = row["found"].get("chi2", {}).get("calibrated")
@@ -172,39 +172,39 @@ def visible(row: Row) -> bool:
 
 
 def right_name(row: Row) -> bool:
-    """Whether exactly the effects that are hidden are named."""
+    """Whether exactly the hidden effects are named."""
     return verdict(row) == "missing" and set(row["found"]["effects"]) == set(row["label"]["effects"])
 
 
 def tied(row: Row) -> bool:
-    """Whether the hidden effect is one of a declared tie."""
+    """Whether the hidden effects are part of a declared tie."""
     return verdict(row) == "ambiguous" and set(row["label"]["effects"]) <= set(row["found"]["effects"])
 
 
 def family(effect: str) -> str:
-    """Family of an effect, its own name where it has none."""
+    """Family of an effect; its own name if it has none."""
     kind = CATALOGUE.get(effect)
     return (kind.family if kind else FOREIGN_FAMILIES.get(effect)) or effect
 
 
 def right_family(row: Row) -> bool:
-    """Whether all that is named is of the family of what is hidden."""
+    """Whether the named effects have exactly the families of the hidden effects."""
     named = {family(name) for name in row["found"]["effects"]} if "found" in row else set()
     return accused(row) and named == {family(name) for name in row["label"]["effects"]}
 
 
 def names_family(row: Row) -> bool:
-    """Whether the family of what is hidden is named in place of an effect."""
+    """Whether the verdict names the hidden effect's family instead of an effect."""
     return verdict(row) == "ambiguous" and [row["found"].get("family")] == [family(e) for e in row["label"]["effects"]]
 
 
 def is_contained(row: Row) -> bool:
-    """Whether a law of the catalogue that the diagnoser had contains the hidden one."""
+    """Whether the law of another effect in the catalogue contains the hidden one."""
     return any(set(row["label"]["effects"]) & set(kind.generalises) for kind in CATALOGUE.values())
 
 
 def sure_names(row: Row) -> list[bool]:
-    """Of each effect named with a probability of 0.9 or more: whether it is hidden."""
+    """For each effect named with a probability of 0.9 or more: whether it is a hidden effect."""
     if verdict(row) != "missing":
         return []
     members = row["found"].get("members", {})
@@ -212,12 +212,12 @@ def sure_names(row: Row) -> list[bool]:
 
 
 def accused(row: Row) -> bool:
-    """Whether something is said to be missing; a failed case counts as if it were."""
+    """Whether the verdict says that something is missing; true for a failed case."""
     return verdict(row) in ("missing", "ambiguous", "failed")
 
 
 def misnamed(row: Row) -> bool:
-    """Whether something else than the hidden effect is accused, alone or beside it."""
+    """Whether a wrong effect is named, alone or in addition to the hidden one."""
     return accused(row) and not (right_name(row) or tied(row))
 
 
@@ -233,9 +233,9 @@ def right_joints(row: Row) -> bool:
 
 
 def right_joints_shown(row: Row) -> bool:
-    """The like, where joints that alone change the held-out logs by less than a sensor noise may be left out.
+    """As `right_joints`, but joints that alone change the held-out logs by less than one sensor noise may be left out.
 
-    An encoder's offset on a vertical axis, for one, changes nothing.
+    For example, an encoder offset on a vertical axis changes nothing.
     """
     said, shown = row["found"]["joints"], row["label"]["shown"]
     needed = {name: {j for j in at if shown[name].get(j, np.inf) >= 1.0} for name, at in row["label"]["joints"].items()}
@@ -243,14 +243,14 @@ def right_joints_shown(row: Row) -> bool:
 
 
 def fall(row: Row) -> float:
-    """Share of the calibrated model's held-out error that is gone; nothing where nothing was added."""
+    """Share of the calibrated model's held-out error that the added effects remove; 0 if none was added."""
     if "failed" in row or row["found"]["error"].get("with_effect") is None:
         return 0.0
     return 1.0 - row["found"]["error"]["with_effect"] / row["found"]["error"]["calibrated"]
 
 
 def fall_above_noise(row: Row) -> float | None:
-    """The fall of the held-out error without the noise in it; None where the calibrated model is as good as the noise."""
+    """The fall of the held-out error after subtracting noise; None if the calibrated model is at the noise."""
     if "failed" in row or row["found"]["error"].get("with_effect") is None:
         return 0.0
     error = row["found"]["error"]
@@ -259,7 +259,7 @@ def fall_above_noise(row: Row) -> float | None:
 
 
 def gap(row: Row) -> float | None:
-    """The fall of the held-out error relative to that of a refit with the true effect; None where that brings none."""
+    """The fall of the held-out error relative to that of a refit with the true effect; None if the refit has none."""
     if "failed" in row:
         return 0.0
     error = row["found"]["error"]
@@ -269,7 +269,7 @@ def gap(row: Row) -> float | None:
 
 
 def held(row: Row) -> list[bool]:
-    """Of each interval of the named effects, on joints where they act: whether it holds the true value."""
+    """For each interval of the named effects, on joints where they act: whether it contains the true value."""
     inside = []
     for effect, parameters in row["found"]["parameters"].items():
         for key, said in parameters.items():
@@ -280,17 +280,17 @@ def held(row: Row) -> list[bool]:
 
 
 def resolved(row: Row) -> bool:
-    """Whether the second diagnosis, after the proposed motion, names the hidden effect alone."""
+    """Whether the second diagnosis, after the proposed motion, names only the hidden effect."""
     return bool(row.get("next")) and right_name({"label": row["label"], "found": row["next"]["found"]})
 
 
 def decided(row: Row) -> bool:
-    """Whether the likelihood of all recordings, the proposed motion among them, speaks for the hidden effect."""
+    """Whether the likelihood of all recordings, including the proposed motion, favours the hidden effect."""
     return bool(row.get("next")) and [row["next"].get("decision", {}).get("best")] == list(row["label"]["effects"])
 
 
 def beside(mine: Sequence[Figure], main: Sequence[Figure]) -> list[str]:
-    """Another arm's shares beside the main set's: how many points worse, and whether within the target."""
+    """Another arm's shares compared with the main set's: by how many points worse, and whether within the target."""
     lines, there = [], {figure.key: figure for figure in main}
     for figure in mine:
         if figure.key in BESIDE and figure.key in there:
@@ -302,7 +302,7 @@ def beside(mine: Sequence[Figure], main: Sequence[Figure]) -> list[str]:
 
 
 def confusion(rows: Sequence[Row]) -> str:
-    """Hidden effect by what was said first of it; a column for each effect said, for ties and for no name."""
+    """Confusion table: hidden effect by the first effect named, with columns for ties and verdicts without a name."""
     chosen = [row for row in rows if row["label"]["kind"] in ("single", "null", "outside", "tie")]
     counts = Counter((_truth(row), _said(row)) for row in chosen)
     truths = sorted({truth for truth, _ in counts}, key=lambda t: (t == "faultless", t))
@@ -333,7 +333,7 @@ def _said(row: Row) -> str:
 
 
 def baselines(rows: Sequence[Row], brute: Sequence[Row] = ()) -> list[str]:
-    """What naming Coulomb friction every time, and refitting everything and naming the best, would score."""
+    """Scores of two baselines: always naming Coulomb friction, and refitting all effects and naming the best."""
     singles, nulls = of_kind(rows, "single"), of_kind(rows, "null")
     if not (singles or nulls):
         return []
@@ -351,7 +351,7 @@ def baselines(rows: Sequence[Row], brute: Sequence[Row] = ()) -> list[str]:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """What the shares do not show: failures, effects named beside the right one, truths outside a model's bounds."""
+    """Remarks that the shares do not show: failures, extra effects named, true values outside a model's bounds."""
     lines = [f"failed: case {row['index']}, {row['failed']}" for row in rows if "failed" in row]
     singles = of_kind(rows, "single")
     extra = [row for row in singles if verdict(row) == "missing" and not right_name(row)

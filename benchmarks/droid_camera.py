@@ -1,15 +1,15 @@
-"""Real Franka clips: are the cameras found, from marks, from nothing, and from both?
+"""Real Franka clips: camera calibration from hand-made marks, without marks, and with both.
 
 python -m benchmarks.droid_camera [--data ../shared/data/droid_franka] [--camera 0 1] [--alone] [--overlay DIR] [--out FILE.json]
 python -m benchmarks.droid_camera --standin FILE.hdf5 ...
 
-Nine episodes before two cameras, whose lens and places nobody published; the cameras were pushed between episodes, so
-each has one lens and nine places. benchmarks/droid_points.json holds marks made by hand; "fitted": false marks are never
-used in a fit, and errors are those of these marks, in pixels of the 320 x 192 pictures. --alone finds the camera of each
-episode from that episode alone. The gripper is no Panda's: its links are loose, which is all that is said beforehand.
+Nine episodes filmed by two cameras with unpublished lenses and poses. The cameras were moved between episodes, so each
+has one lens and nine poses. benchmarks/droid_points.json has marks made by hand; those with "fitted": false are never
+used in a fit; errors are of these marks, in pixels of the 320 x 192 pictures. --alone finds the camera of each episode
+from that episode alone. The gripper is not a Panda's: its links are declared loose, the only prior information given.
 Data: github.com/Robert-gyj/Ctrl-World, commit 4c713d1, dataset_example/droid_new_setup (MIT), not shipped. Robot:
-franka_panda of pybullet_data. --standin takes episodes of `embodiedreamer standin film` in place of the clips: there the
-true camera is known, and the error is told in pixels, mm and degrees.
+franka_panda of pybullet_data. --standin uses episodes of `embodiedreamer standin film` in place of the clips: their
+true camera is known, and the error is given in pixels, mm and degrees.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.video import VideoFrames
 
 POINTS = Path(__file__).with_name("droid_points.json")
 JOINTS = tuple(f"panda_joint{k}" for k in range(1, 8))
-LOOSE = ("panda_hand", "panda_leftfinger", "panda_rightfinger")  # a Robotiq gripper and a camera are there instead
+LOOSE = ("panda_hand", "panda_leftfinger", "panda_rightfinger")  # real: a Robotiq gripper and a camera
 EPISODES = ("0001", "0003", "0004", "0006", "0007", "0008", "0010", "0011", "0012")
 
 
@@ -54,7 +54,7 @@ def panda() -> Surface:
 
 
 def footage(data: Path, episode: str, camera: int, surface: Surface) -> Footage:
-    """One episode before one camera."""
+    """One episode filmed by one camera."""
     angles = joint_angles(data, episode)
     frames = VideoFrames(data / "videos" / episode / f"{camera}.mp4", len(angles))
     return Footage(frames, surface.poses(angles), name=episode)
@@ -67,7 +67,7 @@ def joint_angles(data: Path, episode: str) -> np.ndarray:
 
 
 def marks(data: Path, surface: Surface, camera: int, episodes: Sequence[str], fitted: bool | None) -> Keypoints:
-    """Marks of one camera in some episodes, which are its stands; fitted: only those, only the others, or all."""
+    """Marks of one camera in some episodes; fitted: True for the marks to fit, False for the others, None for all."""
     entries = [
         entry
         for entry in json.loads(POINTS.read_text())["marks"]
@@ -84,12 +84,12 @@ def marks(data: Path, surface: Surface, camera: int, episodes: Sequence[str], fi
 
 
 def marked(data: Path, surface: Surface, camera: int) -> tuple[str, ...]:
-    """Episodes with at least four marks to fit."""
+    """Episodes with four or more marks to fit."""
     return tuple(e for e in EPISODES if len(marks(data, surface, camera, (e,), True)) >= 4)
 
 
 def row(way: str, camera: int, fit: CameraFit, unused: Keypoints, seconds: float) -> dict:
-    """One line of the table, printed."""
+    """Print one line of the table and return its row."""
     errors = unused.errors(fit.views())
     lens = fit.cameras[0]
     found = {
@@ -109,7 +109,7 @@ def timed(calibrate, *given, **named) -> tuple[CameraFit, float]:
 
 
 def one_camera(data: Path, surface: Surface, camera: int, free: tuple[str, ...]) -> tuple[list[dict], CameraFit]:
-    """Four ways: on the episodes with marks to fit, on all from a first guess, and on all from nothing."""
+    """Fits of one camera: from marks, from marks and outlines, on all episodes from that fit, and without a guess."""
     few = marked(data, surface, camera)
     used, unused = (marks(data, surface, camera, few, fitted) for fitted in (True, False))
     print(f"camera {camera}: {len(used)} marks to fit, {len(unused)} unused, in the episodes {', '.join(few)}")
@@ -141,7 +141,7 @@ def one_camera(data: Path, surface: Surface, camera: int, free: tuple[str, ...])
 
 
 def alone(data: Path, surface: Surface, camera: int, free: tuple[str, ...]) -> list[dict]:
-    """Every episode by itself, from nothing."""
+    """Fit every episode by itself, without a guess."""
     rows = []
     for episode in EPISODES:
         take = footage(data, episode, camera, surface)
@@ -151,7 +151,7 @@ def alone(data: Path, surface: Surface, camera: int, free: tuple[str, ...]) -> l
 
 
 def standin(paths: Sequence[Path], free: tuple[str, ...]) -> list[dict]:
-    """Filmed episodes: the camera found from a guess beside the truth or nothing, by motion or masks, against the true one."""
+    """Stand-in films: error of the camera found with or without a guess near the truth, from motion or masks."""
     import h5py
 
     surface, takes, angles = Surface.of_model(RobotModel.load("aloha")), [], []
@@ -201,7 +201,7 @@ def standin(paths: Sequence[Path], free: tuple[str, ...]) -> list[dict]:
 
 
 def main() -> None:
-    """Print the table, and write the pictures that show it."""
+    """Print the table and write overlay pictures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, default=data_folder("droid_franka"))
     parser.add_argument("--camera", type=int, nargs="+", default=[0, 1])

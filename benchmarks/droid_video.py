@@ -1,13 +1,14 @@
-"""Real Franka clips: VisAligner fine-tuned on seven of the nine episodes, the other two beside copying.
+"""Real Franka clips: VisAligner fine-tuned on seven of nine episodes, and compared with copying on the other two.
 
 python -m benchmarks.droid_camera --camera 0 --out cam0.json    (and 1)
 python -m benchmarks.droid_video --cameras cam0.json cam1.json --out DIR [--steps 3000] [--aligner lean] [--strips DIR]
 
-One model for both static cameras, from the shipped weights; pictures of 160 x 96. The last two episodes are held out. The
-objects' masks are not known, nor is the bench's backdrop: the cameras were pushed between episodes. What a hand moves is
-therefore not told to the model. Everything is done twice, with the Panda's own hand and with what `vis carve` finds of the real
-one in the other episodes (but those whose camera is doubtful). Each model has a gallery of the other episodes. "hand": pixels
-that show the carved hand or the Panda's, in both cases the same. Data: see droid_camera.
+One model for both static cameras, from the shipped weights; pictures of 160 x 96. The last two episodes are held out.
+The objects' masks are not known, and neither is the bench's background, since the cameras were moved between episodes;
+the model therefore does not see which objects the hand moves. Everything is done twice, with the Panda's own hand and
+with the hand that `vis carve` finds in the training episodes (except those with a doubtful camera). Each model has a
+gallery of the training episodes. "hand": pixels that show the hand, the same pixels in both cases. Data: see
+droid_camera.
 """
 
 from __future__ import annotations
@@ -44,14 +45,15 @@ from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, HeldOutR
 from embodiedreamer_gym.vis_aligner.training import TrainingConfig, train
 
 PANDA = Path(pybullet_data.getDataPath()) / "franka_panda" / "panda.urdf"
-HAND, ARM_PARTS = "panda_hand", 9  # parts of the arm, before the hand and the fingers
+HAND, ARM_PARTS = "panda_hand", 9  # number of arm parts; the hand and fingers follow them
 SIZE = (160, 96)
 HELD = EPISODES[-2:]
 
 
 def cameras(path: Path) -> tuple[dict[str, Camera], set[str]]:
-    """Episode -> camera, of that fit in a file of droid_camera that is nearest to unused marks in all nine places, and the
-    episodes whose camera is doubtful.
+    """Cameras by episode and episodes with a doubtful camera, from a file of droid_camera.
+
+    Of the fits to all nine episodes, the one with the smallest error of the unused marks is taken.
     """
     fits = [row for row in json.loads(path.read_text()) if row["stands"] == len(EPISODES)]
     if not fits:
@@ -62,7 +64,7 @@ def cameras(path: Path) -> tuple[dict[str, Camera], set[str]]:
 
 
 def carved(data: Path, found: Sequence[tuple[dict[str, Camera], set[str]]], out: Path) -> Path:
-    """The Panda's URDF with the real hand, of the episodes that are not held out."""
+    """The Panda's URDF with the real hand, carved from the training episodes."""
     surface, footage, places = Surface(PANDA, JOINTS), [], []
     for number, (places_of, doubtful) in enumerate(found):
         for episode in [e for e in EPISODES if e not in HELD and e not in doubtful]:
@@ -77,7 +79,7 @@ def carved(data: Path, found: Sequence[tuple[dict[str, Camera], set[str]]], out:
 
 
 def episodes(data: Path, number: int, found: dict[str, Camera], urdf: Path) -> dict[str, Episode]:
-    """Real frames and the simulated robot in the same joint positions."""
+    """Episodes with real frames and the robot simulated at the same joint positions."""
     client, made = World(), {}
     robot = client.loadURDF(str(urdf), useFixedBase=True)
     index = {client.getJointInfo(robot, j)[1].decode(): j for j in range(client.getNumJoints(robot))}
@@ -136,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def judge(a: argparse.Namespace, name: str, both: Sequence[dict[str, Episode]]) -> list[list[HeldOutResult]]:
-    """Train on the episodes that are not held out, and judge the others: for each camera a result for each."""
+    """Train on the training episodes and evaluate the held-out ones; results by camera and episode."""
     aligner = load_aligner(a.aligner)
 
     def said(stage: str, step: int, loss: float) -> None:
@@ -156,7 +158,7 @@ def judge(a: argparse.Namespace, name: str, both: Sequence[dict[str, Episode]]) 
 
 
 def hand_error(result: HeldOutResult, condition: Condition) -> dict[str, float]:
-    """Mean square error of the pixels that show the hand in a condition with it."""
+    """Mean square error of the pixels that show the hand in `condition`."""
     real = result.clips["real"].astype(float)
     hand = np.asarray(condition.parts)[1 : len(real) + 1] > ARM_PARTS
     return {way: float(((result.clips[way] - real)[hand] ** 2).mean()) for way in (AFTER_TRUE, CLOSED)}

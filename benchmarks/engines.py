@@ -1,9 +1,9 @@
-"""Engines side by side: how far the robot moves apart in PyBullet and in MuJoCo under the same actions.
+"""Engine comparison: how far the robot diverges between PyBullet and MuJoCo under the same actions.
 
 python -m benchmarks engines [--seeds 5] [--seconds 4] [--out FILE.json]
 
-Smooth joint targets near home, nothing touched; the nominal ALOHA and one with six effects. Differences of the encoders
-in mrad (thousandths of a gripper's stroke): the largest, and the root mean square.
+Smooth joint targets near home, without contact; the nominal ALOHA and one with six effects. Differences of the encoder
+readings in mrad (thousandths of a gripper's stroke): the largest, and the root mean square.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SWING = 0.3  # rad
 
 
 def targets(env: AlohaEnv, seed: int, seconds: float) -> np.ndarray:
-    """Joint targets (T, 14): a sum of three sines for each joint, which begins at rest."""
+    """Joint targets (T, 14): a sum of three sines for each joint, which starts at rest."""
     rng = np.random.default_rng(seed)
     time = np.arange(round(seconds * env.control_hz))[:, None] / env.control_hz
     size = SWING * np.array([unit == "rad" for unit in env.robot.units])
@@ -32,7 +32,7 @@ def targets(env: AlohaEnv, seed: int, seconds: float) -> np.ndarray:
 
 
 def positions(engine: str, robot: str, seed: int, seconds: float) -> np.ndarray:
-    """What the encoders read (T, 14)."""
+    """Encoder readings (T, 14)."""
     env = AlohaEnv(robot=robot, engine=engine, obs_type="state", collisions=False)
     env.reset(seed=0)
     rows = []

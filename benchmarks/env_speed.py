@@ -1,10 +1,10 @@
-"""How fast the environment is beside its peers: steps and simulated seconds per CPU second, resets, pictures.
+"""Speed of the environment compared with its peers: steps and simulated seconds per CPU second, resets, pictures.
 
 python -m benchmarks.env_speed [--peers panda-gym,gym-aloha,robosuite] [--venvs .venv-peers] [--rounds 15] [--out FILE.json]
 
-Each peer gets a virtual environment of its own (made once, from the package index; one that cannot be installed is left
-out, with a line that says so). All run interleaved in rounds, one process each, so that a busy machine slows all alike;
-figures are medians over rounds of CPU seconds, ratios are taken within a round.
+Each peer gets its own virtual environment (made once, from the package index; a peer that cannot be installed is left
+out with a message). All run interleaved in rounds, one process each, so that a busy machine slows all equally; figures
+are medians over rounds of CPU seconds, and ratios are computed within a round.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ PEERS = {  # name -> what to install, worker, seconds simulated per step
     "gym-aloha": (["gym-aloha==0.1.5"], ALOHA, 0.02),
     "robosuite": (["robosuite==1.5.2", "mujoco==3.3.7", "h5py", "gymnasium"], ROBOSUITE, 0.05),
 }
-EFFECTS = {  # of the calibrated robot: one or two of each link of the signal chain
+EFFECTS = {  # effects of the calibrated robot: one or two for each stage of the signal chain
     "command_delay.seconds": 0.02, "command_rate_limit.rate": 2.5, "coulomb_friction.torque": 0.2,
     "torque_saturation.torque": 20.0, "torque_bias.torque": 0.1, "payload.mass": 0.1,
 }  # fmt: skip
@@ -92,7 +92,7 @@ TRIALS = {"state": 40, "pixels": 4, "reset": 30}  # calls in a round
 
 
 def calibrated(folder: Path) -> str:
-    """A robot with six effects and intervals, as a calibration leaves it; the file's path."""
+    """Write a robot with six effects and intervals, as a calibration does; return the file's path."""
     from embodiedreamer_gym.robot import RobotModel
 
     model = RobotModel.load("aloha")
@@ -112,7 +112,7 @@ def calibrated(folder: Path) -> str:
 
 
 class Worker:
-    """A process that does its work as often as it is told, and says how much CPU time that took."""
+    """A process that runs its work a given number of times and reports the CPU time."""
 
     def __init__(self, python: str, setup: str) -> None:
         script = WORKER.format(setup=setup)
@@ -139,7 +139,7 @@ class Worker:
 
 
 def peer_python(name: str, folder: Path) -> str | None:
-    """Interpreter of a peer's own virtual environment, made if missing; None where it cannot be installed."""
+    """Interpreter of a peer's own virtual environment, made if missing; None if the peer cannot be installed."""
     home = folder / name
     python = home / "bin" / "python"
     if not (home / ".installed").exists():
@@ -205,7 +205,7 @@ def main() -> None:
 
 
 def measure(running: dict[str, tuple[Worker, int, float]], rounds: int) -> dict[str, list[float]]:
-    """CPU seconds per call of each worker in each round, after a round to warm up; one that fails is left out."""
+    """CPU seconds per call of each worker in each round, after a warm-up round; failing workers are left out."""
     times: dict[str, list[float]] = {}
     for turn in range(rounds + 1):
         for name, (worker, count, _) in running.items():
@@ -227,7 +227,7 @@ def measure(running: dict[str, tuple[Worker, int, float]], rounds: int) -> dict[
 
 
 def ratios(times: dict[str, list[float]], seconds: dict[str, float]):
-    """The figures to judge by, medians over rounds."""
+    """Ratios between workers, medians over rounds."""
 
     def of(mine: str, theirs: str) -> float:
         pairs = zip(times[mine], times[theirs], strict=True)

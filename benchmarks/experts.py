@@ -1,9 +1,9 @@
-"""Scripted experts: how often each task succeeds on seeds not looked at, with the nominal and with another robot.
+"""Scripted experts: success of each task on unseen seeds, with the nominal and with another robot.
 
 python -m benchmarks experts [--episodes 100] [--seed 100000] [--task NAME ...] [--engine bullet mujoco]
                             [--jobs 2] [--shard I/N] [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 
-The other robot stands for a calibrated one: each gain is 0.7 to 1.3 times the nominal one's, joints 1 to 3 have Coulomb
+The other robot represents a calibrated one: each gain is 0.7 to 1.3 times the nominal gain, joints 1 to 3 have Coulomb
 friction of 0.3 N m, each hand carries 0.1 kg, commands arrive 20 ms late. The expert knows its gains, not its effects.
 """
 
@@ -21,7 +21,7 @@ import gymnasium as gym
 import numpy as np
 from scipy.stats import binomtest
 
-import embodiedreamer_gym  # noqa: F401  its environments are registered
+import embodiedreamer_gym  # noqa: F401  registers its environments
 from benchmarks.cases import case_options, one_sentence, run_cases, save_results
 from embodiedreamer_gym.envs.experts import ScriptedExpert
 from embodiedreamer_gym.envs.tasks import TASKS
@@ -47,14 +47,14 @@ def other_robot(folder: str | Path, seed: int = 0) -> Path:
 
 @lru_cache(maxsize=1)
 def environment(task: str, robot: str, engine: str) -> gym.Env:
-    """The environment of a group of cases, which follow one another."""
+    """The environment of a group of consecutive cases (cached)."""
     with tempfile.TemporaryDirectory() as folder:
         file = "aloha" if robot == "nominal" else str(other_robot(folder))
         return gym.make(f"EmbodieDreamer/{task}-v0", obs_type="state", robot=file, engine=engine)
 
 
 def play(case: Mapping[str, Any]) -> dict[str, Any]:
-    """One episode to its end: what its last step says, and the step at which it first succeeded."""
+    """Play one episode to its end: results of its last step, and the step of its first success."""
     env = environment(case["task"], case["robot"], case["engine"])
     env.reset(seed=case["seed"])
     expert = ScriptedExpert(env)
@@ -82,7 +82,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def shown(row: dict[str, Any]) -> str:
-    """A finished case in a line."""
+    """A finished case as one line."""
     return f"{row['task']:<16}{row['robot']:<9}{row['engine']:<8}{row['seed']:>8} {'success' if row['success'] else 'failed'}"
 
 
@@ -98,7 +98,7 @@ def main() -> None:
     names, seeds = ("task", "robot", "engine", "seed"), range(a.seed, a.seed + a.episodes)
     each = itertools.product(a.task, ("nominal", "other"), a.engine, seeds)
     cases = Cases({"benchmark": "experts"}, [dict(zip(names, one, strict=True)) for one in each])
-    from benchmarks.experts import play as work  # not of __main__: processes import it, with its cache
+    from benchmarks.experts import play as work  # not from __main__: worker processes import it, with its cache
 
     with one_sentence():
         rows = run_cases(a, cases, work, a.out, a.rows, shown)

@@ -1,11 +1,12 @@
-"""Export: does plain MuJoCo, from the exported file alone, move as `compare` does?
+"""Export: motion of plain MuJoCo with only the exported file, compared with the simulation of `compare`.
 
     python -m benchmarks export [--only NAME ...] [--out FILE.json]
 
-The demo's arm with each effect of the catalogue at its typical size, with none, with several, and with the demo's own friction;
-and ALOHA. The demo's recorded commands (for ALOHA: sines) are played in MuJoCo from the exported MJCF, and compared with the
-package's rollouts, mrad, and with those at a sixteenth of the package's step ("fine"). Baseline: the URDF with position actuators of the same gains, at MuJoCo's default time step, without
-rotor inertia, friction and effects.
+The demo's arm with each effect of the catalogue at its typical size, with none, with several, and with the demo's own
+friction; and ALOHA. The demo's recorded commands (for ALOHA: sines) are played in MuJoCo from the exported MJCF. Their
+motion is compared with the package's rollouts, mrad, and with rollouts at a sixteenth of the package's step ("fine").
+Baseline: the URDF with position actuators of the same gains, at MuJoCo's default time step, without rotor inertia,
+friction and effects.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ SEVERAL = ("command_delay", "coulomb_friction", "payload", "torque_bias", "encod
 
 
 def with_typical(model: Any, name: str) -> Any:
-    """The model with one more effect, each parameter at its typical size; shape parameters that have none at their off value."""
+    """The model with one more effect; parameters have their typical size, or their off value if they have none."""
     model = model.with_effect(name)
     effect = next(one for one in model.effects if one.name == name)
     values = {}
@@ -78,7 +79,7 @@ def sines(model: Any) -> Any:
 
 
 def baseline(model: Any, path: Path) -> Path:
-    """What a user writes without the package: the URDF with position actuators of the same gains."""
+    """The model that a user would write without the package: the URDF with position actuators of the same gains."""
     from embodiedreamer_gym.engines.export.joints import plain_joints, scales
     from embodiedreamer_gym.engines.mujoco.bodies import robot_specification
     from embodiedreamer_gym.engines.mujoco.library import mujoco
@@ -100,7 +101,7 @@ def baseline(model: Any, path: Path) -> Path:
 
 
 def gaps(path: Path, model: Any, logs: list[Any], step: float) -> list[float]:
-    """Largest and mean difference from the package's rollouts, mrad; infinite where MuJoCo diverges."""
+    """Largest and mean difference from the package's rollouts, mrad; infinite if MuJoCo diverges."""
     from embodiedreamer_gym.engines.export.replay import agreement
     from embodiedreamer_gym.errors import SimulationError
 

@@ -1,12 +1,12 @@
-"""Servo firmware: is what a servo does beside spring and damper named, and no plain servo accused?
+"""Servo firmware: diagnosis of firmware effects beyond spring and damper, and false alarms on plain servos.
 
 python -m benchmarks.firmware [--cases N | --effects NAME ...] [--seeds test|development] [--jobs 2] [--shard I/N]
                               [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 
-36 robots in another engine: two of each effect of firmware, between two thirds and one and a half of its plain size, and 20
-whose servos are springs and dampers. Masses, gains and friction of all are wrong as in the benchmark `diagnosis`, whose set
-`firmware` this is. An effect of the same family counts as the right name. Finished cases are kept and not run again;
---cases runs the first N, --effects those of some effects ("none": plain servos).
+36 robots in another engine: two with each firmware effect, at two thirds to one and a half of its plain size, and 20
+with plain spring-damper servos. Masses, gains and friction of all are wrong as in the benchmark `diagnosis`; this is
+its set `firmware`. An effect of the same family counts as the right name. Finished cases are kept and not run again;
+--cases runs the first N cases, --effects the cases of some effects ("none": plain servos).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def family(effect: str) -> str:
 
 
 def named(row: dict[str, Any]) -> bool:
-    """Whether what is named is the hidden effect, or one of its family."""
+    """Whether the named effect is the hidden one, or one of its family."""
     found, hidden = (
         {family(e) for e in effects} for effects in (row.get("found", {}).get("effects", ()), row["label"]["effects"])
     )
@@ -40,7 +40,7 @@ def named(row: dict[str, Any]) -> bool:
 
 
 def figures(rows: Sequence[dict[str, Any]]) -> str:
-    """One line a case that went wrong, and the shares."""
+    """One line for each wrong case, and the shares."""
     hidden = [row for row in rows if row["label"]["effects"]]
     plain = [row for row in rows if not row["label"]["effects"]]
     right, wrong = [row for row in hidden if named(row)], [row for row in plain if accused(row)]

@@ -1,10 +1,12 @@
-"""Mutated files, options and arguments: whether each is taken, or refused in one sentence; no traceback, hang or half-written file.
+"""Fuzzing with mutated files, options and arguments: each must be accepted, or refused in one sentence.
 
 python -m benchmarks.fuzz [--cases 10000] [--seed 0] [--targets csv,hdf5] [--jobs 2] [--shard I/N]
                           [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
-python -m benchmarks.fuzz --only csv:1234 --seed 0        one case again, with all that it printed
+python -m benchmarks.fuzz --only csv:1234 --seed 0        one case again, with all its output
 
-A case follows from target, seed and number alone. Finished cases are kept in --out; a run that was killed goes on there. Each case is a forked process with limits: 10 s, 2 GB more memory than at its start.
+Tracebacks, hangs and half-written files are errors. A case depends only on target, seed and number. Finished cases are
+kept in --out; a killed run continues from them. Each case is a forked process with limits: 10 s, and 2 GB more memory
+than at its start.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from embodiedreamer_gym.io.results import run_stamp
 COLUMNS = {"ok": "ok", "refused": "refused", "unclear": "unclear", "half-written": "half-written", "traceback": "tracebacks",
            "memory": "> 2 GB", "hang": "hangs", "dead": "dead"}  # fmt: skip
 WRONG = VERDICTS[2:]
-SHOWN = 40  # findings
+SHOWN = 40  # most findings shown
 
 
 def targets() -> dict[str, Callable[[Case], None]]:
@@ -46,13 +48,13 @@ def targets() -> dict[str, Callable[[Case], None]]:
 
 
 def plan(names: list[str], cases: int) -> list[tuple[str, int]]:
-    """Target and number of each case, the targets in turn."""
+    """Target and number of each case; the targets alternate."""
     return [(names[k % len(names)], k // len(names)) for k in range(cases)]
 
 
 def run(cases: Iterable[tuple[str, int]], seeds: Path, work: Path, seed: int = 0, jobs: int = 2, limits: Limits | None = None,
         known: dict[str, Callable[[Case], None]] | None = None, keep: bool = False) -> Iterator[Result]:  # fmt: skip
-    """Results of cases as they end, so many at a time; keep: leave their folders."""
+    """Results of cases as they end; jobs: cases at a time; keep: do not remove their folders."""
     known, waiting, going = known or targets(), iter(cases), list[Running]()
     while True:
         while len(going) < jobs and (case := next(waiting, None)) is not None:
@@ -70,7 +72,7 @@ def run(cases: Iterable[tuple[str, int]], seeds: Path, work: Path, seed: int = 0
 
 
 def prepare(folder: Path, names: Iterable[str]) -> Path:
-    """Write the seeds, and run what a case would else have to load: imports, numba's compilations, an environment."""
+    """Write the seeds, and preload what cases need: imports, Numba compilations, an environment."""
     from benchmarks.fuzzing import environments
     from benchmarks.fuzzing.options import VERBS, offered
     from benchmarks.fuzzing.seeds import write_seeds
@@ -87,11 +89,11 @@ def prepare(folder: Path, names: Iterable[str]) -> Path:
 
 
 def check_seeds(work: Path, seeds: Path, names: Iterable[str]) -> None:
-    """Run each target on seeds that are not mutated, and load here what that loads, so that no case has to.
+    """Run each target on unmutated seeds, and import the modules that this loads, so that no case has to.
 
     Raises: SystemExit where a seed is refused.
     """
-    first = Limits(seconds=600.0)  # compiles
+    first = Limits(seconds=600.0)  # includes compilation
     for result in run([(name, -1) for name in names], seeds, work, jobs=1, limits=first, keep=True):
         bad = [
             one for one in result.found if one.verdict != "ok" and "is not recognised in the pictures" not in one.error
@@ -107,7 +109,7 @@ def check_seeds(work: Path, seeds: Path, names: Iterable[str]) -> None:
 
 
 def table(results: Iterable[Result]) -> list[dict[str, object]]:
-    """A row for each target, and one for all."""
+    """A row for each target, and one for all targets."""
     rows, every = [], list(results)
     for name in [*dict.fromkeys(sorted(one.target for one in every)), "all"]:
         mine = [one for one in every if name in (one.target, "all")]
@@ -119,7 +121,7 @@ def table(results: Iterable[Result]) -> list[dict[str, object]]:
 
 
 def findings(results: Iterable[Result]) -> dict[tuple[str, str, str], list[tuple[Result, Found]]]:
-    """What is wrong, by target, verdict and place."""
+    """Errors by target, verdict and place."""
     found: dict[tuple[str, str, str], list[tuple[Result, Found]]] = {}
     for result in results:
         for one in result.found:
@@ -130,7 +132,7 @@ def findings(results: Iterable[Result]) -> dict[tuple[str, str, str], list[tuple
 
 
 def shown(results: list[Result], seed: int) -> str:
-    """The table as text, and how each finding is seen again."""
+    """The table as text, and the command that reproduces each finding."""
     rows = table(results)
     lines = [
         "  ".join(f"{title:>12}" for title in rows[0]),
@@ -148,13 +150,13 @@ def shown(results: list[Result], seed: int) -> str:
 
 
 def result_of(row: Row) -> Result:
-    """A row's result."""
+    """The result stored in a row."""
     data = {field.name: row[field.name] for field in fields(Result)}
     return Result(**data | {"found": [Found(**one) for one in row["found"]]})
 
 
 def outcome(results: list[Result]) -> dict[str, object]:
-    """What `result.json` holds: the table without times and memory, and how often what was found."""
+    """Content of `result.json`: the table without times and memory, and the cases of each finding."""
     rows = [{key: value for key, value in row.items() if key not in ("median ms", "most MB")} for row in table(results)]
     found = [{"target": target, "verdict": verdict, "place": place, "cases": sorted({one.number for one, _ in each})}
              for (target, verdict, place), each in sorted(findings(results).items())]  # fmt: skip
@@ -162,7 +164,7 @@ def outcome(results: list[Result]) -> dict[str, object]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the cases; 1 where anything is wrong."""
+    """Run the cases; returns 1 if anything is wrong."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=10_000, help="over all targets (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0)
@@ -171,7 +173,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--only", metavar="TARGET:NUMBER", help="one case; its folder is kept")
     a = parser.parse_args(argv)
     os.environ.setdefault("MPLBACKEND", "Agg")
-    os.environ.setdefault("BROWSER", "true")  # the workbench opens none
+    os.environ.setdefault("BROWSER", "true")  # so that the workbench opens no browser
     known = targets()
     names = a.targets.split(",") if a.targets else list(known)
     single = [] if a.only is None else [(a.only.partition(":")[0], int(a.only.partition(":")[2] or 0))]

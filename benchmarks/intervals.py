@@ -1,9 +1,9 @@
-"""How often the 95 % intervals of a calibration hold the truth, for white and for coloured noise.
+"""Coverage of the 95 % intervals of a calibration, for white and for coloured noise.
 
     python -m benchmarks.intervals [--fits 50] [--jobs 2] [--shard I/N] [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 
-The 7-joint arm and the 21 unknowns of benchmarks.calibration, least squares from starts off by up to a factor
-1.3; each fit has its own motion and its own noise of 0.5 mrad: white, or first-order autoregressive at 50 Hz.
+The 7-joint arm and the 21 unknowns of benchmarks.calibration; least squares from initial values off by up to a factor
+of 1.3. Each fit has its own motion and its own noise of 0.5 mrad: white, or first-order autoregressive at 50 Hz.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ OFF = 1.3
 
 
 def noise(rho: float, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
-    """Noise (T, n) of one standard deviation whose neighbours correlate by rho, in its steady state."""
+    """Stationary noise (T, n) of unit standard deviation; neighbouring samples have correlation rho."""
     fresh = rng.standard_normal(shape)
     fresh[1:] *= np.sqrt(1 - rho**2)
     return np.asarray(lfilter([1.0], [1.0, -rho], fresh, axis=0))

@@ -1,15 +1,16 @@
-"""Key poses in the stand-in world: what perception, and commands through the calibrated model, are worth.
+"""Key poses in the stand-in world: effect of perception, and of commands through the calibrated model.
 
 python -m benchmarks key_poses --out DIR [--task NAME ...] [--world nominal stand-in] [--look true generated simulator]
                                [--mode nominal off trim feed_forward both] [--demos 50] [--scenes 360] [--episodes 40]
                                [--first-seed 830000]
 
-Key poses are learnt from recorded demonstrations, with the objects' poses that the files state. `nominal` is the simulator of
-the demonstrations. `stand-in` is the world of `closed_loop`; its modes are those of `CalibratedTracking`, by the model that
-`closed_loop` fits to logs of the robot, and nominal: both, by the model that knows of no effect.
---look says who finds the objects: true, their true poses; generated, the look that `policy train --scenes` teaches by generated
-first frames of other scenes; simulator, the same with the plain simulator's pictures. The last two see one path-traced picture
-of each scene (stand-in only, with Blender's bpy), and a table gives their errors. Everything is kept in DIR.
+Key poses are learnt from recorded demonstrations, with the object poses stored in the files. `nominal` is the simulator
+of the demonstrations. `stand-in` is the world of `closed_loop`. Its modes are those of `CalibratedTracking`, with the
+model that `closed_loop` fits to logs of the robot; the mode nominal is `both` with the model without effects.
+--look selects the object detection: true uses the true poses; generated uses the detector that `policy train --scenes`
+trains on generated first frames of other scenes; simulator is the same with the plain simulator's pictures. The last
+two get one path-traced picture of each scene (stand-in only, with Blender's bpy), and a table gives their errors.
+Everything is kept in DIR.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def demonstrations(a: argparse.Namespace, task: str) -> Path:
 
 
 def trained(a: argparse.Namespace, task: str, look: str) -> Any:
-    """The policy of a look, made once."""
+    """The policy with the detector of a look, trained once."""
     from embodiedreamer_gym.pipelines.key_pose_scenes import train_on_scenes
     from embodiedreamer_gym.policies import load_policy
 
@@ -61,7 +62,7 @@ def skill_of(a: argparse.Namespace, task: str) -> Any:
 
 
 def traced(a: argparse.Namespace, task: str) -> tuple[np.ndarray, np.ndarray]:
-    """Path-traced pictures (N, H, W, 3) of the first instants in the stand-in world, and true poses (N, things, 3), kept in a file."""
+    """Path-traced first pictures (N, H, W, 3) in the stand-in world, and true poses (N, things, 3), kept in a file."""
     from embodiedreamer_gym.pipelines.key_pose_scenes import lying
     from embodiedreamer_gym.standin.bench import make_stand_in
 
@@ -80,7 +81,7 @@ def traced(a: argparse.Namespace, task: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def errors(a: argparse.Namespace, task: str, look: str) -> str:
-    """Lines of the table of perception: median, 90th percentile and largest error of each thing."""
+    """Lines of the perception table: median, 90th percentile and largest error of each object."""
     from embodiedreamer_gym.policies.key_pose.frames import folded
     from embodiedreamer_gym.policies.key_pose.silhouette import is_round
 
@@ -97,7 +98,7 @@ def errors(a: argparse.Namespace, task: str, look: str) -> str:
 
 
 def wrapper(a: argparse.Namespace, mode: str, world: str) -> Callable[[Any], Any]:
-    """What puts `CalibratedTracking` around an environment."""
+    """Function that wraps an environment in `CalibratedTracking`."""
     from embodiedreamer_gym.wrappers import CalibratedTracking
 
     model = "aloha" if world == "nominal" or mode in ("nominal", "off", "trim") else str(calibrated(a.out))
@@ -165,7 +166,7 @@ def main() -> None:
     pin_threads()
     import torch
 
-    import embodiedreamer_gym  # noqa: F401  its environments are registered
+    import embodiedreamer_gym  # noqa: F401  registers its environments
 
     torch.set_num_threads(1)
     print("| task | world | look | tracking | picked up | success |\n" + "|---" * 6 + "|")

@@ -1,11 +1,11 @@
-"""Joints and intervals of a single hidden effect whose name is given: which joints it is found on, what the intervals hold.
+"""Joints and intervals of a single hidden effect whose name is given: the joints found, and the intervals' coverage.
 
     python -m benchmarks.known_effect [--set main|independent|independent_teleoperation] [--seeds test|development] [--cases 40]
                                       [--skip 0] [--jobs 2] [--shard I/N] [--out FILE.jsonl] [--rows FILE.jsonl ...] [--results DIR]
 
-The single effects of a set of benchmarks.diagnosis. The true effect is fitted as a diagnosis fits it, on the joints that
-the screening leaves; then its joints are selected and the intervals taken. A case counts as fitted where no joint of the
-training recordings is worse than twice what all but 5 % of faultless robots are.
+The single effects of a set of benchmarks.diagnosis. The true effect is fitted as in a diagnosis, on the joints that
+screening keeps; then its joints are selected and the intervals computed. A case counts as fitted if every joint's chi2
+on the training recordings is at most twice the 95 % quantile of faultless robots.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from embodiedreamer_gym.standin.labels import places
 
 SETS = ("main", "independent", "independent_teleoperation")
 
-KEPT = ("index", "found", "servo", "fitted", "rollouts", "failed")  # in result.json
-FITTED = 2.0  # times the chi2 of all but 5 % of faultless robots, of the worst joint
+KEPT = ("index", "found", "servo", "fitted", "rollouts", "failed")  # keys kept in result.json
+FITTED = 2.0  # limit for the worst joint: chi2 relative to the 95 % quantile of faultless robots
 
 
 def known_effect(name: str, seeds: str, label: Label) -> dict[str, Any]:
-    """Fit the effect that a case hides, select its joints, take the intervals; then set the truth beside them."""
+    """Fit the hidden effect of a case, select its joints and compute intervals; the row also has the ground truth."""
     row: dict[str, Any] = {"index": label.index, "label": asdict(label)}
     try:
         case = draw(name, seeds, label)
@@ -77,7 +77,7 @@ def known_effect(name: str, seeds: str, label: Label) -> dict[str, Any]:
         at = sorted({key.split(".")[0] for key in said})
         row |= {"found": {"joints": {kind.name: at}, "parameters": {kind.name: said}}, "servo": servo, "stages": seconds,
                 "fitted": bool(worst.max() <= FITTED), "rollouts": chosen.rollouts - first.rollouts}  # fmt: skip
-    except Exception as error:  # shown, not hidden
+    except Exception as error:  # recorded in the row
         row["failed"] = f"{type(error).__name__}: {error}"
     return row
 
@@ -90,13 +90,13 @@ def true_gains(case: Case | IndependentCase) -> Mapping[str, Sequence[float]]:
 
 
 def shown(row: dict[str, Any]) -> str:
-    """A finished case in a line."""
+    """A finished case as one line."""
     found = row.get("found", {}).get("joints", row.get("failed"))
     return f"{row['index']} {row['label']['effects'][0]} found {found} true {row['label'].get('joints')}"
 
 
 def report(rows: Sequence[dict[str, Any]]) -> str:
-    """Shares of all cases, and of those that are fitted."""
+    """Shares for all cases, and for the fitted ones."""
     lines = [f"failed: case {row['index']}, {row['failed']}" for row in rows if "failed" in row]
     rows = [row for row in rows if "failed" not in row]
     for title, some in (("all cases", rows), ("fitted cases", [row for row in rows if row["fitted"]])):

@@ -1,10 +1,10 @@
-"""Does a policy learn in the environment? PPO from Stable-Baselines3 on the state of PutCupOnMat, beside random and still.
+"""Learning in the environment: PPO from Stable-Baselines3 on the state of PutCupOnMat, with random and still baselines.
 
 python -m benchmarks.learning [--steps 150000] [--seeds 3] [--out FILE.json] [--plot docs/images/learning.png]
 
-The reward is the paper's, minus the distance of the end effector to its target. Every tenth of the steps the policy plays
-20 unseen episodes without exploration; the figure is the mean distance over the last second of an episode. A finished
-seed is kept in --out and not run again.
+The reward is the paper's: minus the distance of the end effector to its target. After each tenth of the steps, the
+policy plays 20 unseen episodes without exploration; the figure is the mean distance over the last second of an episode.
+A finished seed is kept in --out and not run again.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import embodiedreamer_gym  # noqa: F401  registers the environments
 from benchmarks.common import save
 
 ID = "EmbodieDreamer/PutCupOnMat-v0"
-EPISODES, LAST = 20, 30  # unseen episodes, steps of their end that count
+EPISODES, LAST = 20, 30  # unseen episodes, and last steps of each that are evaluated
 ENVS = 4
 POINTS = 10
 
@@ -50,7 +50,7 @@ def play(act: Callable[[np.ndarray], np.ndarray], env: gym.Env, first_seed: int 
 
 
 def baselines() -> dict[str, dict[str, float]]:
-    """Actions at random, and an arm that keeps still."""
+    """Baselines: random actions, and an arm that stands still."""
     env, rng = make(), np.random.default_rng(0)
     still = env.unwrapped.action_space
     env.reset(seed=0)
@@ -60,7 +60,7 @@ def baselines() -> dict[str, dict[str, float]]:
 
 
 def learn(seed: int, steps: int) -> list[dict[str, float]]:
-    """Train one policy; rows of the evaluations."""
+    """Train one policy; returns a row for each evaluation."""
     torch.set_num_threads(1)
     training = VecNormalize(DummyVecEnv([make] * ENVS), gamma=0.97)
     model = PPO("MlpPolicy", training, n_steps=512, batch_size=256, n_epochs=10, gamma=0.97, gae_lambda=0.95,
@@ -77,7 +77,7 @@ def learn(seed: int, steps: int) -> list[dict[str, float]]:
 
 
 def draw(found: dict, path: Path) -> None:
-    """The curves of all seeds, and the baselines."""
+    """Draw the curves of all seeds, and the baselines."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -1,12 +1,12 @@
-"""ACT that LeRobot itself trained and saved: the same chunks of actions here, and an evaluation by LeRobot in our environment.
+"""ACT trained and saved by LeRobot: comparison of action chunks, and evaluation by LeRobot in our environment.
 
 python -m benchmarks lerobot_act --lerobot-python ENV/bin/python [--evaluate] [--out FILE.json]
 
 Demonstrations are recorded and written as a LeRobot set by this package. LeRobot (in its own environment, see
-docs/formats.md) trains ACT on the set for some steps, saves a checkpoint and predicts chunks. The checkpoint is loaded here
-and predicts for the same observations; the largest difference has to be at most 1e-4 (rad, grippers 0 .. 1). With --evaluate,
-whose LeRobot environment needs this package's dependencies too, LeRobot's own evaluation plays the checkpoint in
-examples/lerobot/env.py, and the sum of rewards is compared with that of the same policy and seeds here.
+docs/formats.md) trains ACT on the set for some steps, saves a checkpoint and predicts chunks. This package loads the
+checkpoint and predicts for the same observations; the largest difference must be at most 1e-4 (rad, grippers 0 .. 1).
+With --evaluate, LeRobot's own evaluation plays the checkpoint in examples/lerobot/env.py (its environment then needs
+this package's dependencies too), and the sum of rewards is compared with that of the same policy and seeds here.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ import numpy as np
 from benchmarks.common import pin_threads, save, times
 
 TARGET = 1e-4
-EPISODES, STEPS = 2, 60  # of the evaluation
+EPISODES, STEPS = 2, 60  # episodes of the evaluation, steps of each
 PICTURES = "observation.images."
 
 
 def theirs_runs(python: Path, script: str, *arguments: Any) -> str:
-    """The last line that a script prints in LeRobot's environment. Raises: SystemExit with its error where it fails."""
+    """Run a script in LeRobot's environment; returns its last line. Raises: SystemExit with its error if it fails."""
     home = Path(__file__).parents[1]
     done = subprocess.run([python, home / "benchmarks" / script, *arguments], capture_output=True, text=True, check=False,
                           env={**os.environ, "PYTHONPATH": str(home)})  # fmt: skip
@@ -40,7 +40,7 @@ def theirs_runs(python: Path, script: str, *arguments: Any) -> str:
 
 
 def played(policy: Any) -> float:
-    """Mean sum of rewards of whole chunks in the seeds and environments that `lerobot_evaluates.py` plays."""
+    """Mean sum of rewards, with whole chunks, for the seeds and environments of `lerobot_evaluates.py`."""
     import gymnasium as gym
 
     sums = []
@@ -61,7 +61,7 @@ def played(policy: Any) -> float:
 
 
 def main() -> int:
-    """Print the difference; 1 where it is larger than the target."""
+    """Print the difference; returns 1 if it is larger than the target."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--lerobot-python", type=Path, required=True, help="a Python with LeRobot")
     parser.add_argument("--steps", type=times, default=20)

@@ -1,8 +1,8 @@
-"""LeRobot itself evaluates an ACT checkpoint in these environments; to be run in LeRobot's environment, with this package in it.
+"""LeRobot evaluates an ACT checkpoint in these environments; run it in LeRobot's environment, with this package.
 
 python lerobot_evaluates.py CHECKPOINT OUT.json [--episodes 2] [--steps 60]
 
-The environments come from examples/lerobot/env.py, imported and called as LeRobot does with a repository of its hub.
+The environments come from examples/lerobot/env.py, imported and called as LeRobot does for a repository of its hub.
 """
 
 from __future__ import annotations

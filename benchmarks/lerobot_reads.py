@@ -1,9 +1,9 @@
-"""LeRobot itself reads a LeRobot set that this package wrote; to be run in LeRobot's own environment.
+"""LeRobot reads a LeRobot set that this package wrote; run it in LeRobot's own environment.
 
 python lerobot_reads.py SET --against FOLDER [--every K]
 
 FOLDER holds the HDF5 episodes of the same demonstrations (`embodiedreamer demos` with the same seed and
-`--format aloha`). State and action must be the same to the last bit, each frame nearest to its own original.
+`--format aloha`). States and actions must be bit-identical; each frame must be closest to its own original.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import h5py
 import numpy as np
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-CHUNK = 8  # actions that are asked for at once
-APART = 10  # frames from a frame to the one it is held against, to see what a wrong one would give
+CHUNK = 8  # actions read at once
+APART = 10  # distance in frames to a wrong frame, for the error that a wrong frame would give
 
 
 def originals(folder: Path) -> list[dict]:
-    """Numbers and frames of the HDF5 episodes, in their order."""
+    """Numbers and frames of the HDF5 episodes, in order."""
     paths = sorted(folder.glob("episode_*.hdf5"), key=lambda path: int(re.sub(r"\D", "", path.stem)))
     found = []
     for path in paths:

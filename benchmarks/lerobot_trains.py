@@ -1,8 +1,8 @@
-"""LeRobot itself trains ACT for some steps on a LeRobot set that this package wrote; to be run in LeRobot's own environment.
+"""LeRobot trains ACT for some steps on a LeRobot set that this package wrote; run it in LeRobot's own environment.
 
 python lerobot_trains.py SET OUT [--steps 20]
 
-OUT/checkpoint is what LeRobot saves (network, configuration, processors), OUT/chunks.npz holds observations of the set and
+OUT/checkpoint is saved by LeRobot (network, configuration, processors); OUT/chunks.npz has observations of the set and
 the chunks of actions that LeRobot predicts for them.
 """
 
@@ -66,7 +66,7 @@ def main() -> None:
     for part in (policy, before, after):
         part.save_pretrained(a.out / "checkpoint")
     items = [data[k] for k in np.linspace(0, len(data) - 1, LOOKED_AT).astype(int)]
-    # a policy in an environment is given pictures of whole numbers, so these are rounded before LeRobot sees them
+    # an environment gives a policy integer pixels, so these are rounded before LeRobot uses them
     pictures = {
         name: np.stack([np.round(item[name].numpy() * 255).astype(np.uint8) for item in items])
         for name in meta.video_keys

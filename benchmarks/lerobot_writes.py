@@ -1,9 +1,9 @@
-"""LeRobot itself writes an SO-101's ticks as sets in its degrees and in -100 .. 100; to be run in LeRobot's own environment.
+"""LeRobot writes an SO-101's ticks as sets in its degrees and in -100 .. 100; run it in LeRobot's own environment.
 
 python lerobot_writes.py TICKS.npz FOLDER
 
-TICKS.npz: motors, calibration (JSON), hz, and position_K and command_K of each episode, whole ticks. The normalisation is that of
-LeRobot's bus; the sets are FOLDER/degrees and FOLDER/range.
+TICKS.npz: motors, calibration (JSON), hz, and for each episode K position_K and command_K in whole ticks. LeRobot's bus
+does the normalisation; the sets are FOLDER/degrees and FOLDER/range.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MODES = motors_bus.MotorNormMode
 
 
 def normaliser(motors: list[str], calibration: dict[str, dict[str, int]], mode: MODES) -> SimpleNamespace:
-    """What the bus's normalisation asks of a bus; none is connected."""
+    """A stand-in with the attributes that the bus's normalisation needs; no bus is connected."""
     kinds = {
         name: motors_bus.Motor(k + 1, "sts3215", MODES.RANGE_0_100 if name == "gripper" else mode)
         for k, name in enumerate(motors)

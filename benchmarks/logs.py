@@ -1,11 +1,11 @@
-"""Logs as people have them: the same numbers in every format give the same arrays and the same verdict.
+"""Log formats: the same numbers in every format must give the same arrays and the same verdict.
 
 python -m benchmarks logs [--lerobot-python ENV/bin/python] [--quick] [--out FILE.json]
 
-An SO-101 is simulated with hidden Coulomb friction, and its motors' ticks (4096 a turn) are the numbers. They are written as csv,
-HDF5, LeRobot set (by this package, in rad), MCAP (by mcap), rosbag2 (by rosbags), and, with LeRobot's Python, as sets of LeRobot's own
-in degrees and in -100 .. 100. Compared are positions, commands and times with the csv, bit for bit (LeRobot keeps float32), and
-the verdict of `diagnose`.
+An SO-101 is simulated with hidden Coulomb friction; the numbers are its motors' ticks (4096 per turn). They are written
+as csv, HDF5, LeRobot set (by this package, in rad), MCAP (by mcap), rosbag2 (by rosbags), and, with LeRobot's Python,
+by LeRobot itself in degrees and in -100 .. 100. Positions, commands and times are compared bit for bit with the csv
+(LeRobot stores float32), and so is the verdict of `diagnose`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FLOAT32 = 2.0**-23
 
 
 def make_ticks() -> tuple[Any, list[tuple[Any, Any]]]:
-    """The model that is to be diagnosed, and ticks (T, 6) of position and command of each motion."""
+    """The model to diagnose, and ticks (T, 6) of position and command for each motion."""
     import numpy as np
 
     from embodiedreamer_gym.motions import MOTIONS as KINDS
@@ -57,7 +57,7 @@ def make_ticks() -> tuple[Any, list[tuple[Any, Any]]]:
 
 
 def ticks_line(model: Any, joint: str) -> tuple[float, float]:
-    """Angle per tick, and the tick at angle 0: the middle of the calibrated range is that of the limits."""
+    """Angle per tick, and the tick at angle 0; the middle of the calibrated range is the middle of the limits."""
     from math import pi
 
     low, high = RANGES[joint]
@@ -71,7 +71,7 @@ def ticks_line(model: Any, joint: str) -> tuple[float, float]:
 def write_all(
     folder: Path, model: Any, motions: Sequence[tuple[Any, Any]], python: Path | None
 ) -> dict[str, dict[str, Any]]:
-    """Write the motions in every format: format -> arguments of `load_recordings` for each motion, and what is allowed to differ."""
+    """Write the motions in every format; returns format -> arguments of `load_recordings`, and allowed differences."""
     import numpy as np
 
     from benchmarks.bags import write_mcap, write_rosbag2

@@ -1,4 +1,4 @@
-"""Remake the recordings of the demo: a six-joint arm in MuJoCo with one hidden effect; needs the extra [standin].
+"""Regenerate the recordings of the demo: a six-joint arm in MuJoCo with one hidden effect; needs the extra [standin].
 
 python -m benchmarks.make_demo_data [--out embodiedreamer_gym/assets/demo]
 """
@@ -16,14 +16,14 @@ from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.standin.cases import draw_case
 
 EFFECT, ARM, SEED, SECONDS = "stribeck_friction", "arm6", 6, 4.0
-# What the user of the demo believes of the servos, as a share of the truth: gains of a data sheet.
+# Servo gains that the demo's user assumes, as from a data sheet, relative to the true ones.
 STIFFNESS = (1.4, 0.7, 1.3, 0.75, 1.35, 0.7)
 DAMPING = (0.7, 1.4, 0.8, 1.3, 0.7, 1.3)
 FOLDER = Path(__file__).parents[1] / "embodiedreamer_gym" / "assets" / "demo"
 
 
 def write_small(recording: Recording, path: Path) -> None:
-    """Write the ALOHA layout in single precision, compressed; the sensor's noise is left for the reader to find."""
+    """Write the ALOHA layout in single precision, compressed, without the attribute for sensor noise."""
     signals = {
         "action": recording.command,
         "observations/qpos": recording.position,
@@ -41,7 +41,7 @@ def write_small(recording: Recording, path: Path) -> None:
 
 
 def main() -> None:
-    """Draw the robot and write its recordings, the model that its user has, and the sealed truth."""
+    """Draw the robot and write its recordings, the user's model, and the ground truth."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=FOLDER)
     folder = parser.parse_args().out

@@ -1,10 +1,10 @@
-"""Null test: the plant at 240 and 250 Hz against another engine at 10 kHz, the same faultless robot in both.
+"""Null test: the plant at 240 and 250 Hz compared with another engine at 10 kHz, for the same faultless robot.
 
-What is left is the error of the step and of what a log says of the command between its samples: no verdict
-may rest on less. Position in mrad rms (thousandths of a normalised gripper's stroke), torque rms in units of
-a sensor noise of 2 % of the torque at a servo error of 0.05 rad. The model hears the command of a 1 kHz log
-in the first two tables; in the third, the robot follows the motion itself ("continuous"), a line between the
-logged commands, or the last of them ("hold"), and the model a line or the last one.
+The difference comes from the time step and from the unknown command between the samples of a log; a verdict must not
+depend on smaller differences. Position in mrad rms (thousandths of a normalised gripper's stroke), torque rms in units
+of a sensor noise of 2 % of the torque at a servo error of 0.05 rad. In the first two tables the model gets the commands
+of a 1 kHz log. In the third, the robot follows the motion itself ("continuous"), a line between the logged commands
+("linear"), or the last of them ("hold"); the model uses "linear" or "hold".
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ROBOTS = ("arm6", "arm6b", "arm7", "aloha")
 SECONDS = 4.0
 PLANT_RATES = (240, 250)  # Hz
 FINE = 1e-4  # s, step of the other engine
-DENSE = 1000.0  # Hz, a log so dense that its command counts as continuous
+DENSE = 1000.0  # Hz, a log dense enough for its command to count as continuous
 TARGET = (0.1, 0.2)  # mrad, sensor noises
 FRICTION_TARGET = 0.3  # mrad
 FRICTION = 0.2  # Coulomb friction as a share of the torque at a servo error of 0.05 rad
@@ -45,7 +45,7 @@ RULES = (("continuous", "linear"), ("continuous", "hold"), ("linear", "linear"),
 
 @dataclass(frozen=True)
 class Twin:
-    """A faultless robot on both sides: the model, how to build its stand-in, where its joints may go."""
+    """A faultless robot in both engines: the model, a function that builds its stand-in, and its joint ranges."""
 
     model: RobotModel
     build: Callable[..., StandIn]
@@ -88,7 +88,7 @@ def arm_model(arm: str) -> RobotModel:
 
 
 def with_effect(pair: Twin, effect: str, values: dict[str, Any]) -> tuple[RobotModel, dict[str, dict[str, Any]]]:
-    """The model with an effect, and the same as the stand-in takes it; values: one number or an array."""
+    """The model with an effect, and the same effect in the stand-in's form; values: parameter -> number or array."""
     model, named, given = pair.model, {}, {}
     for parameter in CATALOGUE[effect].parameters:
         names = model.joints if parameter.per == "joint" else model.arms
@@ -99,7 +99,7 @@ def with_effect(pair: Twin, effect: str, values: dict[str, Any]) -> tuple[RobotM
 
 
 def known(recording: Recording) -> Recording:
-    """The log, said to be all but free of noise: then a first state is taken from few samples."""
+    """The log with nearly zero noise declared, so that the initial state is estimated from few samples."""
     n = len(recording.joints)
     return recording.with_(noise=np.full(n, 1e-5), quantum=np.zeros(n))
 
@@ -107,7 +107,7 @@ def known(recording: Recording) -> Recording:
 def error(
     model: RobotModel, standin: StandIn, recording: Recording, rate: float, hold: str = "linear"
 ) -> tuple[float, float]:
-    """Rms of position, mrad, and of torque, sensor noises, of the model's free run."""
+    """Rms errors of the model's free run: position in mrad, torque in sensor noises."""
     run = simulate(model, known(recording), dt=1.0 / rate, hold=hold)
     position = recording.position - run.position
     torque = (recording.effort - run.torque) / (EFFORT_NOISE * standin.effort_scale)
@@ -142,7 +142,7 @@ class Row:
 
 
 def engines(robot: str, seconds: float = SECONDS, friction: bool = False) -> Iterator[Row]:
-    """Both plant rates against the other engine, the command known at every instant."""
+    """Both plant rates compared with the other engine; the command is known at all times."""
     pair = twin(robot)
     model, effects = pair.model, {}
     if friction:
@@ -158,7 +158,7 @@ def engines(robot: str, seconds: float = SECONDS, friction: bool = False) -> Ite
 
 
 def between_samples(robot: str = "arm6", seconds: float = SECONDS) -> Iterator[Row]:
-    """What the model makes of a sparse log's commands, by what the robot made of them."""
+    """Errors with a sparse log, for each way in which robot and model use the commands between samples."""
     pair = twin(robot)
     standin = pair.build()
     kinds = [*motions(pair.span, seconds), teleoperation(pair.span, np.random.default_rng(0), seconds)]
@@ -171,7 +171,7 @@ def between_samples(robot: str = "arm6", seconds: float = SECONDS) -> Iterator[R
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print the tables; 1 when a target is missed."""
+    """Print the tables; returns 1 when a target is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
     parser.add_argument("--seconds", type=float, default=SECONDS)

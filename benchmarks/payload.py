@@ -1,12 +1,14 @@
-"""Load against no load: is the load named with the unloaded robot's friction, and does the interval of its mass hold the truth?
+"""Payload: diagnosis of a load with the unloaded robot's friction known, and coverage of the interval of its mass.
 
     python -m benchmarks.payload [--cases 20] [--seed 0] [--jobs 2] [--shard I/N] [--out FILE.jsonl]
                                  [--rows FILE.jsonl ...] [--results DIR]
 
-A simulated arm with Coulomb friction, whose URDF has masses up to 10 % and centres 10 mm off, is logged without commands
-(positions and efforts, four recordings of 6 s) twice: without a load, and with 1 to 3 kg up to 7 cm beside its flange. The
-unloaded logs are diagnosed; the loaded ones are, from that model with its friction and its URDF fixed. Beside it stands plain
-least squares of the mass: the efforts that the unloaded model leaves, regressed on what one kg at the flange adds to them.
+A simulated arm with Coulomb friction, whose URDF has masses up to 10 % and centres up to 10 mm off, is logged twice
+without commands (positions and efforts, four recordings of 6 s): without a load, and with 1 to 3 kg up to 7 cm from its
+flange. The unloaded logs are diagnosed first; the loaded logs are then diagnosed with that model, its friction and URDF
+fixed. The
+baseline is least squares of the mass: the effort residuals of the unloaded model, regressed on the efforts that 1 kg at
+the flange adds.
 """
 
 from __future__ import annotations
@@ -40,12 +42,12 @@ POOR: dict[str, Any] = {"mass_error": 0.1, "com_error": 0.01, "gain_error": 0.05
 KINDS = ("multisine", "point_to_point", "teleoperation", "slow_ramps")  # the last two are held out
 SENSOR: dict[str, Any] = SENSORS
 MASS, BESIDE = (1.0, 3.0), 0.07  # kg, m
-FRICTION = (0.04, 0.16)  # of the joint's largest torque without a load
+FRICTION = (0.04, 0.16)  # share of the joint's largest torque without a load
 SECONDS = 6.0
 
 
 def logs(robot: StandIn, seed: int) -> tuple[list[Recording], list[Recording]]:
-    """Recordings without commands, to learn from and held out; the same motions for the same seed."""
+    """Training and held-out recordings without commands; the same seed gives the same motions."""
     span = span_of(arm_urdf(ARM), arm_joints(ARM), arm_home(ARM), reach=0.7, speed=0.8)
     rng, taken = np.random.default_rng([seed, 1]), []
     for kind in KINDS:
@@ -55,7 +57,7 @@ def logs(robot: StandIn, seed: int) -> tuple[list[Recording], list[Recording]]:
 
 
 def one_case(case: dict[str, Any]) -> dict[str, Any]:
-    """One robot without and with a load."""
+    """Diagnose one robot without and with a load."""
     seed = case["seed"]
     rng = np.random.default_rng([seed, 0])
     servo, joints = asdict(TRUTH[ARM]), arm_joints(ARM)
@@ -103,17 +105,17 @@ def regressed(model: RobotModel, train: list[Recording]) -> float:
 
 
 def masses_held(rows: Sequence[Mapping[str, Any]]) -> list[bool]:
-    """Of each case with an interval, whether the interval holds the mass."""
+    """For each case with an interval: whether the interval contains the true mass."""
     return [r["interval"][0] <= r["mass"] <= r["interval"][1] for r in rows if r["interval"]]
 
 
 def mass_errors(rows: Sequence[Mapping[str, Any]], key: str) -> list[float]:
-    """Relative error of an estimated mass of each case that has one; key: "fitted" or "least_squares"."""
+    """Relative error of the estimated mass, for each case that has one; key: "fitted" or "least_squares"."""
     return [abs(r[key] / r["mass"] - 1) for r in rows if r[key] is not None]
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """A line per case, then the counts."""
+    """One line per case, then the counts."""
     lines = [
         f"{'seed':>4} {'mass kg':>8} {'beside cm':>9} {'verdict':<16}{'effects':<28}{'fitted':>8} {'interval':>16} {'LS':>6}"
     ]
@@ -135,7 +137,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def shown(row: dict[str, Any]) -> str:
-    """A finished case in a line."""
+    """A finished case as one line."""
     return f"{row['seed']} {row['verdict']} {', '.join(row['effects'] or row['closest'])}"
 
 

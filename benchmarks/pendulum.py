@@ -1,9 +1,10 @@
-"""A pendulum on a servo, simulated and fitted on its own: spring, damper and the friction of gears, by none of our laws.
+"""A pendulum on a servo, simulated and fitted without the package: spring, damper and gear friction.
 
-The equations of github.com/Rhoban/bam (arXiv 2410.08650, models M1 to M5): the servo's torque is gain * stiffness * error, at
-most a limit, less damping * speed; friction is a stopping torque of at most
+Source: equations of github.com/Rhoban/bam (arXiv 2410.08650, models M1 to M5). The servo's torque is gain * stiffness *
+error, at most a limit, minus damping * speed; friction is a stopping torque of at most
 base + |motor * torque - external * weight| + exp(-|speed / stribeck_speed|) * |the same with static shares|.
-sag: the torque falls to torque / (1 + sag * |gain * stiffness * error|), as where a resistance before the PWM drops voltage.
+sag: the torque falls to torque / (1 + sag * |gain * stiffness * error|), as with a voltage drop at a resistance before
+the PWM.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ PARAMETERS = {
 }
 COULOMB = ("stiffness", "damping", "armature", "limit", "offset", "base")
 GEARS = (*COULOMB, "motor", "motor_static", "stribeck_speed")
-EQUAL = {"external": "motor", "external_static": "motor_static"}  # BAM's M4: the shares of both sides are the same
+EQUAL = {"external": "motor", "external_static": "motor_static"}  # BAM's M4: motor and external shares are the same
 SAG = ("sag",)
 STARTS = 6
 
@@ -53,7 +54,7 @@ def read_bodies(urdf: Path) -> tuple[float, float]:
 
 @nb.njit(cache=True)
 def _simulate(goal, start, speed, gain, p, weight, inertia, dt):
-    """Measured positions (K,) of the pendulum under commands (K,), every dt."""
+    """Simulate the measured positions (K,) of the pendulum for commands (K,) with time step dt."""
     stiffness, damping, armature, limit, offset, base, motor, external, motor_static, external_static, stribeck, sag = p
     q, v, whole = start - offset, speed, inertia + armature
     seen = np.empty(len(goal))
@@ -73,7 +74,7 @@ def _simulate(goal, start, speed, gain, p, weight, inertia, dt):
 
 
 class Pendulum:
-    """Logs of one pendulum: (time, command, position, gain) each, and its bodies."""
+    """A pendulum with its mass properties, and its logs as (time, command, position, gain)."""
 
     def __init__(self, logs: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray, float]], urdf: Path) -> None:
         self.weight, self.inertia = read_bodies(urdf)
@@ -91,7 +92,7 @@ class Pendulum:
         return cls([(r.time, np.asarray(r.command)[:, 0], r.position[:, 0], float(r.gain[0])) for r in logs], urdf)
 
     def errors(self, values: Mapping[str, float]) -> list[np.ndarray]:
-        """Measured less simulated position (T,) of each log, rad."""
+        """Measured minus simulated position (T,) of each log, rad."""
         p = np.array([values[name] for name in PARAMETERS])
         return [
             position - np.interp(time, grid, _simulate(goal, start, speed, gain, p, self.weight, self.inertia, STEP))
@@ -103,7 +104,7 @@ class Pendulum:
         return float(np.sqrt(np.mean(np.concatenate(self.errors(values)) ** 2)))
 
     def fit(self, free: Sequence[str], equal: Mapping[str, str], seed: int = 0) -> dict[str, float]:
-        """Values of PARAMETERS by least squares over these names, the best of a few starts; the others are off or equal one."""
+        """Fit the `free` PARAMETERS by least squares, best of a few starts; the others are off or set by `equal`."""
         rng = np.random.default_rng(seed)
         off = {name: 0.0 for name in PARAMETERS} | {"stribeck_speed": 0.2, "limit": 10.0}
         low, start, high = (np.array([PARAMETERS[name][k] for name in free]) for k in range(3))

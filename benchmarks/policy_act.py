@@ -1,12 +1,13 @@
-"""ACT on a task's demonstrations: success on seeds not looked at, with and without chunks, and the time training takes.
+"""ACT on a task's demonstrations: success on unseen seeds, with and without chunks, and training time.
 
 python -m benchmarks policy_act --out DIR [--task PutCupOnMat] [--demos 50] [--episodes 200] [--steps N] [--batch B]
                                 [--size 128x96] [--variant act unmirrored cloning ...] [--execute 100 25 ...] [--seed 0]
 
-Everything is kept in DIR, and an interrupted run goes on where it was. Variants: act, chunks of 100 from what the eyes tell,
-each demonstration's mirror image learnt too; unmirrored, without that; anywhere, each step as likely a start; keypoints, the
-transformer with key points, without the objects' masks; pictures, without key points either; cloning, behaviour cloning
-without chunks (one action per query). Steps and batch are those of `policy train` where none are said. One process, one thread.
+Everything is kept in DIR, and an interrupted run resumes. Variants: act, chunks of 100 from object poses, also trained
+on each demonstration's mirror image; unmirrored, without mirror images; anywhere, training samples start at any step
+with the same probability; keypoints, the transformer with key points, without the objects' masks; pictures, also
+without key points; cloning, behaviour cloning without chunks (one action per query). The defaults of steps and batch
+are those of `policy train`. One process, one thread.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ from typing import Any
 
 import gymnasium as gym
 
-import embodiedreamer_gym  # noqa: F401  its environments are registered
+import embodiedreamer_gym  # noqa: F401  registers its environments
 from benchmarks.act_runs import SIZE, play_each, played, train_act
 from benchmarks.common import clopper_pearson, save
 
-VARIANTS: dict[str, dict[str, Any]] = {  # of the network; and whether mirror images are learnt
+VARIANTS: dict[str, dict[str, Any]] = {  # options of the network, and whether mirror images are used
     "act": {"chunk": 100, "mirror": True},
     "unmirrored": {"chunk": 100, "mirror": False},
     "anywhere": {"chunk": 100, "mirror": True, "chunk_start_share": 0.0},
@@ -38,14 +39,14 @@ def demonstrations(a: argparse.Namespace) -> Path:
     """Episodes of the scripted expert, 128 x 96 of the head camera."""
     from embodiedreamer_gym.pipelines.demonstrations import Demonstrations, record_demonstrations
 
-    folder = a.out / f"demos_{a.task}_{a.demos}"  # a folder with more of them would be learnt whole
+    folder = a.out / f"demos_{a.task}_{a.demos}"  # training uses all episodes of a folder, so the name has their number
     record_demonstrations(Demonstrations(a.task), a.demos, folder, 1, lambda done, failed: print(
         f"demonstrations {done}/{a.demos}, {failed} failed", flush=True))  # fmt: skip
     return folder
 
 
 def trained(a: argparse.Namespace, variant: str, data: Path) -> tuple[Any, float]:
-    """The policy of a variant, and the processor time (s) that training took, interruptions left out."""
+    """The policy of a variant, and the processor time (s) of its training, without interruptions."""
     from embodiedreamer_gym.geometry.camera import read_size
     from embodiedreamer_gym.policies.act import ActPolicy
     from embodiedreamer_gym.recordings.episodes import open_episodes
@@ -78,12 +79,12 @@ def trained(a: argparse.Namespace, variant: str, data: Path) -> tuple[Any, float
 
 
 def run_name(a: argparse.Namespace, variant: str) -> str:
-    """What a variant's files are called."""
+    """Base name of a variant's files."""
     return f"{a.task}_{variant}_{a.demos}_{a.steps or 'usual'}x{a.batch or 'usual'}_{a.size}_{a.seed}"
 
 
 def judged(a: argparse.Namespace, variant: str, policy: Any, execute: int) -> list[dict[str, Any]]:
-    """One row for each episode; those of an interrupted run are kept."""
+    """One row for each episode; rows of an interrupted run are reused."""
     path = a.out / f"{run_name(a, variant)}_execute{execute}.json"
     env = gym.make(f"EmbodieDreamer/{a.task}-v0", image_size=SIZE)
     rows = play_each(path, a.episodes, lambda n: played(policy, env, FIRST_SEED + n, execute),

@@ -1,4 +1,4 @@
-"""PPO from Stable-Baselines3 on the twin, from the supervised policy's weights: chunks as actions, the end as reward."""
+"""PPO from Stable-Baselines3 on the twin, from the supervised policy's weights: chunks as actions, one final reward."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from torch import nn
 
 from benchmarks.preference_twin import ACTIONS, PLAYED, STATES, STEPS, ChunkMlp, Twin
 
-CHUNKS = STEPS // PLAYED  # of an episode
+CHUNKS = STEPS // PLAYED  # chunks per episode
 
 
 class Arms(VecEnv):
-    """N twins, begun anew together; normalised states, normalised chunks (PLAYED * 4,), minus the metric at the end."""
+    """N twins that reset together: normalised states and chunks (PLAYED * 4,); final reward: minus the metric."""
 
     def __init__(self, count: int, network: ChunkMlp, metric: str, seeds: Sequence[int]) -> None:
         self.twin, self.scale, self.metric, self.seeds, self.at = Twin(count), network, metric, seeds, 0
@@ -28,17 +28,17 @@ class Arms(VecEnv):
         super().__init__(count, spaces.Box(-np.inf, np.inf, (STATES,), np.float32), space)
 
     def reset(self) -> np.ndarray:
-        """The next starts."""
+        """Reset to the next starts."""
         chosen = [self.seeds[(self.at + i) % len(self.seeds)] for i in range(self.num_envs)]
         self.at += self.num_envs
         return self._seen(self.twin.reset(seed=chosen)[0])
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keep the chunks."""
+        """Store the chunks."""
         self.actions = torch.from_numpy(actions).unflatten(1, (PLAYED, ACTIONS))
 
     def step_wait(self) -> tuple[Any, ...]:
-        """Play them."""
+        """Play the stored chunks."""
         space = self.twin.single_action_space
         played = np.clip(self.scale.denormalise(self.actions).numpy(), space.low, space.high)
         observation, _, _, over, info = self.twin.step(played)
@@ -53,26 +53,26 @@ class Arms(VecEnv):
         return self.scale.states(observation).numpy()
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing; there is nothing to close."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """One for all."""
+        """The same attribute for all environments."""
         return [getattr(self, attr_name, None)] * self.num_envs
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Nothing is set."""
+        """Do nothing; attributes cannot be set."""
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """There is none."""
+        """Return None for each environment; there are no methods."""
         return [None] * self.num_envs
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """They are not."""
+        """Return False for each environment."""
         return [False] * self.num_envs
 
 
 def layers(model: PPO, network: ChunkMlp) -> list[tuple[nn.Linear, nn.Linear, int]]:
-    """PPO's actor beside the network's layers, and how many rows they share."""
+    """Layers of PPO's actor, the matching layers of the network, and the number of rows they share."""
     found = [one for one in model.policy.mlp_extractor.policy_net if isinstance(one, nn.Linear)]
     rows = [128, 128, PLAYED * ACTIONS]
     return list(
@@ -91,7 +91,7 @@ def learn(
     judge: Any,
     rate: float,
 ) -> dict[str, Any]:
-    """As many updates as cycles, each from as many episodes as the other methods play; rows of what each reached."""
+    """One update per cycle, each with as many episodes as the other methods play; returns a row per evaluation."""
     began, count = time.process_time(), len(starts(0))
     seeds = [one for cycle in range(cycles) for one in starts(cycle) * tries]
     model = PPO("MlpPolicy", Arms(count, copy.deepcopy(network), metric, seeds), n_steps=CHUNKS * tries, seed=seed,

@@ -1,8 +1,9 @@
-"""The low-dimensional twin of PutCupOnMat: a kinematic arm, a cup, a mat, all episodes at once in numpy; no physics, no frames.
+"""Low-dimensional twin of PutCupOnMat: a kinematic arm, a cup and a mat, vectorised in NumPy; no physics, no frames.
 
-Ten instants a second, sixty of them. The arm (yaw, shoulder, elbow) goes part of the way to its target at each; a gripper
-that is closed with its tip within 2 cm of the cup's middle holds it, one that is opened drops it. Cup and mat stand
-anywhere in 16 x 15 cm. Done when the cup stands within 3.5 cm of the mat's middle, released. A scripted expert shows how.
+An episode has sixty steps at 10 Hz. In each step the arm (yaw, shoulder, elbow) moves part of the way to its target. A
+gripper that closes with its tip within 2 cm of the cup's middle grasps it; opening drops it. Cup and mat are placed at
+random in 16 x 15 cm. Success: the cup is released within 3.5 cm of the mat's middle. A scripted expert gives
+demonstrations.
 """
 
 from __future__ import annotations
@@ -18,20 +19,20 @@ from torch import nn
 
 from embodiedreamer_gym.policies.preferences import Trajectory
 
-STEPS, CHUNK, PLAYED = 60, 20, 10  # instants of an episode, actions of a chunk, of which so many are played
+STEPS, CHUNK, PLAYED = 60, 20, 10  # steps of an episode, actions of a chunk, actions played of each chunk
 LINKS = (0.25, 0.25)  # m
 BASE = 0.10  # m, height of the shoulder
 GRIP = 0.04  # m, height of the cup's middle above its foot
 NEAR, ON_MAT = 0.02, 0.035  # m
-AREA = ((0.20, 0.36), (-0.075, 0.075))  # m, of the cup and of the mat
-APART = 0.08  # m, at least between them
-LAG, FASTEST = 0.8, 0.15  # share of the way gone in a step, rad at most
+AREA = ((0.20, 0.36), (-0.075, 0.075))  # m, range of cup and mat positions
+APART = 0.08  # m, least distance between cup and mat
+LAG, FASTEST = 0.8, 0.15  # share of the way moved in a step; largest move in a step, rad
 HOME = np.array([0.0, 0.9, -1.6])  # rad
 STATES, ACTIONS = 11, 4
 
 
 def forward(q: np.ndarray) -> np.ndarray:
-    """Tip (..., 3) of joint angles (..., 3), m."""
+    """Tip position (..., 3) m for joint angles (..., 3)."""
     yaw, shoulder, elbow = np.moveaxis(q, -1, 0)
     reach = LINKS[0] * np.cos(shoulder) + LINKS[1] * np.cos(shoulder + elbow)
     height = BASE + LINKS[0] * np.sin(shoulder) + LINKS[1] * np.sin(shoulder + elbow)
@@ -39,7 +40,7 @@ def forward(q: np.ndarray) -> np.ndarray:
 
 
 def inverse(tip: np.ndarray) -> np.ndarray:
-    """Joint angles (..., 3) of a tip (..., 3), elbow up; the nearest within reach."""
+    """Joint angles (..., 3) for a tip position (..., 3), elbow up; targets out of reach are clipped."""
     x, y, z = np.moveaxis(tip, -1, 0)
     reach, height = np.hypot(x, y), z - BASE
     far = np.clip(np.hypot(reach, height), 0.05, sum(LINKS) - 1e-6)
@@ -62,7 +63,7 @@ class Twin(VectorEnv):
         self.observation_space = spaces.Dict({"agent_pos": spaces.Box(-4, 4, (num_envs, STATES))})
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        """Cup and mat at random, from a seed for each episode."""
+        """Place cup and mat at random, with one seed per episode."""
         places = np.stack([scene(int(one)) for one in seed])
         self.cup, self.mat = (np.concatenate([places[:, i], np.zeros((self.num_envs, 1))], 1) for i in (0, 1))
         self.q, self.gripper = np.tile(HOME, (self.num_envs, 1)), np.ones(self.num_envs)
@@ -79,7 +80,7 @@ class Twin(VectorEnv):
         return self.observe(), -info["distance"], np.zeros(self.num_envs, bool), over, info
 
     def move(self, action: np.ndarray) -> None:
-        """One instant."""
+        """Simulate one step."""
         self.q = self.q + np.clip(LAG * (action[:, :3] - self.q), -FASTEST, FASTEST)
         self.gripper = self.gripper + np.clip(action[:, 3] - self.gripper, -0.5, 0.5)
         tip, closed = forward(self.q), self.gripper < 0.5
@@ -95,7 +96,7 @@ class Twin(VectorEnv):
         return {"agent_pos": np.concatenate(parts, 1).astype(np.float32)}
 
     def told(self) -> dict[str, np.ndarray]:
-        """Distances (m) of tip and cup to the mat, and what has been reached."""
+        """Distances (m) of tip and cup to the mat, and whether grasp and task have succeeded."""
         off = np.linalg.norm((self.cup - self.mat)[:, :2], axis=1)
         return {
             "distance": np.linalg.norm(forward(self.q) - self.mat - [0, 0, GRIP], axis=1),
@@ -115,12 +116,12 @@ def scene(seed: int) -> np.ndarray:
 
 
 def demonstrate(seeds: list[int]) -> list[Trajectory]:
-    """The expert's episodes, as windows of CHUNK actions after each instant; the last action is repeated at the end."""
+    """The expert's episodes, as windows of CHUNK actions at each step; the last action is repeated at the end."""
     env = Twin(len(seeds), 1)
     observation, _ = env.reset(seed=seeds)
     cup, mat = (place + np.array([0, 0, GRIP]) for place in (env.cup, env.mat))
     up = np.array([0, 0, 0.08])
-    #          tip       gripper, instants
+    #          tip       gripper, steps
     plan = [(cup + up, 1, 12), (cup, 1, 8), (cup, 0, 3), (cup + up, 0, 7), (mat + up, 0, 12), (mat, 0, 8), (mat, 1, 10)]
     seen, done, start = [], [], forward(env.q)
     for goal, gripper, count in plan:
@@ -142,7 +143,7 @@ def demonstrate(seeds: list[int]) -> list[Trajectory]:
 
 
 class ChunkMlp(nn.Module):
-    """A multilayer perceptron from states to chunks, with the normalisation of its demonstrations."""
+    """A multilayer perceptron from states to chunks, normalised by statistics of its demonstrations."""
 
     def __init__(self, demos: list[Trajectory], width: int = 128) -> None:
         super().__init__()
@@ -156,7 +157,7 @@ class ChunkMlp(nn.Module):
 
     @property
     def network(self) -> ChunkMlp:
-        """What is fine-tuned."""
+        """The network that is fine-tuned."""
         return self
 
     def states(self, batch: Mapping[str, Any]) -> torch.Tensor:
@@ -168,14 +169,14 @@ class ChunkMlp(nn.Module):
         return self.head(self.body(self.states(batch))).unflatten(1, (CHUNK, ACTIONS))
 
     def normalise(self, actions: torch.Tensor) -> torch.Tensor:
-        """Actions to normalised ones."""
+        """Normalise actions."""
         return (actions - self.action_mean) / self.action_scale
 
     def denormalise(self, actions: torch.Tensor) -> torch.Tensor:
-        """Normalised actions to those of the arm."""
+        """Convert normalised actions to the arm's actions."""
         return actions * self.action_scale + self.action_mean
 
     def forward(self, batch: Mapping[str, Any]) -> np.ndarray:
-        """A policy: chunks (B, CHUNK, 4) of observations."""
+        """Act as a policy: chunks (B, CHUNK, 4) for a batch of observations."""
         with torch.no_grad():
             return self.denormalise(self.mean(batch)).numpy()

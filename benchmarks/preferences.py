@@ -1,11 +1,12 @@
-"""Do preferences improve a policy? Cycles of rollouts and fine-tuning on the twin of PutCupOnMat, beside cloning and PPO.
+"""Preference learning: cycles of rollouts and fine-tuning on the twin of PutCupOnMat, compared with cloning and PPO.
 
 python -m benchmarks.preferences [--seeds 0 1 2] [--methods NAME ...] [--cycles 5] [--evaluations 500] [--out DIR] [--plot FILE.png]
 
-Each seed has demonstrations, starts and evaluation scenes of its own. A cycle plays 100 starts, eight tries each with
-exploration noise, learns from them, and is judged on 500 unseen scenes without noise; all methods start from the same
-policy and play equally often. `paper` is the loss as it is written: no noise, the best 25 of all against the worst 25, no
-guard. A finished (method, seed) is kept in --out and not run again. Settings were chosen on the seeds 100 and 101.
+Each seed has its own demonstrations, starts and evaluation scenes. A cycle plays 100 starts, eight tries each with
+exploration noise, learns from them, and is evaluated on 500 unseen scenes without noise. All methods start from the
+same policy and play the same number of episodes. `paper` is the method as published: no noise, the best 25 of all
+rollouts against the worst 25, no guard. A finished (method, seed) is kept in --out and not run again. Settings were
+chosen on the seeds 100 and 101.
 """
 
 from __future__ import annotations
@@ -42,10 +43,10 @@ from embodiedreamer_gym.wrappers.preference_rollout import PreferenceRolloutVect
 DEMOS, STARTS, TRIES, NOISE = 12, 100, 8, 0.1
 METRIC = "object_distance"
 SFT = CloningConfig(epochs=300, batch=128, learning_rate=1e-3)
-EPOCHS = 80  # of a cycle, as the paper's
-CLONING_BATCH, CLONING_RATE = 256, 1e-4  # chunks of a step, Adam
-RATE = 1e-4  # of the preference losses
-PPO_RATE = 3e-4  # Stable-Baselines3's own
+EPOCHS = 80  # per cycle, as in the paper
+CLONING_BATCH, CLONING_RATE = 256, 1e-4  # chunks per step; learning rate of Adam
+RATE = 1e-4  # learning rate of the preference losses
+PPO_RATE = 3e-4  # default of Stable-Baselines3
 
 Learn = Callable[[ChunkMlp, list[Trajectory], list[Trajectory], int], str]  # network, demos, rollouts, seed -> remark
 
@@ -59,7 +60,7 @@ def prefer(
         pairs = PreferenceSet.choose(rollouts, metric, pairing)
         config = TuningConfig(LossConfig(variant), epochs=EPOCHS, learning_rate=rate, fall=fall, seed=seed)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the paper's form warns of its missing gradient; it is in the remark
+            warnings.simplefilter("ignore")  # of the paper's loss, about its missing gradient (see the remark)
             tuned = fine_tune(network, pairs, config)
         stopped = "" if tuned.stopped is None else f", stopped in epoch {tuned.stopped}"
         return (f"{len(pairs)} pairs, {pairs.contrast:.0%} with a success against a failure, gradient {tuned.gradient:.1e}, "
@@ -71,7 +72,7 @@ def prefer(
 def imitate(
     choose: Callable[[list[Trajectory], list[Trajectory]], tuple[list[Trajectory], Any]], rate: float = CLONING_RATE
 ) -> Learn:
-    """Clone some of the demonstrations and rollouts, with weights."""
+    """Clone selected demonstrations and rollouts, optionally with weights."""
 
     def learn(network: ChunkMlp, demos: list[Trajectory], rollouts: list[Trajectory], seed: int) -> str:
         chosen, weights = choose(demos, rollouts)
@@ -113,18 +114,18 @@ def _supervised(seed: int) -> tuple[ChunkMlp, list[Trajectory]]:
 
 
 def first_policy(seed: int) -> tuple[ChunkMlp, list[Trajectory]]:
-    """The policy that was supervised with demonstrations, and these."""
+    """The policy trained on demonstrations by supervised learning, and the demonstrations."""
     network, demos = _supervised(seed)
     return copy.deepcopy(network), demos
 
 
 def play(network: ChunkMlp, seeds: Sequence[int], tries: int, noise: float) -> list[Trajectory]:
-    """Rollouts, all at once."""
+    """Play all rollouts at once."""
     return list(PreferenceRolloutVectorWrapper(Twin(len(seeds) * tries), tries, noise).rollouts(network, seeds))
 
 
 def judge(network: ChunkMlp, seed: int, count: int) -> dict[str, float]:
-    """Share of successes and mean distances (m) on scenes that no training has seen."""
+    """Share of successes and mean distances (m) on scenes that are never used in training."""
     ends = [one.outcome for one in play(network, [90_000_000 + 1000 * seed + i for i in range(count)], 1, 0.0)]
     return {name: float(np.mean([end[name] for end in ends])) for name in ("is_success", "distance", "object_distance")}
 
@@ -137,20 +138,20 @@ def starts(seed: int, cycle: int, count: int) -> list[int]:
 def study(
     name: str, seed: int, cycles: int, evaluations: int, sft: tuple[ChunkMlp, list[Trajectory]]
 ) -> dict[str, Any]:
-    """Cycles of one method from the supervised policy; rows of what each reached."""
+    """Run cycles of one method from the supervised policy; returns a row per evaluation."""
     began, (network, demos) = time.process_time(), sft
     rows = [judge(network, seed, evaluations)]
     for cycle in range(cycles):
         if name == "sft":
             rows.append(rows[0])
             continue
-        if name == "paper":  # the policy says the same at each try
+        if name == "paper":  # without noise, every try would be the same
             rollouts = play(network, starts(seed, cycle, STARTS * TRIES), 1, 0.0)
         else:
             rollouts = [] if name == "sft continued" else play(network, starts(seed, cycle, STARTS), TRIES, NOISE)
         try:
             remark = (METHODS | MORE)[name](network, demos, rollouts, seed)
-        except PolicyError as error:  # a policy that has collapsed moves no cup: nothing to prefer, nothing learnt
+        except PolicyError as error:  # a collapsed policy moves no cup, so there are no pairs to learn from
             remark = str(error)
         rows.append(judge(network, seed, evaluations) | {"remark": remark})
         print(f"{name}, seed {seed}, cycle {cycle + 1}: {rows[-1]['is_success']:.1%}; {remark}", flush=True)
@@ -158,14 +159,14 @@ def study(
 
 
 def finished(name: str, seed: int, a: argparse.Namespace) -> dict[str, Any]:
-    """A (method, seed) that is there, or is run now."""
+    """Load the result of a (method, seed), or run it if there is none."""
     path = None if a.out is None else a.out / f"{name.replace(' ', '_')}-{seed}.json"
     if path is not None and path.is_file():
         found = json.loads(path.read_text())
         if len(found["rows"]) == a.cycles + 1 and found["evaluations"] == a.evaluations:
             return found
     if name == PPO:
-        from benchmarks.preference_ppo import learn  # loads Stable-Baselines3
+        from benchmarks.preference_ppo import learn  # imports Stable-Baselines3
 
         found = learn(seed, first_policy(seed)[0], a.cycles, lambda cycle: starts(seed, cycle, STARTS), TRIES, NOISE,
                       METRIC, lambda network: judge(network, seed, a.evaluations), PPO_RATE)  # fmt: skip
@@ -200,7 +201,7 @@ def table(results: dict[str, list[dict[str, Any]]]) -> str:
 
 
 def draw(results: dict[str, list[dict[str, Any]]], path: Path) -> None:
-    """Success by cycle: means, and standard errors over seeds."""
+    """Draw success by cycle: means, and standard errors over seeds."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -1,8 +1,8 @@
-"""Real arm without commands: position and measured torque of a Franka arm; is its friction named, and how well is it predicted?
+"""Real arm without commands: diagnosis of a Franka arm's friction from position and measured torque.
 
 python -m benchmarks.real_effort [--data ../shared/data/franka_effort] [--swap] [--out FILE.json]
 
-Plain least squares of each joint's torque on the same terms stands beside it, fitted and judged on the same halves.
+The baseline is plain least squares of each joint's torque on the same terms, fitted and evaluated on the same halves.
 Data: github.com/marcocognetti/FrankaEmikaPandaDynModel, not shipped.
 """
 
@@ -19,7 +19,7 @@ from embodiedreamer_gym.robot import RobotModel
 
 
 def main() -> None:
-    """Print the diagnosis, and each joint's held-out error beside that of least squares."""
+    """Print the diagnosis, and each joint's held-out error compared with least squares."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=folder, default=str(data_folder("franka_effort")))
     parser.add_argument("--swap", action="store_true", help="exchange the training and the held-out half")

@@ -1,9 +1,9 @@
-"""Real servo: 68 runs of a Miuzei hobby servo; which effect is missing, and how far does the held-out error fall?
+"""Real servo: 68 runs of a Miuzei hobby servo; the missing effect, and the reduction of the held-out error.
 
 python -m benchmarks.real_servo [--data ../shared/data/servo_miuzei] [--kinds] [--redraw N] [--out FILE.json]
 
 Data: github.com/mauicv/servo-sysid, commit e4a4840 (BSD-3-Clause), not shipped. Alternate runs within each kind are
-held out; --kinds leaves out one kind of motion at a time, too; --redraw deals the runs anew N times instead. Errors are in
+held out; --kinds also leaves out one kind of motion at a time; --redraw draws N random splits instead. Errors are in
 1e-3 pi rad, the unit of the source.
 """
 
@@ -40,7 +40,7 @@ def load(folder: Path) -> Recordings:
 
 
 def study(label: str, train: Recordings, test: Recordings) -> dict:
-    """Diagnose, then try Coulomb friction on top of what was named."""
+    """Diagnose, then try Coulomb friction in addition to the named effects."""
     found = diagnose(RobotModel.load("servo"), train, test)
     row = {"split": label, "verdict": found.verdict, "effects": list(found.effects), "seconds": found.seconds,
            "rollouts": found.rollouts}  # fmt: skip

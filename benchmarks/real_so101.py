@@ -1,10 +1,11 @@
-"""Real SO-101: 38 motions of a six-servo arm; what does the simulator lack, and what can it not explain?
+"""Real SO-101: 38 motions of a six-servo arm; the effects that the simulator lacks, and the unexplained error.
 
 python -m benchmarks.real_so101 [--data ../shared/data/so101_sage] [--model so101] [--swap | --redraw N] [--ladder]
                                 [--out FILE.json]
 
---ladder adds effects by hand and prints each joint's held-out error: how much a delay explains once the servo's own
-damping brings a lag. Data: github.com/isaac-sim2real/sage, commit 4ffd262 (Apache-2.0), not shipped. Every other motion is held out.
+--ladder adds effects by hand and prints each joint's held-out error: it shows how much a delay explains in addition to
+the lag of the servo's damping. Data: github.com/isaac-sim2real/sage, commit 4ffd262 (Apache-2.0), not shipped. Every
+other motion is held out.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ LADDER = (("command_delay",), ("coulomb_friction",), ("coulomb_friction", "comma
 
 
 def ladder(model: RobotModel, train: Recordings, test: Recordings) -> list[dict]:
-    """Held-out error of each joint with effects added by hand, everything fitted again each time."""
+    """Held-out error of each joint with effects added by hand; all parameters are refitted each time."""
     rows = []
     for names in LADDER:
         fitted = model
@@ -40,7 +41,7 @@ def ladder(model: RobotModel, train: Recordings, test: Recordings) -> list[dict]
 
 
 def dealt(model: RobotModel, logs: Recordings, seed: int) -> dict:
-    """The verdict on another half of the motions."""
+    """The verdict for another random split of the motions."""
     found = diagnose(model, *redrawn(logs, seed))
     error = {key: None if value is None else round(1e3 * value, 2) for key, value in found.error.items()}
     families = family_probabilities(found.members, found.nominal.catalogue)
@@ -50,7 +51,7 @@ def dealt(model: RobotModel, logs: Recordings, seed: int) -> dict:
 
 
 def main() -> None:
-    """Print the staircase, and what is left unexplained."""
+    """Print the staircase of errors, and the unexplained rest."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=folder, default=str(data_folder("so101_sage")))
     parser.add_argument("--model", default="so101")

@@ -1,11 +1,11 @@
-"""Real XL330: one Dynamixel servo with a pendulum at two firmware gains; what is missing, alone and in one fit?
+"""Real XL330: one Dynamixel servo with a pendulum at two firmware gains; missing effects, by gain and in a joint fit.
 
 python -m benchmarks.real_xl330 [--data ../shared/data/bam_xl330] [--out FILE.json]
 
-Two motions are learnt from and the two others judge, then exchanged; at gain 100, at gain 400 (4 times the stiffness), and
-both in one fit. Beside the diagnosis stand friction effects and a sagging supply added by hand, and the same servo simulated
-and fitted without the package (benchmarks/pendulum.py). Data: github.com/Rhoban/bam, commit af22604 (Apache-2.0), not shipped.
-Errors in mrad.
+Two motions are for training and two for test, then exchanged; at gain 100, at gain 400 (4 times the stiffness), and
+with both in one fit. The diagnosis is compared with friction effects and a sagging supply added by hand, and with the
+same servo simulated and fitted without the package (benchmarks/pendulum.py). Data: github.com/Rhoban/bam, commit
+af22604 (Apache-2.0), not shipped. Errors in mrad.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ DIRECT = {
 
 
 def load(data: Path, gains: tuple[int, ...], kinds: tuple[str, ...]) -> Recordings:
-    """Logs of these gains, relative to the least of them, and of these motions."""
+    """Logs of these gains and motions; gains are relative to the first one."""
     names = [data / f"kp{gain}_{kind}_1.csv" for gain in gains for kind in kinds]
     return load_recordings(*names, gains={f"kp{gain}_*": gain / gains[0] for gain in gains})
 
@@ -58,7 +58,7 @@ def study(data: Path, gains: tuple[int, ...], kinds: tuple[str, ...], others: tu
 
 
 def ratios(rows: list[dict]) -> dict[str, list[float]]:
-    """Stiffness at gain 400 over that at gain 100, each fitted alone, of each split."""
+    """Ratio of the stiffness at gain 400 to that at gain 100, each fitted alone, for each split."""
     of = {(row["gains"], row["learnt"]): row["stiffness"] for row in rows}
     return {
         name: [of[(400,), kinds][name] / of[(100,), kinds][name] for kinds in HALVES] for name in rows[0]["stiffness"]
@@ -66,7 +66,7 @@ def ratios(rows: list[dict]) -> dict[str, list[float]]:
 
 
 def whole(data: Path) -> dict[str, float]:
-    """The same ratio of direct fits to all four motions of each gain."""
+    """The same ratio for direct fits to all four motions of each gain."""
     result = {}
     for name, (free, equal) in DIRECT.items():
         fits = [Pendulum.of(load(data, (gain,), HALVES[0] + HALVES[1]), data / "pendulum.urdf").fit(free, equal)

@@ -1,9 +1,9 @@
-"""Replay: does the diagnosed model, read back from its file, do in PyBullet what the diagnosis said it does?
+"""Replay: the diagnosed model, loaded from its file, must behave in PyBullet as in the diagnosis.
 
-A stand-in robot with a hidden effect is diagnosed; the better model is saved, loaded and played in PyBullet under
-the recorded commands, learnt from and held out. Its error, joint by joint, must be the one that `compare` gives,
-within 0.1 mrad; and with the effect deleted from the file it must not be. The commands of a pair of ALOHA arms go through
-`env.step` of an environment that was made from the file.
+A stand-in robot with a hidden effect is diagnosed; the better model is saved, loaded and played in PyBullet with the
+recorded commands, both training and held-out. The error of each joint must match that of `compare` within 0.1 mrad, and
+must not match after the effect is deleted from the file. The commands of a pair of ALOHA arms go through `env.step` of
+an environment made from the file.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ TOLERANCE = 1e-4  # rad
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """Per-joint errors (n,) rad: as `compare` has it, in PyBullet from the file, and with the effect deleted.
+    """Per-joint errors (n,) rad: from `compare`, in PyBullet from the file, and with the effect deleted.
 
-    joints: on which the effects act.
+    joints: joints on which the effects act.
     """
 
     effects: tuple[str, ...]
@@ -55,7 +55,7 @@ class Replayed:
 
     @property
     def gap(self) -> float:
-        """Largest difference of a joint between `compare` and the replay, rad."""
+        """Largest difference between `compare` and the replay over joints, rad."""
         return float(np.abs(self.replayed - self.compared).max())
 
     @property
@@ -65,7 +65,7 @@ class Replayed:
 
     @property
     def holds(self) -> bool:
-        """Whether the file carries the finding: the replay agrees with it and does not without the effect."""
+        """Whether the file reproduces the finding: the replay agrees with `compare`, but not without the effect."""
         return self.gap < TOLERANCE and self.gap_without > TOLERANCE
 
 
@@ -76,7 +76,7 @@ def in_plant(path: Path, recordings: Sequence[Recording]) -> list[np.ndarray]:
 
 
 def in_environment(path: Path, recordings: Sequence[Recording]) -> list[np.ndarray]:
-    """The like, with the commands through `env.step` of an environment made from the file."""
+    """As `in_plant`, with the commands passed to `env.step` of an environment made from the file."""
     env = gym.make(ENV, robot=str(path), obs_type="state", collisions=False)
     positions = [replay_actions(env, recording) for recording in recordings]
     env.close()
@@ -96,7 +96,7 @@ def round_trip(
     folder: Path,
     play: Callable[[Path, Sequence[Recording]], list[np.ndarray]] = in_plant,
 ) -> Replayed:
-    """Save the model as B.json, load it, replay; then again without the effects the file lists."""
+    """Save the model as B.json, load and replay it; then replay it without the effects in the file."""
     path = folder / "B.json"
     model.save(path)
     compared = compare(model, recordings).joint_rms[0]
@@ -127,7 +127,7 @@ def run(effect: str, arm: str, seed: int, jobs: int = 2) -> Replayed:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print the table; 1 when a replay does not bear out its diagnosis."""
+    """Print the table; returns 1 when a replay does not confirm its diagnosis."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--effect", help="one effect instead of four")
     parser.add_argument("--arm", default="arm6")

@@ -1,9 +1,9 @@
-"""The page of results: each figure from the JSON that its command wrote.
+"""The page of results: all figures come from the JSON files of their commands.
 
 python -m benchmarks results                        writes docs/results.md from results.md.j2 and results/KEY/*.json
 python -m benchmarks results KEY NAME [OPTION ...]  runs the benchmark NAME first, and keeps its results in results/KEY
 
-`result.json` has no times, so that the same code, seeds and machine write the same bytes; `run.json` has the times, the
+`result.json` has no times, so it is byte-identical for the same code, seeds and machine; `run.json` has the times, the
 command, the commit, the machine and the date. In the template, `r.KEY` holds both.
 """
 
@@ -31,12 +31,12 @@ from embodiedreamer_gym.io.results import run_stamp, write_results
 
 HOME = Path(__file__).parents[1]
 FOLDER, TEMPLATE, PAGE = HOME / "results", Path(__file__).with_name("results.md.j2"), HOME / "docs" / "results.md"
-FILES = r" ?--(?:out|rows|add|figures-only)(?: [^-]\S*)*"  # where rows are kept, which the page does not show
-TIME = re.compile(r"(?:.*_)?(?:s|ms|seconds|mb)")  # keys of what differs between two runs
+FILES = r" ?--(?:out|rows|add|figures-only)(?: [^-]\S*)*"  # options for files of rows, which the page does not show
+TIME = re.compile(r"(?:.*_)?(?:s|ms|seconds|mb)")  # keys of values that differ between two runs
 
 
 def split_times(data: Any) -> tuple[Any, Any]:
-    """Data fit for JSON in two parts of the same structure: without times (numbers that are not finite are None), and times alone."""
+    """Split JSON data into two parts of the same structure: without times (not finite becomes None), and times only."""
     if isinstance(data, Mapping):
         parts = {key: split_times(value) for key, value in data.items() if not TIME.fullmatch(key)}
         times = {key: value for key, value in data.items() if TIME.fullmatch(key)}
@@ -49,7 +49,7 @@ def split_times(data: Any) -> tuple[Any, Any]:
 
 
 def joined(result: Any, times: Any) -> Any:
-    """The data that `split_times` split."""
+    """Inverse of `split_times`."""
     if isinstance(result, Mapping):
         times = times or {}
         return {**times, **{key: joined(value, times.get(key)) for key, value in result.items()}}
@@ -59,10 +59,10 @@ def joined(result: Any, times: Any) -> Any:
 
 
 def record(key: str, name: str, options: Sequence[str]) -> None:
-    """Run a benchmark that has the option --results, or --json or --out for JSON, and keep what it wrote in results/KEY."""
+    """Run a benchmark with the option --results, or --json or --out for JSON, and keep its output in results/KEY."""
     source = (Path(__file__).parent / f"{name}.py").read_text()
     folder, begun = FOLDER / key, time.perf_counter()
-    option = "--json" if '"--json"' in source else "--out"  # of some, --out is a folder that is kept
+    option = "--json" if '"--json"' in source else "--out"  # for some benchmarks, --out is a working folder
     with tempfile.TemporaryDirectory() as scratch:
         cases = "case_options(" in source
         given = ["--results", scratch] if cases else [option, f"{scratch}/rows.json"]
@@ -83,7 +83,7 @@ def record(key: str, name: str, options: Sequence[str]) -> None:
 
 
 def kept() -> dict[str, Any]:
-    """What is kept of every benchmark by its key: its result, its times, and its run."""
+    """Stored data of every benchmark by its key: result, times and run."""
     found = {}
     for path in sorted(FOLDER.glob("*/result.json")):
         run = json.loads(path.with_name("run.json").read_text())
@@ -92,7 +92,7 @@ def kept() -> dict[str, Any]:
 
 
 def blind(*sets: Mapping[str, Any]) -> str:
-    """A table of the diagnosis benchmark: a row for each figure, a column for each set of cases, and the target of the first set."""
+    """Table of the diagnosis benchmark: one row per figure, one column per set of cases, targets of the first set."""
     names = [one["settings"]["set"] for one in sets]
     found = [{figure["key"]: _share(figure) for figure in one["figures"]} for one in sets]
     found = [
@@ -110,14 +110,14 @@ def blind(*sets: Mapping[str, Any]) -> str:
 
 
 def _share(figure: Mapping[str, Any]) -> str:
-    """Hits, cases, percent and the 95 % interval of a share; a median of shares without hits."""
+    """Hits, cases, percent and 95 % interval of a share; a median of shares has no hits."""
     low, high = 100 * figure["low"], 100 * figure["high"]
     count = f"of {figure['of']}" if figure["hits"] is None else f"{figure['hits']} of {figure['of']}"
     return f"{count}, {100 * figure['value']:.0f} % [{low:.0f}, {high:.0f}]"
 
 
 def page(results: Mapping[str, Any] | None = None) -> str:
-    """The page, from what is kept or from other results. Raises: jinja2.UndefinedError for a figure that is not there."""
+    """The page, from stored or given results. Raises: jinja2.UndefinedError for a missing figure."""
     places = jinja2.Environment(undefined=jinja2.StrictUndefined, keep_trailing_newline=True, autoescape=False)
     places.filters |= {
         "f": lambda value, digits=0: f"{value:.{digits}f}",

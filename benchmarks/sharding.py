@@ -1,10 +1,10 @@
-"""Shards: how much faster several processes finish the same cases, and whether `result.json` is the same to the byte.
+"""Shards: speed-up of several processes on the same cases, and whether `result.json` is byte-identical.
 
 python -m benchmarks sharding [--fits 12] [--shards 1 2] [--out FILE.json]
 
-The cases are the fits of `benchmarks.intervals`, four for each of --fits, one process of one thread for each shard, all
-side by side. Beside the wall-clock ratio stands the one of processor time, the first run's to the largest shard's, which is
-what a machine with nothing else to do gives. Loading the packages and reading Numba's cache are part of both.
+The cases are the fits of `benchmarks.intervals`, four for each of --fits. Each shard is one process with one thread;
+all run in parallel. In addition to the wall-clock ratio, the ratio of processor time (first run to largest shard) is
+given; it is the speed-up on an otherwise idle machine. Both include loading the packages and reading Numba's cache.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from benchmarks.common import save, times
 
 
 def run_shards(folder: Path, fits: int, count: int) -> dict[str, Any]:
-    """Wall-clock seconds of so many processes side by side, processor seconds of each, and the bytes of their result."""
+    """Run `count` processes in parallel: wall-clock seconds, processor seconds of each, bytes of their result."""
     rows = [folder / f"{count}-{number}.jsonl" for number in range(1, count + 1)]
     command = [sys.executable, "-m", "benchmarks.intervals", "--jobs", "1", "--fits", str(fits)]
     begun = time.perf_counter()

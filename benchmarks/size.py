@@ -2,7 +2,7 @@
 
 python -m benchmarks size [--out FILE.json]
 
-The first figure and the ratio leave out the simulated robot (standin/) and the camera calibration.
+The first figure and the ratio exclude the simulated robot (standin/) and the camera calibration.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ NOT_COUNTED = ("standin/", "vis_aligner/camera_calibration/")
 
 
 def files() -> dict[str, Path]:
-    """The package's files by their path below it."""
+    """The package's files by their path in the package."""
     return {path.relative_to(PACKAGE).as_posix(): path for path in sorted(PACKAGE.rglob("*.py"))}
 
 
 def lines(paths: Iterable[Path]) -> int:
-    """How many lines of files are not blank."""
+    """Number of non-blank lines in files."""
     return sum(bool(line.strip()) for path in paths for line in path.read_text(encoding="utf-8").splitlines())
 
 

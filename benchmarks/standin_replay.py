@@ -1,9 +1,10 @@
-"""The scripted expert's actions, replayed open-loop on the stand-in's bench: how much the hidden effects matter.
+"""Open-loop replay of the scripted expert's actions on the stand-in's bench: impact of the hidden effects.
 
 python -m benchmarks standin_replay [--episodes 20] [--task NAME ...] [--calibrated FILE.json] [--out FILE.json]
 
-The expert plays in `AlohaEnv`; its actions are then played in `make_stand_in` from the same seeds, whatever happens there.
-calibrated: a model of `closed_loop`'s robot, which that benchmark leaves in its folder; the expert then plays in it too.
+The expert plays in `AlohaEnv`; its actions are then played in `make_stand_in` with the same seeds, without feedback.
+--calibrated: a model of `closed_loop`'s robot, which that benchmark writes to its folder; the expert then also plays in
+it.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ STEPS = 300
 
 
 def robots() -> dict[str, dict[str, Any]]:
-    """Hidden effects by what they are called, that of `closed_loop` last."""
+    """Name -> hidden effects of a robot; the robot of `closed_loop` is last."""
     return {
         "no effects, own errors (`seed_of_robot=0`)": {},
         "friction 0.3 N m, drives of 0.8 to 1.2 times their torque, 20 ms late": hidden(0.3, 0.2, 0.02),
@@ -31,7 +32,7 @@ def robots() -> dict[str, dict[str, Any]]:
 
 
 def actions_of_expert(env: Any, seed: int) -> tuple[np.ndarray, bool]:
-    """What the expert does in an episode (STEPS, 14), and whether it succeeds."""
+    """The expert's actions (STEPS, 14) in an episode, and whether it succeeds."""
     from embodiedreamer_gym.envs.experts import ScriptedExpert
 
     env.reset(seed=seed)

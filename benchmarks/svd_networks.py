@@ -1,4 +1,4 @@
-"""Untrained networks of Stable Video Diffusion's classes: at full size to be timed, at a tiny one for tests."""
+"""Untrained networks of Stable Video Diffusion's classes: full size for timing, tiny for tests."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TINY = (
 
 
 def svd_networks(tiny: bool = False, frames: int = 25) -> tuple[Any, Any]:
-    """U-Net and autoencoder, of stable-video-diffusion-img2vid-xt's sizes unless tiny."""
+    """U-Net and autoencoder, with the sizes of stable-video-diffusion-img2vid-xt unless tiny."""
     _, unet, vae = import_diffusers()
     first, second = TINY if tiny else FULL
     encoder = {"down_block_types": ("DownEncoderBlock2D",) * 4, "latent_channels": 4}

@@ -1,12 +1,13 @@
-"""Tracking error of an arm with hidden effects, with and without commands through a model that was diagnosed from its logs.
+"""Tracking error of an arm with hidden effects, with and without commands computed by a model diagnosed from its logs.
 
 python -m benchmarks tracking [--seeds 5] [--first-seed 0] [--named] [--out FILE.json] [--add FILE.json ...]
 
-Each seed draws a stand-in arm (MuJoCo, six joints) with dry friction, a load at its tip, a delay of the commands and a limit of
-the drives' torque, which suffices to carry the load, beside errors of masses and gains. `diagnose` finds its effects from four logs of 4 s; --named: the
-effects are named to `calibrate`, not their sizes. Then the arm is to follow motions that are not in the logs, at 50 commands per
-second, encoders with noise; once as it is and once with 0.3 kg more at its tip, of which the model does not know.
-The error is the root mean square of a joint's position minus the wanted one.
+Each seed draws a stand-in arm (MuJoCo, six joints) with dry friction, a load at its tip, a command delay and a torque
+limit of the drives (sufficient to carry the load), and with errors of masses and gains. `diagnose` finds its effects
+from four logs of 4 s; with --named, `calibrate` is given the names of the effects, not their sizes. Then the arm
+follows motions that are not in the logs, at 50 commands per second, with encoder noise: once unchanged, and once with
+0.3 kg more at its tip, which the model does not include. The error is the root mean square of a joint's position minus
+the desired one.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ EFFECTS = ("coulomb_friction", "payload", "command_delay", "torque_saturation")
 LEARNT, HELD_OUT = ("multisine", "point_to_point"), ("teleoperation", "slow_ramps")
 FOLLOWED, SECONDS = ("teleoperation", "point_to_point"), 5.0
 REACH, SPEED = 0.6, 0.6
-SPARE = 1.2  # of the torque that holds the load in any pose, which the drives can give at least
+SPARE = 1.2  # least torque of the drives, relative to the torque that holds the load in any pose
 FREE, LOADED = "free motion", f"{LOAD} kg more"
 
 
@@ -56,7 +57,7 @@ class Arm:
         self.effects["torque_saturation"]["limit"] = np.where(limit > 0, np.maximum(limit, SPARE * needed), 0.0)
 
     def robot(self, more: float = 0.0, timestep: float = 5e-4) -> Any:
-        """The arm, with more mass at its tip."""
+        """The arm with `more` kg at its tip."""
         from embodiedreamer_gym.standin.cases import IMPERFECT
         from embodiedreamer_gym.standin.robot import StandIn
 
@@ -66,7 +67,7 @@ class Arm:
         return StandIn(self.urdf, self.joints, **self.servo, effects=effects, rng=rng, timestep=timestep, **IMPERFECT)
 
     def logs(self) -> tuple[Any, Any]:
-        """Recordings to learn from, and held out."""
+        """Training and held-out recordings."""
         from embodiedreamer_gym.recordings import Recordings
         from embodiedreamer_gym.standin.cases import SENSOR
 
@@ -101,7 +102,7 @@ class Arm:
 
 
 def followed(arm: Arm, robot: Any, model: Any, mode: str, motion: Any) -> np.ndarray:
-    """Root mean square errors (n,) rad of a motion's joints."""
+    """Root mean square errors (n,) rad of the joints when the arm follows a motion."""
     from embodiedreamer_gym.standin.cases import SENSOR
     from embodiedreamer_gym.tracking import Tracker
 
@@ -115,7 +116,7 @@ def followed(arm: Arm, robot: Any, model: Any, mode: str, motion: Any) -> np.nda
     for k in range(1, len(wanted)):
         read = engine.encoders() + SENSOR["noise"] * rng.standard_normal(len(wanted[0]))
         read = np.round(read / SENSOR["quantum"]) * SENSOR["quantum"]
-        tracker.preview(wanted[k : k + 10])  # as a policy's chunk or a planned motion
+        tracker.preview(wanted[k : k + 10])  # as with a policy's chunk or a planned motion
         sent.append(tracker.command(wanted[k], read))
         times = np.arange(len(sent)) * period
         commands = np.array(sent)
@@ -147,8 +148,9 @@ def one_seed(seed: int, named: bool) -> list[dict[str, Any]]:
 def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
     """Load -> mode -> figures of the errors over motions.
 
-    quartiles (3,): mrad over seeds, of the median over joints; joints (n,): mrad, medians over seeds; share: of the error of mode
-    off; below, of: joints with at most a third of that error, and all.
+    quartiles (3,): quartiles over seeds of the median over joints, mrad; joints (n,): medians over seeds, mrad; share:
+    error relative to that of mode off; below, of: number of joints with at most a third of that error, and of all
+    joints.
     """
     from embodiedreamer_gym.tracking import MODES
 
@@ -171,7 +173,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[str, 
 
 
 def report(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Medians over seeds, motions and joints, their quartiles over seeds, and the error as a share of that of mode off."""
+    """Medians over seeds, motions and joints, with quartiles over seeds, and the error relative to that of mode off."""
     lines = [
         "| | mode | median of joints, mrad (quartiles over seeds) | each joint, mrad | share of off |",
         "|---|---|---|---|---|",

@@ -1,10 +1,10 @@
-"""VisAligner with each of its parts switched off in turn: the same episodes, steps and seed, held-out episodes of one bench.
+"""Ablation of VisAligner: each part is switched off in turn, with the same episodes, steps, seed and held-out episodes.
 
 python -m benchmarks.vis_ablation --train FILMS --test FILMS --out DIR [--steps 3000] [--only NAME ...] [--chunks N]
 
-Films: folders of `embodiedreamer standin film`. Each variant is trained in OUT/<name>, from which an interrupted study goes
-on, and its measures are kept in OUT/<name>.json; the table is that of all that are there. `no masks` is the paper's Table 2
-in kind: the objects are erased from the simulated picture, so that nothing shows where they are.
+Films: folders of `embodiedreamer standin film`. Each variant is trained in DIR/<name>, so that an interrupted study
+resumes, and its measures are kept in DIR/<name>.json; the table has all variants with measures. `no masks` is similar
+to the paper's Table 2: the objects are erased from the simulated picture, so that nothing shows where they are.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def run(name: str, config: LeanConfig, training: TrainingConfig, a: argparse.Nam
 
 
 def table(results: Sequence[dict[str, Any]]) -> str:
-    """Mean over held-out episodes of every variant, after true frames and in the closed loop, and the baselines."""
+    """Means over held-out episodes of every variant, after true frames and in the closed loop, and of baselines."""
     lines = [f"{'':<42}{'':<20}" + "".join(f"{c.removeprefix('psnr.')[:12]:>13}" for c in COLUMNS)]
     for result in results:
         clips = [AFTER_TRUE, CLOSED] if result["name"] != FULL else list(result["episodes"][0])

@@ -1,10 +1,10 @@
-"""VisAligner from nothing: films, the shipped weights and photos, and the figures of docs/vis_aligner.md, in one command.
+"""VisAligner from scratch, in one command: films, the shipped weights and photos, the figures of docs/vis_aligner.md.
 
 python -m benchmarks.vis_aligner --out DIR [--only films|weights|figures] [--films NAME ...] [--aligner A] [--bank B] [--strips DIR]
 
 Films (Blender's Cycles; a Python with bpy): about an hour on two cores; weights: half an hour on one; figures: 15 minutes.
-Everything is kept in DIR and goes on where it was. The lab's held-out episodes, and the appearances of `looks_test`, are in no
-training set. --films: of these alone. --aligner, --bank: others than the shipped ones for the figures.
+Everything is kept in DIR; an interrupted run resumes. The lab's held-out episodes and the appearances of `looks_test`
+are in no training set. --films: only these films. --aligner, --bank: used for the figures instead of the shipped ones.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ STEPS = 5000
 
 
 def films(out: Path, names: Sequence[str]) -> None:
-    """Film what is missing."""
+    """Render the missing films."""
     for name in names:
         film = FILMS[name]
         options = [text for key, value in film.items() for text in (f"--{key}", str(value))]
@@ -56,7 +56,7 @@ def weights(out: Path) -> None:
 
 
 def figures(out: Path, names: Sequence[str], aligner: str, bank: str, strips: Path | None) -> None:
-    """Hold a model against the films that it was not trained on."""
+    """Evaluate a model on the films that it was not trained on."""
     model, bench = load_aligner(aligner), load_bank(bank).bench
     for title, name, behind in (
         ("held-out episodes of the lab", "cup_test", bench),
@@ -77,15 +77,17 @@ def figures(out: Path, names: Sequence[str], aligner: str, bank: str, strips: Pa
 
 
 def report(title: str, episodes: Sequence[Episode], aligner: Aligner, bench: Bench | None) -> list[HeldOutResult]:
-    """Print the tables of some episodes."""
+    """Evaluate some episodes and print their tables."""
     judged = [evaluate_aligner(aligner, episode, bench=bench) for episode in episodes]
     print(f"\n## {title}: {len(judged)} episodes\n\n{tables(judged, markdown=True)}\n\n{tabletop(judged)}", flush=True)
     return judged
 
 
 def tabletop(judged: Sequence[HeldOutResult]) -> str:
-    """The table's pixels, but for the edges of things: PSNR in dB over each episode, and the share whose brightness is
-    wrong by more than MOVED over 3 x 3 pixels, as where a shadow has stayed behind; mean over episodes.
+    """Errors on the table's pixels, without the edges of objects, as means over episodes.
+
+    PSNR in dB, and the share of pixels whose mean over 3 x 3 pixels is wrong by more than MOVED, e.g. a remaining
+    shadow.
     """
     lines = ["| the table | PSNR dB | wrong, % of its pixels |", "|---|---|---|"]
     for name in (AFTER_TRUE, CLOSED):
@@ -108,14 +110,14 @@ def _tabletop(episode: Episode, clip: np.ndarray) -> tuple[float, float]:
 
 
 def there_and_back(episode: Episode) -> Episode:
-    """An episode, and then the same backwards: long enough to see what a closed loop comes to."""
+    """An episode followed by itself in reverse, which is long enough to show the drift of a closed loop."""
     order = [*range(len(episode)), *range(len(episode) - 2, -1, -1)]
     clean = None if episode.clean is None else episode.clean[order]
     return replace(episode, frames=episode.frames[order], condition=episode.condition.at(order), clean=clean)
 
 
 def drift(judged: Sequence[HeldOutResult]) -> None:
-    """Print how far the closed loop is from true references after 10 and after most chunks."""
+    """Print the difference of the closed loop from true references after 10 and after at most 40 chunks."""
     print(
         "\n| chunks | closed loop less after true frames, dB | IoU of objects | colour shift, 1/255 |\n|---|---|---|---|"
     )
@@ -132,7 +134,7 @@ def drift(judged: Sequence[HeldOutResult]) -> None:
 
 
 def write_strips(judged: Sequence[HeldOutResult], folder: Path, name: str) -> None:
-    """Six frames of every episode: simulated, closed loop, real."""
+    """Write six frames of every episode: simulated, closed loop, real."""
     folder.mkdir(parents=True, exist_ok=True)
     for number, j in enumerate(judged):
         rows = {row: j.clips[row] for row in ("simulated", CLOSED, "real")}

@@ -1,10 +1,10 @@
-"""What generating at a larger size brings, beside resizing smaller generated frames.
+"""Benefit of generating at a larger size, compared with resizing smaller generated frames.
 
 python -m benchmarks.vis_size FILMS --bank FILMS [--more FILMS] [--size 128x96] [--chunks N]
 
-FILMS: episodes of `embodiedreamer standin film`. Each episode is generated at its own size, and once more from inputs, photos and bench of the
-smaller size, whose frames are resized (bicubic). Both are compared with the true frames at the larger size, after true frames and in the
-closed loop.
+FILMS: episodes of `embodiedreamer standin film`. Each episode is generated at its own size, and again from inputs,
+photos and bench of the smaller size, with the frames resized (bicubic). Both are compared with the true frames at the
+larger size, after true frames and in the closed loop.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ COLUMNS = ("psnr", "ssim", "psnr.moving", "psnr.arm and objects", "psnr.objects"
 
 
 def smaller(episode: Episode, size: tuple[int, int]) -> Episode:
-    """An episode as a camera and a simulator of fewer pixels show it."""
+    """An episode at a smaller image size, for both camera and simulator."""
     seen, (width, height) = episode.condition, episode.condition.size
     x, y = size[0] / width, size[1] / height
     scale = np.array([[x, 0, 0.5 * x - 0.5], [0, y, 0.5 * y - 0.5], [0, 0, 1]], np.float32)
@@ -46,12 +46,12 @@ def smaller(episode: Episode, size: tuple[int, int]) -> Episode:
 
 
 def resized(pictures: np.ndarray, size: tuple[int, int], how: int) -> np.ndarray:
-    """Pictures (T, H, W, ...) of another width and height."""
+    """Pictures (T, H, W, ...) resized to another width and height; how: OpenCV's interpolation."""
     return np.stack([cv2.resize(one, size, interpolation=how) for one in pictures])
 
 
 def compare(aligner: Aligner, episode: Episode, size: tuple[int, int], chunks: int | None, benches: Sequence[Bench]) -> dict[str, list[float]]:  # fmt: skip
-    """Measures of an episode's clips at its own size, by name; benches: at its own size and at the smaller one."""
+    """Measures of an episode's clips at its own size, by name; benches: for its own size and for the smaller one."""
     own = evaluate_aligner(aligner, episode, chunks, benches[0])
     fewer = evaluate_aligner(aligner, smaller(episode, size), chunks, benches[1])
     clips = {f"{name}, {label}": clip for label, made in (("own size", own.clips), ("resized", fewer.clips))
@@ -68,7 +68,7 @@ def compare(aligner: Aligner, episode: Episode, size: tuple[int, int], chunks: i
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure."""
+    """Measure and print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.vis_size", description=str(__doc__).splitlines()[0])
     parser.add_argument("films", nargs="+")
     parser.add_argument("--bank", nargs="+", required=True, help="films of the same bench")

@@ -1,11 +1,12 @@
-"""What a generated frame costs beside the simulated one: one core, eight frames, at 128 x 96 and 320 x 240.
+"""Cost of generated frames compared with simulated ones: one core, eight frames, at 128 x 96 and 320 x 240.
 
 python -m benchmarks.vis_speed
 python -m benchmarks.vis_speed --device cuda
 
-Over a whole episode, in one process: physics alone, physics and TinyRenderer (colour, depth, parts), and the shipped model's
-chunk from arrays to frames. With --device: seconds and peak memory of Stable Video Diffusion at full size, 25 frames of
-640 x 480 at four steps, of one view and of three, from arrays to frames; and frames per second of the shipped model.
+Over a whole episode, in one process: only physics, physics and TinyRenderer (colour, depth, parts), and a chunk of the
+shipped model, from arrays to frames. With --device: seconds and peak memory of Stable Video Diffusion at full size, 25
+frames of 640 x 480 at four steps, of one view and of three, from arrays to frames; and frames per second of the shipped
+model.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ SVD_STEPS, REPEATS_SVD, MIDDLE = 4, 3, 60
 
 
 def on_processor() -> list[dict[str, object]]:
-    """Print the table, and return its rows: ms for a chunk."""
+    """Print the table and return its rows; times in ms per chunk."""
     rows: list[dict[str, object]] = []
     torch.set_num_threads(1)
     print(f"{FRAMES} frames of an expert's episode, ms of one core\n{'':<12}{'physics':>10}{'and render':>12}{'video, median':>15}"
@@ -48,7 +49,7 @@ def on_processor() -> list[dict[str, object]]:
         assert condition is not None
         aligner = load_aligner("lean")
         bench = load_bank("lab").bench
-        if bench is None or bench.seen.shape != size[::-1]:  # any will do
+        if bench is None or bench.seen.shape != size[::-1]:  # any bench serves for timing
             bench = make_bench([Episode("any", condition.rgb, condition)])
         light = bench.light or scaled(load_bank("lab").bench, size)
         bench, shades = replace(bench, light=light), []
@@ -77,7 +78,7 @@ def scaled(bench: Bench | None, size: tuple[int, int]) -> Light | None:
 
 
 def episode(size: tuple[int, int] | None, steps: slice = slice(STEPS)) -> tuple[float, Condition | None]:
-    """Milliseconds per chunk of an expert's episode with or without its pictures, and these; steps: of the pictures."""
+    """Milliseconds per chunk of an expert's episode, and its pictures; size: None for none; steps: steps to render."""
     env = AlohaEnv("PutCupOnMat", obs_type="state", renderer="tiny")
     env.reset(seed=0)
     expert, views, spent = ScriptedExpert(env), [], 0.0
@@ -93,9 +94,9 @@ def episode(size: tuple[int, int] | None, steps: slice = slice(STEPS)) -> tuple[
 
 
 def on_device(device: str, tiny: bool = False, size: tuple[int, int] = (640, 480), frames: int = 25) -> None:
-    """Print seconds and peak memory of svd, untrained, which takes as long as a trained one, and frames per second of lean.
+    """Print seconds and peak memory of svd (untrained, which takes the same time), and frames per second of lean.
 
-    tiny: a network of a few million parameters in place of the full-size one; frames: of a clip, with the reference.
+    tiny: use a network of a few million parameters; frames: frames of a clip, including the reference.
     """
     where = find_device(device)
     print(f"\n{where}, torch {torch.__version__}, svd {'tiny' if tiny else 'at full size'} in bfloat16")
@@ -123,7 +124,7 @@ def on_device(device: str, tiny: bool = False, size: tuple[int, int] = (640, 480
 
 
 def repeated(aligner: Aligner, condition: Condition, count: int, clips: int, repeats: int) -> float:
-    """Median seconds of a batch of the same chunk, from arrays to frames, after one that is not timed."""
+    """Median seconds for a batch of the same chunk, from arrays to frames, after one untimed warm-up."""
     times = []
     for _ in range(repeats + 1):
         if isinstance(aligner, SvdAligner):
@@ -135,20 +136,20 @@ def repeated(aligner: Aligner, condition: Condition, count: int, clips: int, rep
 
 
 def start(condition: Condition) -> References:
-    """References of the first frame of a condition, with all that may be known of a bench but its light."""
+    """References from the first frame of a condition, with a full bench except its light."""
     bench = make_bench([Episode("any", condition.rgb, condition)])
     return References.start(condition.rgb[0], condition.part(0, 1), bench)
 
 
 def view(size: tuple[int, int], frames: int) -> Condition:
-    """Some frames in the middle of an expert's episode."""
+    """Frames from the middle of an expert's episode."""
     _, condition = episode(size, slice(MIDDLE, MIDDLE + frames))
     assert condition is not None
     return condition
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure."""
+    """Measure and print the tables."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.vis_speed", description=str(__doc__).splitlines()[0])
     parser.add_argument("--device", help="svd and lean there, instead of lean on one core")
     parser.add_argument("--tiny", action="store_true", help="a tiny svd in place of the full-size one")

@@ -1,11 +1,11 @@
-"""Wrist cameras: frames assembled without a network, on films that no part of the bank was made of.
+"""Wrist cameras: frames assembled without a network, on films that were not used for the bank.
 
 python -m benchmarks vis_wrists --films DIR [--bank B] [--out FILE]
 
-Films the stand-in bench with both wrist cameras (Blender's Cycles, a Python with bpy; about 20 minutes of one core; what is in DIR
-is kept) and holds the closed loop, frames after true ones and a copy of the last true frame against the films.
-A camera whose arm does not move is left out, for there a copy is perfect. --remake: make DIR/wrists.npz, the shipped bank with what
-the wrists' films of `wrists` show, and use that.
+Films of the stand-in bench from both wrist cameras are rendered (Blender's Cycles, a Python with bpy; about 20 minutes
+on one core; existing films in DIR are kept). The closed loop, frames after true frames, and a copy of the last true
+frame are compared with the films. A camera whose arm does not move is left out, because there a copy is perfect.
+--remake: make and use DIR/wrists.npz, the shipped bank with a wrist part made from the films `wrists`.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from embodiedreamer_gym.vis_aligner.moving_bench import make_moving_bench
 CAMERAS = ("left_wrist", "right_wrist")
 FILMS = {"wrists": ("--episodes", "2", "--every", "10", "--seed", "77"),
          "wrists_test": ("--episodes", "2", "--frames", "41", "--seed", "502")}  # fmt: skip
-MOVES = 0.01  # share of the pixels that show another class than at first, from which a camera counts as moving
+MOVES = 0.01  # a camera counts as moving if a larger share of pixels changes class after the first frame
 ROWS = ("copy last", AFTER_TRUE, CLOSED)
 
 
 def films(folder: Path) -> None:
-    """Film what is missing.
+    """Render the missing films.
 
-    Raises: SystemExit where that fails.
+    Raises: SystemExit where rendering fails.
     """
     for name, options in FILMS.items():
         command = ["standin", "film", "--task", "all", "--camera", *CAMERAS, "--out", str(folder / name), *options]
@@ -47,13 +47,13 @@ def films(folder: Path) -> None:
 
 
 def moving(name: str, folder: Path) -> list[Episode]:
-    """The films of cameras whose arm moves."""
+    """The episodes of cameras whose arm moves."""
     found = [e for camera in CAMERAS for e in load_episodes([folder / name], camera)]
     return [e for e in found if (e.condition.classes != e.condition.classes[:1]).mean() > MOVES]
 
 
 def judge(episode: Episode, bench: Bench | None) -> tuple[dict[str, Any], HeldOutResult]:
-    """Figures of one episode: PSNR in dB of each way to make its frames, and milliseconds of a processor for a frame; its clips."""
+    """Figures of one episode (PSNR in dB of each method, milliseconds of processor time per frame), and its result."""
     aligner, length = load_aligner("assembled"), (len(episode) - 1) // 8 * 8 + 1
     first = replace(episode, frames=episode.frames[:length], condition=episode.condition.part(0, length), clean=None)
     result = evaluate_aligner(aligner, first, bench=bench)

@@ -2,9 +2,10 @@
 
 python -m benchmarks workbench [--starts 3] [--drags 50] [--actions 2000] [--seed 11] [--out FILE.json]
 
-Needs viser, playwright and Chromium. A start is that of the command in a new process, until the arm is drawn; a drag is
-from the pointer's movement to the changed error in the page; the random actions are shown in an open tab. CPU seconds
-are those of the server's process alone, without the browser, which draws without a graphics card.
+Needs viser, playwright and Chromium. Start-up time is from the start of the command in a new process until the arm is
+drawn; drag time is from the pointer's movement to the changed error in the page; the random actions are shown in an
+open tab. CPU seconds are those of the server's process only, without the browser, which renders without a graphics
+card.
 """
 
 from __future__ import annotations
@@ -37,10 +38,10 @@ from tests.workbench.browser import Tab, browser
 from tests.workbench.random_actions import random_actions
 
 EFFECT, GROUP = "stribeck_friction", "stribeck_friction.sliding"
-DRAWN = 8.0  # standard deviation of the picture, of 255, from which the arm is in it
+DRAWN = 8.0  # standard deviation of the picture, of 255, above which it shows the arm
 MOST = 120_000  # ms to wait for a picture
 SETTLED = 300  # actions after which memory is measured for the first time
-LATE = "Tried to update non-existent component"  # viser: a slider moved and was removed between two pictures; harmless
+LATE = "Tried to update non-existent component"  # viser: a slider was moved and removed between two updates; harmless
 LATENCY = """() => {
   const errors = () => [...document.querySelectorAll('b')].map(b => b.textContent).filter(t => t.endsWith('mrad')).join();
   window.last = errors(); window.moved = window.drawn = 0;
@@ -66,7 +67,7 @@ def pair(seed: int) -> Logs:
 
 @contextmanager
 def shown(chromium: Any, logs: Logs) -> Iterator[tuple[Page, Tab]]:
-    """A page of these logs, and a tab that shows it."""
+    """Serve a page with these logs, and open it in a tab."""
     with tempfile.TemporaryDirectory() as folder:
         page = Page(Session(*logs, f"{folder}/better.json"), port=0)
         try:
@@ -79,7 +80,7 @@ def shown(chromium: Any, logs: Logs) -> Iterator[tuple[Page, Tab]]:
 
 
 def start(chromium: Any) -> dict[str, float]:
-    """Seconds from the command to the page's address, and to the arm on the canvas; CPU seconds of server and browser until then."""
+    """Seconds from the command to the page's address and to the drawn arm; CPU seconds of server and browser."""
     with tempfile.TemporaryDirectory() as folder:
         command = [
             sys.executable,
@@ -124,7 +125,7 @@ def _picture(tab: Any) -> np.ndarray:
 
 
 def drags(chromium: Any, logs: Logs, count: int) -> dict[str, float]:
-    """Milliseconds from a slider's movement to the redrawn error, and how far the errors are from those of `compare`."""
+    """Milliseconds from a slider's movement to the redrawn error, and the largest difference to errors of `compare`."""
     with shown(chromium, logs) as (page, tab):
         tab.choose("effect", EFFECT)
         tab.see("slider for")
@@ -149,17 +150,17 @@ def drags(chromium: Any, logs: Logs, count: int) -> dict[str, float]:
 
 
 class Tracebacks(logging.Handler):
-    """Counts what is logged with an exception."""
+    """Count log records with an exception."""
 
     count = 0
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Count it."""
+        """Count the record if it has an exception."""
         self.count += record.exc_info is not None
 
 
 def random_session(chromium: Any, logs: Logs, count: int, seed: int) -> dict[str, Any]:
-    """Random actions in an open tab: tracebacks, errors of the console, memory, and the state when they are done again."""
+    """Random actions in an open tab: tracebacks, console errors, memory, and whether a replay gives the same state."""
     tracebacks, process = Tracebacks(), psutil.Process()
     logging.getLogger().addHandler(tracebacks)
     begun, first = time.perf_counter(), 0
@@ -169,7 +170,7 @@ def random_session(chromium: Any, logs: Logs, count: int, seed: int) -> dict[str
             while page.actions.waiting > 4:
                 time.sleep(0.005)
             if k % 200 == 0:
-                tab.page.wait_for_timeout(1.0)  # takes what the browser has said
+                tab.page.wait_for_timeout(1.0)  # processes pending browser messages
                 print(f"  {k} of {count} actions, {time.perf_counter() - begun:.0f} s", flush=True)
             if k == min(SETTLED, count - 1):
                 page.actions.wait()

@@ -1,4 +1,4 @@
-"""Close the gap between a real robot arm and its simulation; names are loaded when they are first used.
+"""Close the gap between a real robot arm and its simulation; public names are imported on first use.
 
 Importing the package registers its environments with Gymnasium.
 """

@@ -1,4 +1,4 @@
-"""`python -m embodiedreamer_gym` is the command `embodiedreamer`."""
+"""`python -m embodiedreamer_gym` runs the command `embodiedreamer`."""
 
 from embodiedreamer_gym.cli.command import main
 

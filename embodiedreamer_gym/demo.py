@@ -20,7 +20,7 @@ from embodiedreamer_gym.robot import RobotModel
 
 DATA = Path(str(resources.files("embodiedreamer_gym") / "assets" / "demo"))
 TRUTH = DATA / "truth.json"  # the ground truth; the diagnosis does not read it
-BAR = 48  # characters of the largest error
+BAR = 48  # characters of the bar for the largest error
 
 INTRODUCTION = """\
 A six-joint arm was recorded for 16 s: two motions for training, two held out for testing. Its model has
@@ -30,9 +30,9 @@ simulated in another physics engine, MuJoCo, and has small errors of masses, gai
 
 
 def run(folder: str | Path = "demo_report", progress: Progress | None = None) -> Path:
-    """Compare, calibrate, diagnose, add and compare again; prints each step and returns the report's path.
+    """Compare, calibrate, diagnose, add an effect and compare again; prints each step and returns the report's path.
 
-    folder: gets the model, the recordings, the better model and the report.
+    folder: receives the model, the recordings, the better model and the report.
     Raises: EmbodieDreamerError when the folder cannot be written to.
     """
     folder, progress = Path(folder), progress or Progress(quiet=True)
@@ -67,7 +67,7 @@ def run(folder: str | Path = "demo_report", progress: Progress | None = None) ->
     print(_indent(_joints(compare(models, test, labels=["nominal", "calibrated", "better"][: len(models)]))))
     print()
     print(_indent(_bars([*diagnosis.steps, ("sensor noise", diagnosis.error["noise"] or 0.0)])))
-    from embodiedreamer_gym.diagnosis.report import write_report  # brings matplotlib
+    from embodiedreamer_gym.diagnosis.report import write_report  # imports matplotlib
 
     page = write_report(
         folder, diagnosis=diagnosis, breakdown=error_breakdown(diagnosis.calibrated, test), recordings=test
@@ -135,7 +135,7 @@ def _bars(steps: Sequence[tuple[str, float]]) -> str:
 
 
 def _ground_truth(diagnosis: Diagnosis, truth: dict) -> str:
-    """The hidden effect beside the verdict, parameter by parameter."""
+    """The hidden effect compared with the verdict, parameter by parameter."""
     named = ", ".join(diagnosis.effects) or diagnosis.verdict
     lines = [f"hidden: {truth['effect']}    diagnosed: {named}"]
     rows = list(_parameters(diagnosis, truth))

@@ -4,10 +4,10 @@ MOST = 1200  # characters of a message
 
 
 class EmbodieDreamerError(ValueError):
-    """Base of every error that a user's input can cause."""
+    """Base class of all errors that user input can cause."""
 
     def __str__(self) -> str:
-        """The message on one line; where it quotes so much of a file that it is longer than MOST characters, its middle is left out."""
+        """The message on one line; if it is longer than MOST characters, its middle is left out."""
         text = " ".join(super().__str__().splitlines())
         return text if len(text) <= MOST else f"{text[: MOST // 2]} ... {text[-MOST // 3 :]}"
 
@@ -21,7 +21,7 @@ class ModelError(EmbodieDreamerError):
 
 
 class EffectError(EmbodieDreamerError):
-    """A physical effect is unknown or breaks one of the laws every effect must keep."""
+    """A physical effect is unknown or violates one of the rules that every effect must follow."""
 
 
 class RobotError(EmbodieDreamerError):
@@ -37,7 +37,7 @@ class CalibrationError(EmbodieDreamerError):
 
 
 class MissingExtraError(EmbodieDreamerError, ImportError):
-    """An optional dependency is absent; the message names the `pip install` line that brings it."""
+    """An optional dependency is missing; the message gives the `pip install` command for it."""
 
 
 class VisionError(EmbodieDreamerError):
@@ -45,11 +45,11 @@ class VisionError(EmbodieDreamerError):
 
 
 class PolicyError(EmbodieDreamerError):
-    """A policy, its checkpoint, or what it is to learn from cannot be used as it is."""
+    """A policy, its checkpoint or its training data cannot be used as they are."""
 
 
 def brief(value: object, most: int = 60) -> str:
-    """A value for a message: its `repr` on one line of at most `most` characters; its type where it has no `repr`."""
+    """A value for a message: its `repr` on one line of at most `most` characters; its type if `repr` fails."""
     try:
         text = " ".join(repr(value).split())
     except Exception:  # a number too long to print, a nesting too deep, or whatever an object's own repr raises

@@ -1,4 +1,4 @@
-"""Commanded motions, continuous in time, that excite a robot."""
+"""Commanded motions, continuous in time, that excite a robot's dynamics."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A commanded motion: `motion(t)` is (n,) for a time and (k, n) for times (k,) s; constant outside.
+    """A commanded motion: `motion(t)` is (n,) for one time and (k, n) for times (k,) s; constant outside 0 .. duration.
 
     at_rest: whether it begins and ends at rest at the centre of its span.
     """
@@ -23,7 +23,7 @@ class Motion:
     at_rest: bool = False
 
     def __call__(self, t: float | Array) -> Array:
-        """Commanded position at a time or at times."""
+        """Commanded position at one or several times."""
         times = np.clip(np.atleast_1d(np.asarray(t, float)), 0.0, self.duration)
         values = self.command(times)
         return values if np.ndim(t) else values[0]
@@ -31,9 +31,9 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """Range of the commands: centre (n,), reach (n,) to either side, highest speed (n,) per second, highest acceleration.
+    """Range of the commands: centre (n,), reach (n,) on either side, highest speed (n,) per s, highest acceleration.
 
-    The acceleration, per s^2, bounds only reversals, bang_bang and chirp.
+    The acceleration, per s^2, limits only reversals, bang_bang and chirp.
     """
 
     centre: Array
@@ -45,7 +45,7 @@ class Span:
 def multisine(
     span: Span, rng: np.random.Generator, duration: float = 4.0, lowest: float = 0.2, highest: float = 2.5
 ) -> Motion:
-    """Eight sines per joint of random frequency [Hz] and phase, slower ones larger, ramped ends."""
+    """Eight sines per joint with random frequency [Hz] and phase; slower ones are larger, and the ends are ramped."""
     n = len(span.centre)
     frequency = np.sort(rng.uniform(lowest, highest, (n, 8)), axis=1)
     phase, amplitude = rng.uniform(0, 2 * np.pi, (n, 8)), 1.0 / frequency
@@ -66,7 +66,7 @@ def multisine(
 
 
 def point_to_point(span: Span, rng: np.random.Generator, duration: float = 4.0, pace: float = 1.0) -> Motion:
-    """Fast minimum-jerk moves between random poses, short stops; `pace` is a share of the highest speed."""
+    """Fast minimum-jerk moves between random poses with short stops; `pace` is a share of the highest speed."""
     times, points = [0.0, 0.1], [span.centre, span.centre]
     while times[-1] < duration:
         target = span.centre + span.reach * rng.uniform(-1, 1, len(span.centre))
@@ -76,7 +76,7 @@ def point_to_point(span: Span, rng: np.random.Generator, duration: float = 4.0, 
 
 
 def slow_ramps(span: Span, rng: np.random.Generator, duration: float = 4.0, pace: float = 0.06) -> Motion:
-    """Every joint goes to and fro at its own slow constant speed, about `pace` of the highest."""
+    """Every joint moves back and forth at its own slow constant speed, about `pace` times the highest speed."""
     speed = span.speed * pace * rng.uniform(0.6, 1.4, len(span.centre))
     turn = np.minimum(span.reach, speed * duration * rng.uniform(0.15, 0.3, len(span.centre)))
     middle = span.centre + (span.reach - turn) * rng.uniform(-1, 1, len(span.centre))
@@ -90,7 +90,7 @@ def slow_ramps(span: Span, rng: np.random.Generator, duration: float = 4.0, pace
 
 
 def teleoperation(span: Span, rng: np.random.Generator, duration: float = 4.0, pace: float = 0.35) -> Motion:
-    """As a person does it: way points reached with some of the joints, pauses, and small corrections."""
+    """Motion like human teleoperation: waypoints reached with some of the joints, pauses, and small corrections."""
     n = len(span.centre)
     times, points = [0.0, 0.2], [span.centre, span.centre]
     while times[-1] < duration:
@@ -127,11 +127,11 @@ def staircase(span: Span, rng: np.random.Generator, duration: float = 6.0, hold:
 
 
 def reversals(span: Span, rng: np.random.Generator, duration: float = 8.0, sizes: int = 8) -> Motion:
-    """Every joint goes to and fro about the centre by several sizes in random order, up to half of its reach, without a pause."""
+    """Every joint moves back and forth about the centre without pauses, by up to half its reach, in random order."""
     goals = []
     for reach, speed in zip(span.reach, span.speed, strict=True):
         largest = reach / 2
-        while True:  # smaller until there is time for every size, to and fro
+        while True:  # reduce until there is time for every amplitude, back and forth
             amplitudes = largest * np.geomspace(SMALLEST, 1.0, sizes)
             moves = np.array([_quickest_time(2 * a, speed, span.acceleration) for a in amplitudes])
             cycles = int(0.9 * duration / (2 * moves.sum()))
@@ -145,7 +145,7 @@ def reversals(span: Span, rng: np.random.Generator, duration: float = 8.0, sizes
 
 
 def bang_bang(span: Span, rng: np.random.Generator, duration: float = 8.0) -> Motion:
-    """Every joint moves by random distances at the highest acceleration one way, then the other, up to the highest speed."""
+    """Every joint makes random moves at full acceleration, then full deceleration, up to the highest speed."""
     goals = []
     for reach in span.reach:
         own, place = [], 0.0
@@ -160,9 +160,9 @@ def bang_bang(span: Span, rng: np.random.Generator, duration: float = 8.0) -> Mo
 def chirp(
     span: Span, rng: np.random.Generator, duration: float = 8.0, lowest: float = 0.3, highest: float = 6.0
 ) -> Motion:
-    """A sine per joint whose frequency [Hz] rises steadily, as large as reach, speed and acceleration allow."""
+    """One sine per joint with rising frequency [Hz], as large as reach, speed and acceleration allow."""
     n = len(span.centre)
-    rate = np.log(highest * rng.uniform(0.7, 1.0, n) / lowest) / duration  # of the frequency's logarithm, per s
+    rate = np.log(highest * rng.uniform(0.7, 1.0, n) / lowest) / duration  # rate of the log frequency, per s
     sign, edge = rng.choice([-1.0, 1.0], n), duration / 5
 
     def wave(t: Array) -> Array:
@@ -183,18 +183,18 @@ MOTIONS = {
     f.__name__: f
     for f in (multisine, point_to_point, slow_ramps, teleoperation, hold_poses, staircase, reversals, bang_bang, chirp)
 }
-SMALLEST = 0.04  # of the sizes of reversals, relative to the largest
-HALF_MOVE = (0.08, 0.45)  # s, of speeding up or slowing down in a bang_bang
+SMALLEST = 0.04  # smallest amplitude of reversals, relative to the largest
+HALF_MOVE = (0.08, 0.45)  # s; time of speeding up or slowing down in bang_bang
 
 
 def _min_jerk(s: Array) -> Array:
-    """0 to 1 with speed and acceleration zero at both ends; peak speed 1.875."""
+    """Minimum-jerk rise from 0 to 1: speed and acceleration are zero at both ends, and the peak speed is 1.875."""
     s = np.clip(s, 0.0, 1.0)
     return s**3 * (10 - 15 * s + 6 * s**2)
 
 
 def _travel(times: list, points: list, target: Array, speed: Array) -> None:
-    """Append a minimum-jerk move whose slowest joint just reaches its speed (at least 0.1 s)."""
+    """Append a minimum-jerk move of at least 0.1 s in which the limiting joint just reaches its speed."""
     needed = float(np.max(1.875 * np.abs(target - points[-1]) / speed))
     times.append(times[-1] + max(needed, 0.1))
     points.append(target)
@@ -206,7 +206,7 @@ def _pause(times: list, points: list, seconds: float) -> None:
 
 
 def _path(times: list, points: list, shape: Callable[[Array], Array]) -> Callable[[Array], Array]:
-    """Segments between points (s, n) at times (s,), each passed with the given shape of progress."""
+    """Path through points (s, n) at times (s,); `shape` maps the time of a segment (0 to 1) to its progress."""
     at, through = np.array(times), np.array(points)
 
     def follow(t: Array) -> Array:
@@ -218,14 +218,14 @@ def _path(times: list, points: list, shape: Callable[[Array], Array]) -> Callabl
 
 
 def _quickest_time(distance: float, speed: float, acceleration: float) -> float:
-    """Least time from rest to rest, s."""
+    """Shortest time of a move from rest to rest, s."""
     if distance < speed**2 / acceleration:
         return 2 * float(np.sqrt(distance / acceleration))
     return distance / speed + speed / acceleration
 
 
 def _quickest(span: Span, goals: Sequence[Array], duration: float) -> Callable[[Array], Array]:
-    """Every joint goes by its own goals, relative to the centre, each as quickly as it may, and back to the centre in time."""
+    """Every joint visits its goals (relative to the centre) as fast as allowed and returns to the centre in time."""
     tracks = [_track(*row, span.acceleration, duration) for row in zip(goals, span.speed, strict=True)]
 
     def follow(t: Array) -> Array:
@@ -240,7 +240,7 @@ def _quickest(span: Span, goals: Sequence[Array], duration: float) -> Callable[[
 
 
 def _track(goals: Array, speed: float, acceleration: float, duration: float) -> tuple[Array, Array, Array, Array]:
-    """Pieces of constant acceleration from goal to goal: start times (s,), and the place, speed and acceleration there."""
+    """Pieces of constant acceleration from goal to goal: start times (s,), and position, speed, acceleration there."""
     pieces, time, here = [], 0.0, 0.0
     for goal in [*goals, 0.0]:
         needed = _quickest_time(abs(goal - here), speed, acceleration)

@@ -1,4 +1,4 @@
-"""How far is a model from its recordings, and how much of that is wrong servo gains? (a few seconds)"""
+"""How large is the error of a model, and how much of it is due to wrong servo gains? (a few seconds)"""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def main() -> None:
     print()
     print(er.compare([model, fit.model], test, labels=["before", "calibrated"]))
     print()
-    for finding in er.error_breakdown(fit.model, test).findings:  # what is left, and what it correlates with
+    for finding in er.error_breakdown(fit.model, test).findings:  # the remaining error, and what it correlates with
         print(f"- {finding}")
 
 

@@ -20,7 +20,7 @@ def main() -> None:
         print(f"{share:.0%} of what is wrong with {joint} is still unexplained")
 
     folder = Path(mkdtemp())
-    found.model.save(folder / "better.json")  # the model with the effect in it
+    found.model.save(folder / "better.json")  # the model with the effect
     print(er.write_report(folder / "report", diagnosis=found, recordings=test))
 
 

@@ -1,4 +1,4 @@
-"""Does the model lack an effect of your own? One of fifteen lines, fitted beside one of the catalogue. (15 s)"""
+"""Does the model lack an effect of your own? It takes fifteen lines, and is compared with a built-in one. (15 s)"""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class GreasedFriction(TorqueBudget):
     @staticmethod
     def friction(joint, p):
         torque = p.torque * (0.4 + 0.6 * np.exp(-np.abs(joint.velocity) / 0.1))
-        return torque, torque  # of a forward and of a backward motion
+        return torque, torque  # for forward and for backward motion
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Make an environment, let the scripted expert do its task, and keep a picture. (ten seconds)"""
+"""Make an environment, let the scripted expert do its task, and save a picture. (ten seconds)"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Train ACT on demonstrations and evaluate it on held-out scenes; 20 steps here, 8000 for a useful policy. (half a minute)"""
+"""Train ACT on demonstrations and evaluate it on held-out scenes; 20 steps here, 8000 to be useful. (half a minute)"""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from embodiedreamer_gym.recordings.episodes import open_episodes
 
 def main() -> None:
     record_demonstrations(Demonstrations("GrabPaperCup", size=(64, 48)), 2, "demos")  # 50 for a useful policy
-    episodes = open_episodes("demos")  # a folder of real logs, or a LeRobot set, will do as well
+    episodes = open_episodes("demos")  # a folder of real logs or a LeRobot data set works too
 
     config = ActConfig(episodes.state_size, episodes.action_size, episodes.cameras, image_size=(64, 48))
-    config = with_object_poses(config, episodes)  # where the data tells objects by masks
-    policy = train(episodes, config, TrainingConfig(steps=20, batch=8), "act")  # goes on where it was interrupted
+    config = with_object_poses(config, episodes)  # if the data has masks of objects
+    policy = train(episodes, config, TrainingConfig(steps=20, batch=8), "act")  # continues an interrupted training
 
     env = gym.make("EmbodieDreamer/GrabPaperCup-v0", image_size=(64, 48))
     print(embodiedreamer_gym.__version__, policy)

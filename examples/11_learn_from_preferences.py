@@ -1,4 +1,4 @@
-"""Roll a policy out several times from each start, rank the tries, and fine-tune it to prefer the better ones. (ten seconds)"""
+"""Roll out a policy several times per start, rank the tries, and fine-tune it to prefer better ones. (ten seconds)"""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from embodiedreamer_gym.wrappers.preference_rollout import PreferenceRolloutWrap
 
 
 def main() -> None:
-    # Yours: embodiedreamer_gym.policies.load_policy("act"); this one has learnt nothing.
+    # For your own policy: embodiedreamer_gym.policies.load_policy("act"); this one is untrained.
     policy = ActPolicy(Act(ActConfig(14, 14, ("head",), (64, 48), chunk=20)))
 
     env = gym.make("EmbodieDreamer/PutCupOnMat-v0", image_size=(64, 48))

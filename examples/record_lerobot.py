@@ -1,4 +1,4 @@
-"""Play what `embodiedreamer excite` proposes on an SO-101 of LeRobot and log it with measured stamps, in LeRobot's Python."""
+"""Play a motion of `embodiedreamer excite` on an SO-101 and log it with measured stamps; use LeRobot's Python."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from embodiedreamer_gym.robot.play import ModelArm, SafeMotion, Sample, motor_un
 
 
 class LeRobotArm:
-    """LeRobot's motors, in its degrees; a stamp is the middle of the time that reading the bus takes."""
+    """LeRobot's motors, in LeRobot's degrees; a time stamp is the middle of the time spent reading the bus."""
 
     def __init__(self, robot: SO101Follower) -> None:
         self.robot, self.now = robot, time.monotonic

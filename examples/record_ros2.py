@@ -1,4 +1,4 @@
-"""Play what `embodiedreamer excite` proposes on a ROS 2 arm (forward_position_controller), logged with its driver's stamps."""
+"""Play a motion of `embodiedreamer excite` on a ROS 2 arm (forward_position_controller); log with driver stamps."""
 
 import sys
 
@@ -12,7 +12,7 @@ from embodiedreamer_gym.robot.play import ModelArm, SafeMotion, Sample, play
 
 
 class RosArm:
-    def __init__(self, joints: tuple[str, ...]) -> None:  # in the order of the controller's
+    def __init__(self, joints: tuple[str, ...]) -> None:  # in the controller's order
         self.node, self.joints, self.state = rclpy.create_node("record"), joints, None
         self.node.create_subscription(JointState, "/joint_states", lambda state: setattr(self, "state", state), 10)
         self.publisher = self.node.create_publisher(Float64MultiArray, "/forward_position_controller/commands", 10)

@@ -1,1 +1,1 @@
-"""The parts of `benchmarks.fuzz`: valid seeds, mutations of them, what reads them, and one case in a process of its own."""
+"""Parts of `benchmarks.fuzz`: valid seeds, their mutations, targets that read them, and one case in its own process."""

@@ -1,4 +1,4 @@
-"""Mutations of arrays, and of the files that hold them: HDF5, npz, safetensors, torch's and parquet."""
+"""Mutations of arrays, and of files with arrays: HDF5, npz, safetensors, PyTorch and parquet."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def change_array(array: np.ndarray, rng: Random) -> np.ndarray:
         if kind == 8 and out.ndim and len(out) > 1:
             out = out[::-1]
         return out
-    except (ValueError, TypeError, OverflowError, IndexError):  # no such change of this array
+    except (ValueError, TypeError, OverflowError, IndexError):  # this change does not work for this array
         return np.zeros(0)
 
 
@@ -54,7 +54,7 @@ def change_array(array: np.ndarray, rng: Random) -> np.ndarray:
 
 
 def change_hdf5(path: Path, rng: Random) -> None:
-    """A dataset, a group or an attribute changed, dropped or replaced."""
+    """Change, drop or replace a dataset, a group or an attribute."""
     with h5py.File(path, "r+", locking=False) as file:
         names: list[str] = []
         file.visit(names.append)
@@ -90,7 +90,7 @@ def change_hdf5(path: Path, rng: Random) -> None:
             changed = change_array(array, rng)
             try:
                 file[name] = changed
-            except TypeError:  # a dtype that HDF5 does not have
+            except TypeError:  # HDF5 lacks this dtype
                 file[name] = np.zeros((2, 2), "c16")
         else:
             file.move(
@@ -122,7 +122,7 @@ def _change_attribute(owner: Any, rng: Random) -> None:
             owner.attrs.pop(name, None)
         else:
             owner.attrs[name] = value
-    except (TypeError, ValueError, OSError, OverflowError):  # HDF5 itself does not take it
+    except (TypeError, ValueError, OSError, OverflowError):  # HDF5 itself refuses it
         owner.attrs[name] = 0
 
 
@@ -130,7 +130,7 @@ def _change_attribute(owner: Any, rng: Random) -> None:
 
 
 def change_npz(path: Path, rng: Random) -> None:
-    """An array of a zip of arrays changed, dropped, renamed, pickled, or claimed to be huge."""
+    """Change, drop, rename or pickle an array of an npz file, or claim that it is huge."""
     with np.load(path) as data:
         arrays: dict[str, Any] = {name: data[name] for name in data.files}
     name, kind = rng.choice(sorted(arrays)), rng.randrange(8)
@@ -143,7 +143,7 @@ def change_npz(path: Path, rng: Random) -> None:
     elif kind < 6:
         arrays[name] = change_array(arrays[name], rng)
     np.savez_compressed(path, **arrays)
-    if kind >= 6:  # a header that promises more than there is
+    if kind >= 6:  # a header that claims more data than there are
         with zipfile.ZipFile(path) as old:
             members = {one: old.read(one) for one in old.namelist()}
         head = io.BytesIO()
@@ -158,7 +158,7 @@ def change_npz(path: Path, rng: Random) -> None:
 
 
 def change_safetensors(path: Path, rng: Random) -> None:
-    """The header changed as JSON; the numbers stay."""
+    """Change the header as JSON; the numbers stay."""
     data = path.read_bytes()
     size = int.from_bytes(data[:8], "little")
     text = change_json(data[8 : 8 + size].decode(), rng).encode("utf-8", "replace")
@@ -167,14 +167,14 @@ def change_safetensors(path: Path, rng: Random) -> None:
 
 
 class Pickled:
-    """Makes a file when it is unpickled, which no reader may do."""
+    """Create a file when unpickled; no reader may unpickle it."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return open, ("unpickled.txt", "w")
 
 
 def change_torch(path: Path, rng: Random) -> None:
-    """A node of a saved dictionary changed: keys, shapes, types; sometimes a pickle that runs code."""
+    """Change a node of a saved dictionary (keys, shapes, types); sometimes insert a pickle that runs code."""
     import torch
 
     tree = torch.load(path, weights_only=True)
@@ -200,14 +200,14 @@ def change_torch(path: Path, rng: Random) -> None:
 
 
 def _lists(tree: Any) -> Any:
-    """Plain dictionaries and lists, which can be changed in place."""
+    """Convert to plain dictionaries and lists, which can be changed in place."""
     if isinstance(tree, dict):
         return {key: _lists(value) for key, value in tree.items()}
     return [_lists(value) for value in tree] if isinstance(tree, (list, tuple)) else tree
 
 
 def change_parquet(path: Path, rng: Random) -> None:
-    """A column changed, dropped, renamed, or of another type; rows dropped or repeated."""
+    """Change, drop, rename or convert a column; drop or repeat rows."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -235,7 +235,7 @@ def change_parquet(path: Path, rng: Random) -> None:
 
 
 def change_jsonl(text: str, rng: Random) -> str:
-    """A line of JSON lines changed as JSON, dropped or repeated."""
+    """Change a line of JSON lines as JSON, drop it or repeat it."""
     lines = text.splitlines()
     at = rng.randrange(len(lines)) if lines else 0
     if lines and rng.random() < 0.8:

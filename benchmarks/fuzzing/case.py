@@ -1,4 +1,4 @@
-"""One case: what it calls, and what came of each call."""
+"""One case: its calls, and the result of each call."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ VERDICTS = (
     "memory",
     "hang",
     "dead",
-)  # the last that fits counts
-PATIENCE = 3.0  # s after which a command that really works is interrupted, as a user would
+)  # ordered; the worst one of a case counts
+PATIENCE = 3.0  # s after which a running command is interrupted, as a user would do
 
 
 @dataclass
 class Found:
-    """What came of one call; where: innermost line of the package."""
+    """Result of one call; where: innermost line of the package in the traceback."""
 
     call: str
     verdict: str
@@ -40,7 +40,7 @@ class Found:
 
 @dataclass
 class Result:
-    """What came of a case: the worst verdict of its calls, wall-clock seconds, and MB by which memory grew."""
+    """Result of a case: worst verdict of its calls, wall-clock seconds, and growth of memory in MB."""
 
     target: str
     number: int
@@ -51,32 +51,32 @@ class Result:
 
 
 class Case:
-    """What a target works with: a folder of its own with copies of seeds, and calls whose outcome is noted."""
+    """Tools for a target: its own folder for copies of seeds, and calls whose results are recorded."""
 
     def __init__(self, folder: Path, seeds: Path, rng: Random, number: int) -> None:
         self.folder, self.seeds, self.rng, self.number = folder, seeds, rng, number
         self.out = folder / "out"
         self.out.mkdir()
         self.found: list[Found] = []
-        self.names: set[str] = set()  # one of these has to be in a message
+        self.names: set[str] = set()  # error messages must contain one of these
         self._log = sys.stderr
 
     def copy(self, name: str) -> Path:
-        """A copy of a seed."""
+        """Copy a seed into the case's folder."""
         source, path = self.seeds / name, self.folder / name
         (shutil.copytree if source.is_dir() else shutil.copyfile)(source, path)
         return path
 
     def mutate(self, path: Path) -> Path:
-        """Mutate a file, or one of a folder; case -1 leaves it as it is. Returns the path that was mutated."""
+        """Mutate a file, or a file of a folder (case -1: change nothing); returns the mutated path."""
         return path if self.number < 0 else mutate(path, self.rng)
 
     def about(self, *paths: Path) -> None:
-        """The files that messages have to name, by stem or folder."""
+        """Add files that error messages must name, by stem or folder."""
         self.names |= {text for path in paths for text in (path.stem, path.parent.name) if text}
 
     def library(self, what: str, call: Callable[[], Any], allowed: tuple[type[Exception], ...] = ()) -> bool:
-        """Call what may raise the package's errors, or those allowed; whether it raised nothing."""
+        """Make a call that may raise the package's errors or those allowed; returns whether it raised none."""
         from embodiedreamer_gym.errors import EmbodieDreamerError
 
         try:
@@ -91,7 +91,7 @@ class Case:
         return True
 
     def command(self, *argv: object, patience: float = PATIENCE) -> None:
-        """Run the command; it has to end with 0, or with 2 and one line "error: ...", or with 130 once it is interrupted."""
+        """Run the command; it must exit with 0, with 2 and one line "error: ...", or with 130 when interrupted."""
         from embodiedreamer_gym.cli import main
 
         words = [str(a) for a in argv]
@@ -100,7 +100,7 @@ class Case:
         signal.signal(signal.SIGALRM, lambda number, frame: signal.raise_signal(signal.SIGINT))
         signal.setitimer(
             signal.ITIMER_REAL, 0 if self.number < 0 else patience
-        )  # a seed's run compiles what all cases need
+        )  # a seed's run includes compilation for all cases
         try:
             code = main(words)
         except SystemExit as end:  # --help
@@ -129,12 +129,12 @@ class Case:
             )
 
     def check(self, what: str, good: bool) -> None:
-        """Note what has to hold."""
+        """Record a failure if a condition does not hold."""
         if not good:
             self._note(what, "traceback", f"does not hold: {what}", what)
 
     def _clear(self, text: str) -> str:
-        """Whether a refusal is one line that is not too long and names a file, where one was damaged."""
+        """Verdict on a refusal: "refused" for one short line that names the damaged file, else "unclear"."""
         named = not self.names or any(name in text for name in self.names)
         return "refused" if named and "\n" not in text.strip() and 0 < len(text) < 2000 else "unclear"
 

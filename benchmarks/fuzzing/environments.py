@@ -1,4 +1,4 @@
-"""Environments: arguments, actions and reset options from a list of rubbish, and calls in a wrong order."""
+"""Environments: invalid arguments, actions and reset options, and calls in a wrong order."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from embodiedreamer_gym.envs.goal import AlohaGoalEnv
 
 
 class Odd:
-    """Converts to nothing, compares with nothing, and has no repr."""
+    """An object that raises on attribute access, comparison and `repr`."""
 
     def __getattr__(self, name: str) -> Any:
         raise RuntimeError(name)
@@ -60,17 +60,17 @@ _env: list[Any] = []
 
 
 def make(**arguments: Any) -> Any:
-    """An environment without `gymnasium.make`, whose own checks would come first."""
+    """Make an environment without `gymnasium.make`, whose own checks would run first."""
     return AlohaEnv(**{"task": "PutCupOnMat", "obs_type": "state", "renderer": "tiny"} | arguments)
 
 
 def warm() -> None:
-    """An environment that every case may use a copy of."""
+    """Make an environment that every forked case can use."""
     _env.append(make(render_mode="rgb_array"))
 
 
 def environments(case: Case) -> None:
-    """One of four kinds of misuse; afterwards a valid step still has to work."""
+    """Try one of six kinds of misuse; afterwards a valid step must still work."""
     if not _env:
         warm()
     for name in ("two.json", "two.urdf", "cameras.json"):
@@ -85,7 +85,7 @@ def _value(rng: Random) -> Any:
 
 def _some_arguments(rng: Random) -> dict[str, Any]:
     arguments = {rng.choice(ARGUMENTS): _value(rng) for _ in range(rng.choice((1, 1, 2)))}
-    if callable(arguments.get("engine")):  # a user's own engine may raise what it likes
+    if callable(arguments.get("engine")):  # a user's own engine may raise any error
         arguments["engine"] = "none"
     return arguments
 
@@ -102,7 +102,7 @@ def _arguments(case: Case, rng: Random) -> None:
 
 
 def _works(case: Case, env: Any) -> None:
-    """A reset, a step and a picture, inside the space and finite."""
+    """Check that reset and step work, with observations in their space and a finite reward."""
 
     def play() -> None:
         observation, _ = env.reset(seed=1)

@@ -1,4 +1,4 @@
-"""One file, or one of a folder, mutated by its format, as bytes, or as what lies at its place."""
+"""Mutate one file, or a file of a folder: by its format, as bytes, or by replacing it with something else."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def mutate(path: Path, rng: Random) -> Path:
 
 
 def _replace(path: Path, rng: Random) -> None:
-    """Something else in a file's place."""
+    """Replace a file with something else."""
     path.unlink()
     kind = rng.randrange(7)
     if kind == 0:

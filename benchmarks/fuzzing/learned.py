@@ -1,4 +1,4 @@
-"""What reads episodes, policies, banks, weights and refit caches."""
+"""Targets that read episodes, policies, banks, weights and refit caches."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from benchmarks.fuzzing.targets import mutated, target
 
 
 def _set(case: Case, path: Path) -> None:
-    """Open a set of episodes, read all of it, and train a step on it."""
+    """Open a set of episodes and read it; sometimes train on it."""
     from embodiedreamer_gym.recordings.episodes import open_episodes
 
     def read() -> None:
@@ -60,7 +60,7 @@ def _policy(case: Case, name: str) -> None:
 
     case.library("load_policy", ask)
     if case.number % 2 == 0:
-        case.names.clear()  # a whole policy that does not fit the robot is refused by its sizes
+        case.names.clear()  # an intact policy that does not fit the robot is refused because of its sizes
         case.command(
             "policy",
             "evaluate",
@@ -102,7 +102,7 @@ def preferences(case: Case) -> None:
 
 @target
 def resume(case: Case) -> None:
-    """A training's folder, whose checkpoint it is to go on from."""
+    """A training folder, whose training is to resume from its checkpoint."""
     case.copy("episodes")
     path = case.copy("training")
     name = case.rng.choice(("checkpoint.pt", "checkpoint.pt", "checkpoint.pt", "curves.csv", "config.json"))
@@ -112,7 +112,7 @@ def resume(case: Case) -> None:
 
 @target
 def module(case: Case) -> None:
-    """A module with a policy of the user's own, as wrong as can be."""
+    """A module with a faulty user-defined policy."""
     from benchmarks.fuzzing.modules import source
     from embodiedreamer_gym.policies import load_policy
     from embodiedreamer_gym.policies.protocol import predict
@@ -187,7 +187,7 @@ def weights(case: Case) -> None:
 
 @target
 def svd(case: Case) -> None:
-    """A folder with a diffusers model; nothing where diffusers is not installed."""
+    """A folder with a diffusers model; does nothing if diffusers is not installed."""
     from embodiedreamer_gym.vis_aligner import load_aligner
 
     if not (case.seeds / "svd").is_dir():
@@ -243,7 +243,7 @@ def refits(case: Case) -> None:
 
 @target
 def bench_answers(case: Case) -> None:
-    """Answers to benchmark cases with their predictions: scored, and a run that goes on behind them."""
+    """Answers to benchmark cases with predictions: score them, and resume a run after them."""
     case.copy("truth"), case.copy("cases")
     path = mutated(case, "answers")
     answers = path / "a.jsonl"
@@ -253,7 +253,7 @@ def bench_answers(case: Case) -> None:
 
 @target
 def bench_cases(case: Case) -> None:
-    """Cases of the benchmark, or their truth."""
+    """Cases of the benchmark, or their ground truth."""
     name = case.rng.choice(("cases", "truth"))
     case.copy("answers"), case.copy({"cases": "truth", "truth": "cases"}[name])
     mutated(case, name)

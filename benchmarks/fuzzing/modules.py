@@ -1,4 +1,4 @@
-"""Policies of the user's own that are wrong in many ways, as the source of a module."""
+"""Source of modules with user-defined policies that are faulty in many ways."""
 
 from __future__ import annotations
 

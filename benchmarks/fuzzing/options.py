@@ -1,4 +1,4 @@
-"""Command lines: every verb with options from a list of rubbish."""
+"""Command lines: every verb with invalid options."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SEEDS = (
 TASK = ("--task", "PutCupOnMat-v0")
 ARM = ("--model", "two.json")
 QUIET = "--quiet"
-VERBS: dict[str, tuple[str, ...]] = {  # a command line that works
+VERBS: dict[str, tuple[str, ...]] = {  # verb -> a valid command line
     "compare": (*ARM, "log.csv", QUIET), "where": (*ARM, "log.csv", QUIET), "calibrate": (*ARM, "log.csv", "--out", "out/m.json"),
     "diagnose": (*ARM, "--train", "log.csv", "--test", "log.csv", "--jobs", "1"),
     "add": ("backlash", *ARM, "--train", "log.csv", "--test", "log.csv", "--out", "out/m.json"),
@@ -63,7 +63,7 @@ RUBBISH = (
 
 @functools.cache
 def offered(verb: str) -> tuple[str, ...]:
-    """The options in a verb's help."""
+    """The options listed in a verb's help."""
     from embodiedreamer_gym.cli import main
 
     said = io.StringIO()
@@ -74,7 +74,7 @@ def offered(verb: str) -> tuple[str, ...]:
 
 
 def command_line(verb: str, rng: Random) -> list[str]:
-    """A command line of a verb with some options changed, left out, repeated, or unknown."""
+    """A verb's command line with some options changed, left out, repeated or unknown."""
     words = list(VERBS[verb])
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
         kind = rng.randrange(10)
@@ -95,7 +95,7 @@ def command_line(verb: str, rng: Random) -> list[str]:
 
 
 def options(case: Case) -> None:
-    """A verb with rubbish among its options."""
+    """Run a verb with some invalid options."""
     for name in SEEDS:
         case.copy(name)
     verb = sorted(VERBS)[case.number % len(VERBS)]

@@ -1,4 +1,4 @@
-"""A case in a process of its own, with limits of time and memory."""
+"""Run a case in its own process, with limits of time and memory."""
 
 from __future__ import annotations
 
@@ -19,23 +19,22 @@ from typing import NoReturn
 
 from benchmarks.fuzzing.case import VERDICTS, Case, Found, Result
 
-ADDRESSES = 16 << 30  # bytes of address space beyond what the parent has, so that an absurd claim fails at once
+ADDRESSES = 16 << 30  # bytes of address space beyond the parent's, so that an absurd allocation fails at once
 LARGEST_FILE = 1 << 30  # bytes
-BASELINE = (
-    "baseline.txt"  # bytes that the forked process held when it began: less than its parent, whose file pages it lacks
-)
+# resident bytes of the forked process at its start: fewer than the parent's, because file pages are missing
+BASELINE = "baseline.txt"
 
 
 @dataclass
 class Limits:
-    """seconds: of wall clock that a case may take, without the time that it waits for a processor; memory: bytes by which it may grow."""
+    """Limits of a case; seconds: wall-clock time without waiting for a processor; memory: growth in bytes."""
 
     seconds: float = 10.0
     memory: int = 2 << 30
 
 
 class Running:
-    """A forked process with one case; `poll` returns its result once it has ended, or was ended."""
+    """A forked process with one case; `poll` returns its result when it has ended or was killed."""
 
     def __init__(
         self, target: str, number: int, seed: int, run: Callable[[Case], None], seeds: Path, work: Path, limits: Limits
@@ -53,7 +52,7 @@ class Running:
             )
 
     def poll(self) -> Result | None:
-        """The result, or None while it runs; ends what is beyond the limits."""
+        """The result, or None while the case runs; kills a process that exceeds the limits."""
         pid, status, usage = os.wait4(self.pid, os.WNOHANG)
         now = time.monotonic()
         if pid == 0:
@@ -69,13 +68,13 @@ class Running:
                     self._kill("memory")
             return None
         with contextlib.suppress(OSError):
-            os.killpg(self.pid, signal.SIGKILL)  # what it has left running
-        self._measure(usage.ru_maxrss * 1024)  # of its whole life, however seldom it was polled
+            os.killpg(self.pid, signal.SIGKILL)  # its remaining child processes
+        self._measure(usage.ru_maxrss * 1024)  # peak of its whole life, even if rarely polled
         return self._result(status, now - self._begun)
 
     def _measure(self, peak: int) -> None:
-        """Note by how much a peak of resident bytes exceeds what the process held when it began."""
-        with contextlib.suppress(OSError, ValueError):  # it has not come so far
+        """Record by how much a peak of resident bytes exceeds the value at the process's start."""
+        with contextlib.suppress(OSError, ValueError):  # the file does not exist yet
             self._grown = max(self._grown, peak - int((self.folder / BASELINE).read_text()))
 
     def _kill(self, verdict: str) -> None:
@@ -102,7 +101,7 @@ class Running:
 
 
 def _child(run: Callable[[], None], folder: Path, limits: Limits) -> NoReturn:
-    """The forked process: its own group, its own streams, its own folder."""
+    """Run a case in the forked process, with its own process group, streams and folder."""
     code = 1
     try:
         os.setpgid(0, 0)
@@ -132,7 +131,7 @@ def _child(run: Callable[[], None], folder: Path, limits: Limits) -> NoReturn:
 
 
 def _memory(pid: int, key: str) -> int:
-    """Bytes of a line of /proc/PID/status: VmRSS, what a process holds, or VmHWM, the most since its fork; 0 once it has gone."""
+    """Bytes from /proc/PID/status; key: VmRSS (resident) or VmHWM (peak since the fork); 0 if the process is gone."""
     try:
         return int(Path(f"/proc/{pid}/status").read_text().partition(f"{key}:")[2].split(maxsplit=1)[0]) * 1024
     except (OSError, IndexError, ValueError):
@@ -140,7 +139,7 @@ def _memory(pid: int, key: str) -> int:
 
 
 def _waited(pid: int) -> float:
-    """Seconds for which a process was ready but had no processor: on a busy machine they do not count as a hang."""
+    """Seconds that a process waited for a processor, which do not count as a hang on a busy machine."""
     try:
         return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) * 1e-9
     except (OSError, IndexError, ValueError):
@@ -148,7 +147,7 @@ def _waited(pid: int) -> float:
 
 
 def _group(group: int) -> Sequence[int]:
-    """Processes of a group."""
+    """Process ids of a process group."""
     found = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError, IndexError, ValueError):
@@ -158,13 +157,13 @@ def _group(group: int) -> Sequence[int]:
 
 
 def _tail(path: Path) -> str:
-    """The end of a stack, without the list of extension modules that faulthandler prints after it."""
+    """The end of a traceback, without the list of extension modules that faulthandler prints after it."""
     with contextlib.suppress(OSError):
         return path.read_text("utf-8", "replace").partition("Extension modules:")[0][-3000:]
     return ""
 
 
 def _innermost(text: str) -> str:
-    """The innermost line of the package in a stack that faulthandler printed."""
+    """The innermost line of the package in a traceback printed by faulthandler."""
     lines = [line.strip() for line in text.splitlines() if "embodiedreamer_gym/" in line]
     return lines[0].rpartition("embodiedreamer_gym/")[2].replace('", line ', ":") if lines else "?"

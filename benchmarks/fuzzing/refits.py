@@ -1,4 +1,4 @@
-"""The refit cache of a diagnosis, written and read without the diagnosis."""
+"""Write and read the refit cache of a diagnosis without a diagnosis."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def _open(path: Path, model: Path, log: Path) -> Any:
 
 
 def write_refits(path: Path, model: Path, log: Path) -> None:
-    """Keep some fits."""
+    """Write some fits to the cache."""
     cache = _open(path, model, log)
     for number, name in enumerate(FITS):
         cache.keep(name, np.linspace(0.1, 0.9, 8 + 2 * number), "linear")
 
 
 def read_refits(path: Path, model: Path, log: Path) -> None:
-    """Read the fits, and keep one more."""
+    """Read the fits, and add one more."""
     cache = _open(path, model, log)
     for name in FITS:
         cache.get(name)

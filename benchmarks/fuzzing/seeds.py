@@ -1,4 +1,4 @@
-"""Valid files of every kind that users hand over, as small as they can be, written by the package's own writers."""
+"""Valid, minimal files of every kind that users provide, written by the package's own writers."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-SIZE = (16, 12)  # of pictures
-STEPS = 6  # of an episode
+SIZE = (16, 12)  # width and height of pictures, pixels
+STEPS = 6  # steps of an episode
 HOSE_SPRING = """from embodiedreamer_gym.effects import Parameter, SignalLaw
 
 
@@ -30,7 +30,7 @@ TRAIN = ("--steps", "2", "--batch", "2", "--chunk", "4", "--size", "16x12", "--q
 
 
 def write_seeds(folder: Path) -> None:
-    """Write all seeds into a folder; the same bytes each time."""
+    """Write all seeds into a folder; always with the same bytes."""
     for write in (
         _recordings,
         _sage,
@@ -152,7 +152,7 @@ def _policies(folder: Path) -> None:
 
 
 def _key_poses(folder: Path) -> None:
-    """A policy of two key poses in the frame of a cup, whose head sees it everywhere, and pairs of rollouts."""
+    """A policy of two key poses in the frame of a cup, which it detects in the whole picture, and pairs of rollouts."""
     import torch
 
     from embodiedreamer_gym.envs.cameras import CAMERAS
@@ -172,7 +172,7 @@ def _key_poses(folder: Path) -> None:
     )
     skill = Skill(keys, ({"cup": (0.5, 0.2, 0.0)},) * 3, "cup", 1.0)
     head = ObjectPoseHead(1)
-    head.layers[-1].bias.data[:] = torch.tensor([0.0, 9.0])  # the whole picture is the cup
+    head.layers[-1].bias.data[:] = torch.tensor([0.0, 9.0])  # the whole picture is classified as cup
     looker = Looker(head, ("cup",), CAMERAS["head"], {"cup": 0.8}, {"cup": (0.0, 0.0, 1.0, 1.0)})
     policy = KeyPosePolicy(skill, RobotModel.load("aloha"), looker, 30.0, ("head",), SIZE)
     save_key_poses(policy, looker, "aloha", folder / "key_poses")
@@ -209,7 +209,7 @@ def _vision(folder: Path) -> None:
 
 
 def _svd(folder: Path) -> None:
-    """A folder with a tiny Stable Video Diffusion, where diffusers is installed."""
+    """A folder with a tiny Stable Video Diffusion model, if diffusers is installed."""
     from importlib.util import find_spec
 
     if find_spec("diffusers"):
@@ -228,7 +228,7 @@ def _training(folder: Path) -> None:
 
 
 def _bench(folder: Path) -> None:
-    """Two cases of the benchmark, their truth, and answers with predictions."""
+    """Two cases of the benchmark, their ground truth, and answers with predictions."""
     from embodiedreamer_gym.bench.cases import make_cases
     from embodiedreamer_gym.bench.run import run_entries
 

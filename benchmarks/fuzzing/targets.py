@@ -1,4 +1,4 @@
-"""What reads recordings, models, URDFs and cameras: for each target, calls of the library and of the command."""
+"""Targets that read recordings, models, URDFs and cameras: each calls the library and the command."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ TARGETS: dict[str, Callable[[Case], None]] = {}
 
 
 def target(run: Callable[[Case], None]) -> Callable[[Case], None]:
-    """Register a target by its function's name."""
+    """Register a target under its function's name."""
     TARGETS[run.__name__] = run
     return run
 
 
 def mutated(case: Case, name: str) -> Path:
-    """A copy of a seed, mutated."""
+    """A mutated copy of a seed."""
     path = case.copy(name)
     case.about(case.mutate(path), path)
     return path
@@ -30,7 +30,7 @@ def mutated(case: Case, name: str) -> Path:
 
 
 def _log(case: Case, path: Path, units: str | None = None) -> None:
-    """Load a log, check it, and compare a model with it; units: of a LeRobot set."""
+    """Load a log, check it, and compare a model with it; units: units of a LeRobot set."""
     from embodiedreamer_gym.recordings import load_recordings, preflight
 
     def read() -> None:
@@ -90,7 +90,7 @@ def motor_calibration(case: Case) -> None:
 
 @target
 def trajectory(case: Case) -> None:
-    """Commands or a log that a model is to follow, and commands that an arm is to play."""
+    """Commands or a log for a model to follow, and commands for an arm to play."""
     from embodiedreamer_gym.robot import RobotModel
     from embodiedreamer_gym.robot.play import SafeMotion
 
@@ -105,7 +105,7 @@ def trajectory(case: Case) -> None:
 
 @target
 def marks(case: Case) -> None:
-    """Points that were marked in frames."""
+    """Points marked in frames."""
     case.copy("two.urdf")
     log, path = case.copy("log.hdf5"), mutated(case, "marks.json")
     case.command("vis", "camera", "--model", "two.urdf", "--joints", "shoulder,elbow", log, "--marks", path,
@@ -161,7 +161,7 @@ def urdf(case: Case) -> None:
     case.library("Surface", lambda: Surface("two.urdf", ("shoulder", "elbow")).points(np.zeros((2, 2))))
     case.library("EndEffector", lambda: EndEffector("two.urdf", "tip").pose(np.zeros((2, 2)), ("shoulder", "elbow")))
     out = ("--out", case.out / "camera.json", "--quiet")
-    case.names.clear()  # a whole robot is not recognised in these pictures
+    case.names.clear()  # even an intact robot is not recognised in these pictures
     case.command(
         "vis", "camera", "--model", "two.urdf", "--joints", "shoulder,elbow", case.copy("log.hdf5"), *out, patience=1.5
     )
@@ -193,7 +193,7 @@ def cameras(case: Case) -> None:
 
 
 def _prepare(log: tuple[Any, ...]) -> list[Any]:
-    """The options of `vis prepare`, whose episodes are its arguments without a name."""
+    """Options for `vis prepare`, which takes the episodes as positional arguments."""
     rest = list(log)
     at = rest.index("--episodes")
     return [rest[at + 1], *rest[:at], *rest[at + 2 :]]

@@ -1,4 +1,4 @@
-"""Mutations of bytes, texts, JSON and XML; each draws from a random.Random alone, so that a case is reproducible."""
+"""Mutations of bytes, texts, JSON and XML; each uses only a random.Random, so that a case is reproducible."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ VALUES: tuple[Any, ...] = (
 
 
 def change_bytes(data: bytes, rng: Random) -> bytes:
-    """Cut, flip, insert, delete, repeat, blank, or replace all of it."""
+    """Cut, flip, insert, delete, repeat, blank or replace bytes."""
     kind = rng.randrange(10)
     at = rng.randrange(len(data) + 1)
     size = min(len(data) - at, 1 << rng.randrange(12))
@@ -67,7 +67,7 @@ def change_bytes(data: bytes, rng: Random) -> bytes:
 
 
 def change_encoding(text: str, rng: Random) -> bytes:
-    """The text in another encoding, or with other ends of lines."""
+    """The text in another encoding, or with other line ends."""
     kind = rng.randrange(8)
     if kind < 4:
         return text.encode(("utf-16", "utf-32", "utf-8-sig", "utf-16-be")[kind], "replace")
@@ -77,7 +77,7 @@ def change_encoding(text: str, rng: Random) -> bytes:
 
 
 def change_numbers(text: str, rng: Random) -> str:
-    """Some of the numbers of a text replaced."""
+    """Replace some of the numbers of a text."""
     places = list(NUMBER.finditer(text))
     if not places:
         return text + rng.choice(NUMBERS)
@@ -87,14 +87,14 @@ def change_numbers(text: str, rng: Random) -> str:
 
 
 def change_words(text: str, rng: Random) -> str:
-    """A name of a text replaced, everywhere or once."""
+    """Replace a name of a text, everywhere or once."""
     words = re.findall(r"[A-Za-z_]\w*", text)
     word = rng.choice(words) if words else ""
     return text.replace(word, rng.choice(WORDS), rng.choice((1, -1))) if word else rng.choice(WORDS)
 
 
 def change_csv(text: str, rng: Random) -> str:
-    """Columns and rows dropped, repeated, moved, renamed, made longer, or cells replaced."""
+    """Drop, repeat, move, rename or lengthen columns and rows, or replace cells."""
     rows = [line.split(",") for line in text.split("\n")]
     first = next((k for k, row in enumerate(rows) if len(row) > 1), 0)
     body = rows[first:]
@@ -140,7 +140,7 @@ def _times(cells: list[str], factor: float) -> str:
 
 
 def change_json(text: str, rng: Random) -> str:
-    """A node of a JSON tree replaced, dropped, repeated, renamed or nested deeply."""
+    """Replace, drop, repeat, rename or deeply nest a node of a JSON tree."""
     kind = rng.randrange(12)
     if kind == 0:
         depth = rng.choice((70, 900, 5000, 100_000))
@@ -158,7 +158,7 @@ def change_json(text: str, rng: Random) -> str:
 def change_tree(
     tree: Any, rng: Random, values: tuple[Any, ...] = VALUES, change: Callable[[Any, Random], Any] | None = None
 ) -> Any:
-    """One node of nested lists and dictionaries changed, in place where it can be; change: of a leaf, by the caller."""
+    """Change one node of nested lists and dictionaries, in place if possible; change: the caller's change of a leaf."""
     places = list(_places(tree))
     if not places or rng.random() < 0.03:
         return rng.choice(values)
@@ -176,7 +176,7 @@ def change_tree(
         parent[key] = change_words(parent[key], rng)
     elif change is not None and kind < 6:
         parent[key] = change(parent[key], rng)
-    elif kind == 4:  # what is a list becomes longer or shorter
+    elif kind == 4:  # make a list longer or shorter
         value = parent[key]
         parent[key] = (
             value[:-1]
@@ -201,13 +201,13 @@ def _places(tree: Any):
 
 
 def change_xml(text: str, rng: Random) -> str:
-    """Elements dropped, repeated, nested or moved, attributes dropped, renamed or replaced."""
+    """Drop, repeat, nest or move elements; drop, rename or replace attributes."""
     tags = list(re.finditer(r"<[A-Za-z_][^<>]*>", text))
     if not tags:
         return text
     tag = rng.choice(tags)
     kind = rng.randrange(10)
-    if kind == 0:  # the whole line of it
+    if kind == 0:  # drop or repeat its whole line
         start, stop = text.rfind("\n", 0, tag.start()) + 1, text.find("\n", tag.end())
         return (
             text[:start] + text[stop if stop > 0 else None :]

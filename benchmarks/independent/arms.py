@@ -1,4 +1,4 @@
-"""Three arms of the usual builds as data, and the URDF text that a user would have of each."""
+"""Three arms of common designs as data, and the URDF text that a user would have for each."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Joint:
-    """A hinge and the link behind it; m, kg and rad, the joint's frame is the link's frame.
+    """A hinge and the link after it; m, kg and rad; the joint's frame is the link's frame.
 
-    at (3,) in the frame of the link before; centre and box (3,): centre of mass and edges of a box of the link's inertia;
-    home and reach: middle and half range of its motions; hertz: frequency of servo and joint at home, from which the
-    nominal gains follow; rotor: kg m^2 at the joint.
+    at (3,): position in the frame of the previous link; centre and box (3,): centre of mass, and edges of a box with
+    the link's inertia; home and reach: middle and half range of its motions; hertz: frequency of servo and joint at
+    home, which determines the nominal gains; rotor: rotor inertia at the joint, kg m^2.
     """
 
     name: str
@@ -29,14 +29,14 @@ class Joint:
 
     @property
     def inertia(self) -> np.ndarray:
-        """Moments of the box about the centre of mass, (3,), kg m^2."""
+        """Moments of inertia of the box about the centre of mass, (3,), kg m^2."""
         squares = np.square(self.box)
         return self.mass / 12 * (squares.sum() - squares)
 
 
 @dataclass(frozen=True)
 class Arm:
-    """Joints from the base to the end, and the place of the tip in the last link's frame, m."""
+    """Joints from the base to the end, and the position of the tip in the last link's frame, m."""
 
     name: str
     joints: tuple[Joint, ...]
@@ -48,7 +48,7 @@ class Arm:
         return tuple(joint.name for joint in self.joints)
 
     def each(self, key: str) -> np.ndarray:
-        """One field of all joints, (n,) or (n, 3)."""
+        """Values of one field for all joints, (n,) or (n, 3)."""
         return np.array([getattr(joint, key) for joint in self.joints], float)
 
 

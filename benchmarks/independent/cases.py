@@ -1,4 +1,4 @@
-"""A case: a robot that differs from its description, its faults, four logs of it, and a user's files of all that."""
+"""A case: a robot that differs from its description, its faults, four logs, and the files that a user would have."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ FAMILIES = (
     ("torque_bias", "torque_ripple", "joint_spring", "payload", "base_tilt", "encoder_offset"),
     ("rotor_inertia", "joint_elasticity", "backlash"),
 )  # fmt: skip
-EXCITING = ("sines", "point_to_point", "ramps", "teleoperation")  # two to learn from, two held out
+EXCITING = ("sines", "point_to_point", "ramps", "teleoperation")  # two for training, two held out
 AS_A_PERSON = ("teleoperation",) * 4
 SECONDS = 6.0
-LEAST, MOST = 3.0, 60.0  # visibility of a fault
-CLOSE = 1.25  # factor within which a visibility is as wanted
-ATTEMPTS = 6  # choices of joints, where a fault cannot be seen as wanted
-STEPS = 10  # sizes tried on each
+LEAST, MOST = 3.0, 60.0  # range of a fault's visibility, sensor noises
+CLOSE = 1.25  # factor within which a visibility is accepted
+ATTEMPTS = 6  # most choices of joints, if a fault cannot get the wanted visibility
+STEPS = 10  # most sizes tried for each choice
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """An encoder of so many bits with its noise, rad, and the effort's noise in shares of the usual torque."""
+    """Sensors: encoder bits, encoder noise (rad), and effort noise as a share of the usual torque."""
 
     noise: float
     bits: int
@@ -57,7 +57,7 @@ class Sensors:
         return float(np.hypot(self.noise, self.quantum / np.sqrt(12)))
 
     def log(self, name: str, arm: Arm, truth: Truth, hold: bool, rng: np.random.Generator) -> Recording:
-        """What is recorded of a log; sensor noise is left for the reader to find out, as of a real log."""
+        """The recording of a log; its noise is not declared but estimated, as for a real log."""
         noisy = truth.position + self.noise * rng.standard_normal(truth.position.shape)
         effort = truth.effort + self.effort * usual_torque(arm) * rng.standard_normal(truth.effort.shape)
         position = np.round(noisy / self.quantum) * self.quantum
@@ -67,7 +67,7 @@ class Sensors:
 
 @dataclass(frozen=True)
 class IndependentCase:
-    """A robot, its faults with their visibility, also of each joint alone, and its logs to learn from and held out."""
+    """A robot, its faults with their visibility in total and by joint, and its training and held-out logs."""
 
     robot: Robot
     faults: Mapping[str, Fault]
@@ -82,7 +82,7 @@ class IndependentCase:
         return {name: fault.values() for name, fault in self.faults.items()}
 
     def write(self, folder: str | FilePath) -> FilePath:
-        """A user's files: URDF, the model with nominal gains, and the logs as csv; the model's path."""
+        """Write a user's files (URDF, model with nominal gains, logs as csv); returns the model's path."""
         place, made = FilePath(folder), nominal(self.robot.arm)
         servo = {"stiffness": made.stiffness.tolist(), "damping": made.damping.tolist()}
         model = {
@@ -115,9 +115,9 @@ def draw(
     hz: float = 100.0,
     seconds: float = SECONDS,
 ) -> IndependentCase:
-    """A case whose faults are each, alone and with nothing refitted, as visible as wanted, or as nearly as is found.
+    """Draw a case; each fault alone, without a refit, has approximately the wanted visibility, if one is found.
 
-    kinds: of the four motions, the last two held out. hz: samples a second.
+    kinds: kinds of the four motions; the last two are held out. hz: samples per second.
     """
     robot = draw_robot(ARMS[arm], rng)
     sensors = Sensors(rng.uniform(0.2e-3, 0.5e-3), 14 if rng.random() < 0.25 else 12)
@@ -138,7 +138,7 @@ def draw(
 
 
 def draw_robot(arm: Arm, rng: np.random.Generator) -> Robot:
-    """A robot as it comes from the shop: masses 1.5 %, centres of mass 2 mm, gains 5 % and friction 25 % off."""
+    """A robot with production tolerances: masses 1.5 %, centres of mass 2 mm, gains 5 % and friction 25 % off."""
     n, made = len(arm.joints), nominal(arm)
     return replace(
         made,
@@ -151,7 +151,7 @@ def draw_robot(arm: Arm, rng: np.random.Generator) -> Robot:
 
 
 class Yardstick:
-    """How far a fault moves the held-out logs of a robot, in sensor noises."""
+    """Visibility of a fault: how much it changes the held-out logs of a robot, in sensor noises."""
 
     def __init__(self, robot: Robot, paths: Sequence[Path], logger: Logger, sigma: float) -> None:
         self.robot, self.paths, self.logger, self.sigma = robot, paths, logger, sigma
@@ -161,12 +161,12 @@ class Yardstick:
         return np.concatenate([simulate(self.robot, faults, path, self.logger).position for path in self.paths])
 
     def __call__(self, fault: Fault) -> float:
-        """Root mean square of the change of position on the joint where it is largest, in noises."""
+        """Root mean square change of position, of the joint where it is largest, in noises."""
         change = self._positions([fault]) - self.without
         return float(np.sqrt(np.mean(change**2, axis=0)).max() / self.sigma)
 
     def by_joint(self, fault: Fault) -> dict[str, float]:
-        """The like of the fault on each of its joints alone; none of a fault of the whole arm."""
+        """Visibility of the fault on each of its joints alone; {} for a fault of the whole arm."""
         if fault.per_arm:
             return {}
         return {
@@ -175,7 +175,7 @@ class Yardstick:
 
 
 def choose(kind: type[Fault], wanted: float, yardstick: Yardstick, rng: np.random.Generator) -> tuple[Fault, float]:
-    """A fault on one to three joints that is about as visible as wanted, and its visibility."""
+    """A fault on one to three joints with about the wanted visibility, and its visibility."""
     arm, found = yardstick.robot.arm, []
     for _ in range(ATTEMPTS):
         n = len(arm.joints)
@@ -189,7 +189,7 @@ def choose(kind: type[Fault], wanted: float, yardstick: Yardstick, rng: np.rando
 def sized(
     kind: type[Fault], arm: Arm, at: np.ndarray, shares: np.ndarray, wanted: float, yardstick: Yardstick
 ) -> tuple[Fault, float]:
-    """The fault at the size at which it is about as visible as wanted: by proportion, then between two sizes."""
+    """The fault, with the size that gives about the wanted visibility: search by proportion, then by bisection."""
     low, high, size = 1e-4, 1.0, 0.05
     best: tuple[Fault, float] | None = None
     for _ in range(STEPS):
@@ -206,6 +206,6 @@ def sized(
 
 
 def _apart(seen: float, wanted: float) -> float:
-    """Factor between two visibilities, at least 1."""
+    """Ratio of two visibilities, at least 1."""
     ratio = max(seen, 1e-9) / wanted
     return float(max(ratio, 1 / ratio))

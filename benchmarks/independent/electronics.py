@@ -1,4 +1,4 @@
-"""Faults before the gear: what firmware does to commands and errors, what a drive can give, what an encoder says."""
+"""Faults before the gear: firmware processing of commands and errors, limits of the drive, and encoder errors."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from benchmarks.independent.fault import TICK, Fault, State, Values
 
 
 class CommandDelay(Fault):
-    """A queue of whole servo ticks before the servo."""
+    """A queue of whole servo ticks for the command."""
 
     def ticks(self) -> np.ndarray:
         """Length of the queue, (n,)."""
@@ -25,7 +25,7 @@ class CommandDelay(Fault):
 
 
 class CommandLowpass(Fault):
-    """The usual recursive filter of the first order, y += (c - y) dt / (T + dt)."""
+    """The usual first-order recursive filter, y += (c - y) dt / (T + dt)."""
 
     def values(self) -> Values:
         return {"time_constant": self.by_joint(0.2 * self.amount)}
@@ -39,7 +39,7 @@ class CommandLowpass(Fault):
 
 
 class CommandRateLimit(Fault):
-    """A setpoint that may change by so much in a tick."""
+    """A setpoint whose change per tick is limited."""
 
     def rate(self) -> np.ndarray:
         """Fastest change, (n,), rad/s."""
@@ -58,7 +58,7 @@ class CommandRateLimit(Fault):
 
 
 class ServoDeadzone(Fault):
-    """Errors within a band count as none; beyond it the firmware subtracts the band, or (of half the robots) does not."""
+    """Errors within a band count as zero; beyond it the firmware subtracts the band, except in half of the robots."""
 
     def values(self) -> Values:
         return {
@@ -68,7 +68,7 @@ class ServoDeadzone(Fault):
 
     @property
     def jumps(self) -> bool:
-        """Whether the whole error counts beyond the band."""
+        """Whether the whole error is used beyond the band."""
         return bool(self.draw[0, 3] < 0.5)
 
     def error(self, state: State, error: np.ndarray) -> np.ndarray:
@@ -78,10 +78,10 @@ class ServoDeadzone(Fault):
 
 
 class TorqueSaturation(Fault):
-    """A limit of the current."""
+    """A current limit."""
 
     def limit(self) -> np.ndarray:
-        """Most torque of either sign, (n,), N m."""
+        """Largest torque of either sign, (n,), N m."""
         return 0.2 * self.usual / np.maximum(self.amount, 1e-9)
 
     def values(self) -> Values:
@@ -92,7 +92,7 @@ class TorqueSaturation(Fault):
 
 
 class VoltageLimit(Fault):
-    """The line from stall torque to no-load speed of a motor at its full voltage; the back-EMF helps to brake."""
+    """A motor at full voltage is limited by the line from stall torque to no-load speed; back-EMF assists braking."""
 
     def free(self) -> np.ndarray:
         """No-load speed, (n,), rad/s."""
@@ -110,7 +110,7 @@ class VoltageLimit(Fault):
 
 
 class EncoderOffset(Fault):
-    """The encoder's zero is not the joint's."""
+    """The encoder's zero differs from the joint's zero."""
 
     def values(self) -> Values:
         return {"angle": self.by_joint(0.3 * self.signs * self.amount)}

@@ -1,4 +1,4 @@
-"""What a fault may change: the robot's build, or one of the signals that the servo loop passes on at every tick."""
+"""Base class of faults: a fault may change the robot's build, or a signal of the servo loop at every tick."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ import numpy as np
 from benchmarks.independent.arms import Arm
 from benchmarks.independent.plant import Plant, Robot, nominal, usual_torque
 
-TICK = 0.001  # s, of the servo
+TICK = 0.001  # s, period of the servo
 Values = dict[str, dict[str, float]]  # parameter -> joint or end effector -> value
 
 
 class State:
-    """What a fault may look at during a tick; arrays (n,).
+    """State that a fault may read during a tick; arrays (n,).
 
-    time: s since the log began; command: the commanded path at any time (n,); position and velocity: of the motors;
-    torque: of the servo, one tick ago.
+    time: s since the start of the log; command: function from time to command (n,); position and velocity: of the
+    motors;
+    torque: servo torque of the previous tick.
     """
 
     def __init__(self, plant: Plant, command: Callable[[float], np.ndarray]) -> None:
@@ -27,11 +28,11 @@ class State:
 
 
 class Fault:
-    """A fault on some joints; its size is a number from 0 (absent) to 1 (the most that is plausible).
+    """A fault on some joints; its size is a number from 0 (absent) to 1 (the largest plausible size).
 
-    draw (n, 4), uniform in 0..1, gives the joints their own shares of the size and the shapes. Every hook returns what it
-    is given unless a fault overrides it. `values` says what is hidden in the catalogue's parameters where their meaning is
-    beyond doubt from docs/effects.md, and in the fault's own elsewhere.
+    draw (n, 4), uniform in 0..1, determines each joint's share of the size and its shape parameters. Every hook returns
+    its input unless a fault overrides it. `values` gives the ground truth in the catalogue's parameters where
+    docs/effects.md defines their meaning unambiguously, and in the fault's own parameters elsewhere.
     """
 
     per_arm = False
@@ -45,44 +46,44 @@ class Fault:
 
     @property
     def signs(self) -> np.ndarray:
-        """A drawn direction of each joint, (n,)."""
+        """A random direction (-1 or 1) for each joint, (n,)."""
         return np.where(self.draw[:, 1] < 0.5, -1.0, 1.0)
 
     def by_joint(self, numbers: np.ndarray) -> dict[str, float]:
-        """The numbers (n,) of the joints that have the fault."""
+        """Joint -> number, from numbers (n,), for the joints that have the fault."""
         return {self.arm.names[j]: float(numbers[j]) for j in self.at}
 
     def values(self) -> Values:
-        """What is hidden."""
+        """Ground truth of the fault."""
         return {"size": self.by_joint(self.amount)}
 
     def build(self, robot: Robot) -> Robot:
-        """The robot with other masses, gears or gravity."""
+        """The robot with changed masses, gears or gravity."""
         return robot
 
     def begin(self, command: np.ndarray) -> None:
-        """Forget all memory; the arm has rested at this command (n,)."""
+        """Reset all memory; the arm rests at this command (n,)."""
 
     def reference(self, state: State, reference: np.ndarray) -> np.ndarray:
-        """What the servo takes for its command."""
+        """Command that the servo uses."""
         return reference
 
     def measured(self, state: State, position: np.ndarray) -> np.ndarray:
-        """What the encoder says, to the servo and to the log."""
+        """Encoder reading, for the servo and for the log."""
         return position
 
     def error(self, state: State, error: np.ndarray) -> np.ndarray:
-        """Command less position, in the servo."""
+        """Position error (command minus position) that the servo uses."""
         return error
 
     def drive(self, state: State, torque: np.ndarray) -> np.ndarray:
-        """The torque that the drive gives."""
+        """Torque of the drive."""
         return torque
 
     def load(self, state: State) -> np.ndarray | float:
-        """Another torque on the joints, N m."""
+        """Additional torque on the joints, N m."""
         return 0.0
 
     def friction(self, state: State) -> np.ndarray | float:
-        """Dry friction at this moment, N m, never negative."""
+        """Current dry friction, N m, not negative."""
         return 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.independent.fault import TICK, Fault, State, Values
 from benchmarks.independent.plant import Robot
 
-STILL = 0.002  # rad/s, below which a joint's direction is that of the torque on it
+STILL = 0.002  # rad/s; below it, a joint's direction is that of the torque on it
 
 
 class CoulombFriction(Fault):
@@ -26,7 +26,7 @@ class StribeckFriction(Fault):
     """Friction that falls from its static to its sliding value as exp(-(v / vs)^2)."""
 
     def shape(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Sliding and extra static friction, N m, and Stribeck's speed, rad/s, (n,) each."""
+        """Sliding and extra static friction, N m, and Stribeck speed, rad/s, (n,) each."""
         sliding = 0.6 * self.usual * self.amount
         return sliding, sliding * (0.4 + 0.8 * self.draw[:, 2]), 0.03 * 8 ** self.draw[:, 3]
 
@@ -39,7 +39,7 @@ class StribeckFriction(Fault):
 
 
 class LoadFriction(Fault):
-    """A gear that loses a share of the torque that its motor gives."""
+    """A gear that loses a share of the motor torque to friction."""
 
     def values(self) -> Values:
         return {"coefficient": self.by_joint(0.8 * self.amount)}
@@ -49,7 +49,7 @@ class LoadFriction(Fault):
 
 
 class DirectionDependentFriction(Fault):
-    """Other friction forward than backward; of a joint at rest the torque's direction counts."""
+    """Different friction forward and backward; at rest, the torque's direction decides."""
 
     def sides(self) -> tuple[np.ndarray, np.ndarray]:
         """Friction forward and backward, (n,), N m."""
@@ -67,7 +67,7 @@ class DirectionDependentFriction(Fault):
 
 
 class QuadraticDrag(Fault):
-    """-c v |v|."""
+    """Drag torque -c v |v|."""
 
     def values(self) -> Values:
         return {"coefficient": self.by_joint(2 * self.usual * self.amount)}
@@ -103,7 +103,7 @@ class TorqueBias(Fault):
 
 
 class TorqueRipple(Fault):
-    """A torque A sin(f q + phase), as of a motor's poles behind a gear."""
+    """A torque A sin(f q + phase), as from the poles of a motor with a gear."""
 
     def shape(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Amplitude, N m, periods in a radian times 2 pi, and phase, rad, (n,) each."""
@@ -118,7 +118,7 @@ class TorqueRipple(Fault):
 
 
 class JointSpring(Fault):
-    """A spring about one angle."""
+    """A spring with its rest position at one angle."""
 
     def shape(self) -> tuple[np.ndarray, np.ndarray]:
         """Stiffness, N m/rad, and angle without torque, rad, (n,) each."""
@@ -138,7 +138,7 @@ class Payload(Fault):
     per_arm = True
 
     def thing(self) -> tuple[float, np.ndarray]:
-        """Mass, kg, and place in the tip's frame, (3,), m."""
+        """Mass, kg, and position in the tip's frame, (3,), m."""
         along, around, far = 2 * self.draw[0, 0] - 1, 2 * np.pi * self.draw[0, 1], 0.08 * self.draw[0, 2]
         flat = np.sqrt(1 - along**2)
         mass = 0.8 * self.size * float(self.arm.each("mass").sum())
@@ -153,7 +153,7 @@ class Payload(Fault):
 
 
 class BaseTilt(Fault):
-    """The base stands askew: gravity in its frame is turned about x and y."""
+    """A tilted base: gravity in its frame is rotated about x and y."""
 
     per_arm = True
 
@@ -174,7 +174,7 @@ class RotorInertia(Fault):
         return {"inertia": self.by_joint(self.extra())}
 
     def extra(self) -> np.ndarray:
-        """What the rotor has more, (n,), kg m^2 at the joint."""
+        """Additional rotor inertia, (n,), kg m^2 at the joint."""
         inertia = self.nominal.stiffness / (2 * np.pi * self.arm.each("hertz")) ** 2
         return 2 * inertia * self.amount
 

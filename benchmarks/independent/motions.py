@@ -1,4 +1,4 @@
-"""Commanded motions as functions of time (s) -> (n,) rad: sines, point-to-point moves, ramps and holds, and a person's reaching."""
+"""Commanded motions as functions of time (s) -> (n,) rad: sines, point-to-point moves, ramps, teleoperation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Path = Callable[[np.ndarray], np.ndarray]  # times (T,) -> angles (T, n)
 
 
 def sines(arm: Arm, rng: np.random.Generator, seconds: float) -> Path:
-    """Five sines a joint from 0.15 to 2.5 Hz with random phases, faded in over a second."""
+    """Five sines per joint from 0.15 to 2.5 Hz with random phases, faded in over one second."""
     n = len(arm.joints)
     hertz = np.exp(rng.uniform(np.log(0.15), np.log(2.5), (5, n)))
     size = 1 / (1 + 2.5 * hertz) * rng.uniform(0.5, 1.0, (5, n))
@@ -28,7 +28,7 @@ def sines(arm: Arm, rng: np.random.Generator, seconds: float) -> Path:
 
 
 def point_to_point(arm: Arm, rng: np.random.Generator, seconds: float) -> Path:
-    """All joints move together in minimum-jerk moves of 0.4 to 1.1 s with pauses of 0.2 to 0.6 s between."""
+    """Minimum-jerk moves of 0.4 to 1.1 s of all joints together, with pauses of 0.2 to 0.6 s in between."""
     starts, durations, goals = [0.3], [rng.uniform(0.4, 1.1)], [_pose(arm, rng)]
     while starts[-1] + durations[-1] < seconds:
         starts.append(starts[-1] + durations[-1] + rng.uniform(0.2, 0.6))
@@ -56,7 +56,7 @@ def ramps(arm: Arm, rng: np.random.Generator, seconds: float) -> Path:
 
 
 def teleoperation(arm: Arm, rng: np.random.Generator, seconds: float) -> Path:
-    """A person who reaches, waits and corrects: each joint begins a little apart, some rest; the leader has 12 bits."""
+    """A person reaches, waits and corrects: joints start at different times, some rest; the leader arm has 12 bits."""
     n = len(arm.joints)
     moves: list[list[tuple[float, float, float]]] = [[] for _ in range(n)]
     begin = rng.uniform(0.2, 0.5)
@@ -87,7 +87,7 @@ def _pose(arm: Arm, rng: np.random.Generator) -> np.ndarray:
 
 
 def _moves(first: np.ndarray, moves: Sequence[Sequence[tuple[float, float, float]]]) -> Path:
-    """Minimum-jerk moves one after another; of each joint (start s, duration s, goal rad), which must not overlap."""
+    """Consecutive minimum-jerk moves; moves: for each joint (start s, duration s, goal rad), without overlap."""
 
     def path(time: np.ndarray) -> np.ndarray:
         columns = []
@@ -103,6 +103,6 @@ def _moves(first: np.ndarray, moves: Sequence[Sequence[tuple[float, float, float
 
 
 def _minimum_jerk(share: np.ndarray) -> np.ndarray:
-    """0 to 1 with no speed and no acceleration at either end (Flash and Hogan 1985)."""
+    """Rise from 0 to 1 with zero speed and acceleration at both ends (Flash and Hogan 1985)."""
     s = np.clip(share, 0, 1)
     return s**3 * (10 - 15 * s + 6 * s**2)

@@ -1,4 +1,4 @@
-"""Faults that the catalogue does not have: a right answer is that none of its effects explains the recordings."""
+"""Faults that the catalogue lacks: a right answer is that none of its effects explains the recordings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from benchmarks.independent.fault import TICK, Fault, State, Values
 
 
 class SpeedDependentDelay(Fault):
-    """A bus that falls behind: the command comes late by a time that grows with its own speed."""
+    """A bus that falls behind: the delay of a command grows with the command's speed."""
 
     def reference(self, state: State, reference: np.ndarray) -> np.ndarray:
         speed = np.abs(state.command(state.time) - state.command(state.time - 0.05)) / 0.05
@@ -20,7 +20,7 @@ class SpeedDependentDelay(Fault):
 
 
 class Cogging(Fault):
-    """A bent shaft of three lobes: its torque holds back in some places, the more the faster the joint is."""
+    """A bent shaft with three lobes: it resists the motion at some angles, more at a higher speed."""
 
     def load(self, state: State) -> np.ndarray:
         wave = np.sin(3 * state.position + 2 * np.pi * self.draw[:, 3])
@@ -30,10 +30,10 @@ class Cogging(Fault):
 
 
 class CablePull(Fault):
-    """A cable that is taut on one end of the range only: a cubic pull, and friction of its sheath in proportion."""
+    """A cable that is taut only at one end of the range: a cubic pull, and proportional friction of its sheath."""
 
     def pull(self, state: State) -> np.ndarray:
-        """Pull against the direction of `signs`, (n,), N m, none where the cable is slack."""
+        """Pull against the direction of `signs`, (n,), N m; zero where the cable is slack."""
         reach = self.arm.each("reach")
         taut = self.signs * (state.position - self.arm.each("home")) + 0.2 * reach
         return 3 * self.usual * self.amount * (np.maximum(taut, 0) / reach) ** 3
@@ -46,7 +46,7 @@ class CablePull(Fault):
 
 
 class TableEdge(Fault):
-    """A soft edge where the tip goes in a part of its motions: it pushes up below a height, and rubs not."""
+    """A soft table edge in reach of the tip: it pushes the tip up below a height, without friction."""
 
     per_arm = True
 
@@ -58,7 +58,7 @@ class TableEdge(Fault):
 
     def load(self, state: State) -> float:
         tip = state.plant.tip_place()
-        if self.height is None:  # the edge is where the arm first stood, and a little higher or lower
+        if self.height is None:  # the edge is near the tip's first position, slightly higher or lower
             self.height = float(tip[2]) + 0.03 * (self.draw[0, 1] - 0.7)
             self.beyond = float(np.hypot(*tip[:2])) - 0.05
         deep = max(self.height - tip[2], 0.0) if np.hypot(*tip[:2]) > self.beyond else 0.0
@@ -68,7 +68,7 @@ class TableEdge(Fault):
 
 
 class GearRunout(Fault):
-    """A gear wheel out of centre: the encoder's angle errs by a wave over each turn of the wheel."""
+    """An eccentric gear wheel: the encoder's error is periodic with the turns of the wheel."""
 
     def measured(self, state: State, position: np.ndarray) -> np.ndarray:
         turns = 3 + 9 * self.draw[:, 2]
@@ -76,21 +76,21 @@ class GearRunout(Fault):
 
 
 class AsymmetricGain(Fault):
-    """An amplifier whose two halves differ: one side of the error gets less torque."""
+    """An amplifier with different halves: errors of one sign give less torque."""
 
     def error(self, state: State, error: np.ndarray) -> np.ndarray:
         return np.where(error * self.signs > 0, error * (1 - 0.9 * self.amount), error)
 
 
 class GainDrift(Fault):
-    """A proportional gain that rises while the log goes on, by up to a fifth in 6 s; damping stays."""
+    """A proportional gain that rises during the log, by up to a fifth in 6 s; the damping is constant."""
 
     def error(self, state: State, error: np.ndarray) -> np.ndarray:
         return error * (1 + 0.2 * self.amount * max(state.time, 0.0) / 6.0)
 
 
 class LostCommands(Fault):
-    """A bus that loses packets in bursts: for some of every second the last command stands."""
+    """A bus that loses packets in bursts: for a part of every second the last command is held."""
 
     def begin(self, command: np.ndarray) -> None:
         self.kept = command.copy()

@@ -1,4 +1,4 @@
-"""The true robot in MuJoCo: its numbers, the MJCF made of them, and the places of its joints in MuJoCo's arrays."""
+"""The true robot in MuJoCo: its parameters, their MJCF, and the indices of its joints in MuJoCo's arrays."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 
 from benchmarks.independent.arms import Arm
 
-STEP = 0.0005  # s, of the physics
+STEP = 0.0005  # s, time step of the physics
 RATIO = 0.7  # damping ratio at home
 VISCOUS = 0.2  # share of the damping that is friction; the servo gives the rest
 
 
 @dataclass(frozen=True)
 class Robot:
-    """Numbers of one robot of a build; arrays (n,) or (n, 3), SI units.
+    """Parameters of one robot; arrays (n,) or (n, 3), SI units.
 
-    payload: mass and place in the tip's frame. springs: joint -> stiffness and damping of its gear. gaps: joint -> free
-    play from end to end. With either, servo and encoder are on the motor's side.
+    payload: mass and position in the tip's frame. springs: joint -> stiffness and damping of its gear. gaps: joint ->
+    total free play. With either, servo and encoder are on the motor's side.
     """
 
     arm: Arm
@@ -38,7 +38,7 @@ class Robot:
 
 @cache
 def nominal(arm: Arm) -> Robot:
-    """The robot as its maker describes it: gains that give each joint its frequency and damping at home."""
+    """The robot according to its manufacturer; the gains give each joint its frequency and damping at home."""
     zero = np.zeros(len(arm.joints))
     bare = Robot(arm, arm.each("mass"), arm.each("centre"), zero, zero, zero, arm.each("rotor"))
     inertia = np.diag(mass_matrix(Plant(bare)))
@@ -50,14 +50,14 @@ def nominal(arm: Arm) -> Robot:
 
 @cache
 def usual_torque(arm: Arm) -> np.ndarray:
-    """Torque of each joint in ordinary motion, (n,), N m: its weight at home plus 10 rad/s^2 of its inertia."""
+    """Torque of each joint in ordinary motion, (n,), N m: gravity at home plus inertia times 10 rad/s^2."""
     plant = Plant(nominal(arm))
     inertia = np.diag(mass_matrix(plant))
     return np.abs(plant.data.qfrc_bias[plant.motor]) + 10 * inertia
 
 
 def mass_matrix(plant: Plant) -> np.ndarray:
-    """The mass matrix at home without motion, (n, n)."""
+    """The mass matrix at home, (n, n)."""
     plant.data.qpos[:] = 0
     plant.data.qpos[plant.motor] = plant.robot.arm.each("home")
     mujoco.mj_forward(plant.model, plant.data)
@@ -70,7 +70,7 @@ def mass_matrix(plant: Plant) -> np.ndarray:
 
 
 def mjcf(robot: Robot) -> str:
-    """The robot as MJCF; a joint with a soft or loose gear is a rotor and a second hinge behind it."""
+    """The robot as MJCF; a joint with an elastic gear or free play is a rotor and a second hinge after it."""
     arm, lines = robot.arm, []
     for j, joint in enumerate(arm.joints):
         axis = f'axis="{_text(joint.axis)}"'
@@ -114,7 +114,7 @@ def _text(numbers: object) -> str:
 
 
 class Plant:
-    """A compiled robot and its state. motor (n,): places of the joints, on the motor's side, in qpos and qvel."""
+    """A compiled robot and its state. motor (n,): indices of the joints, on the motor's side, in qpos and qvel."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -124,10 +124,10 @@ class Plant:
         self.tip = int(self.model.body("tip").id)
 
     def tip_place(self) -> np.ndarray:
-        """The tip in the base's frame, (3,), m."""
+        """Position of the tip in the base's frame, (3,), m."""
         return np.array(self.data.xpos[self.tip])
 
     def push_tip(self, force: np.ndarray) -> None:
-        """A force on the tip, (3,), N, until the next call."""
+        """Apply a force (3,), N, to the tip until the next call."""
         across = np.cross(self.data.xpos[self.tip] - self.data.xipos[self.tip], force)
         self.data.xfrc_applied[self.tip] = [*force, *across]

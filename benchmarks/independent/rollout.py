@@ -1,4 +1,4 @@
-"""One log: a position servo at 1 kHz in front of MuJoCo, the faults at their places, encoders and a current sensor behind."""
+"""Simulation of one log: a 1 kHz position servo, MuJoCo, faults at their places, encoders and a current sensor."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from benchmarks.independent.motions import Path
 from benchmarks.independent.plant import STEP, Plant, Robot, usual_torque
 
 REST = 1.0  # s at the first command before the log
-TORQUE_NOISE = 0.002  # of the usual torque, sd of what each tick adds
+TORQUE_NOISE = 0.002  # sd of the torque noise of each tick, as a share of the usual torque
 
 
 @dataclass(frozen=True)
 class Truth:
-    """A log before its sensors' noise: time (T,), command, encoder angle and servo torque (T, n)."""
+    """A log without sensor noise: time (T,), command, encoder angle and servo torque (T, n)."""
 
     time: np.ndarray
     command: np.ndarray
@@ -28,18 +28,18 @@ class Truth:
 
 @dataclass(frozen=True)
 class Logger:
-    """How a log is taken: seconds, samples a second, and whether the controller holds a command or goes on to the next."""
+    """Logging settings: seconds, samples per second, and whether the controller holds commands or interpolates."""
 
     seconds: float
     hz: float
     hold: bool
 
     def times(self) -> np.ndarray:
-        """Times of the samples, (T,), s, each that of a tick: stamps say when a sample was taken."""
+        """Times of the samples, (T,), s, rounded to ticks: a stamp is the time at which a sample was taken."""
         return np.round(np.arange(round(self.seconds * self.hz) + 1) / self.hz / TICK) * TICK
 
     def commands(self, path: Path) -> np.ndarray:
-        """The commands at every tick of the log, (ticks, n): between samples held, or linear."""
+        """The commands at every tick of the log, (ticks, n): held or linear between samples."""
         times = self.times()
         samples, ticks = path(times), np.arange(round(self.seconds / TICK) + 1) * TICK
         if self.hold:
@@ -50,10 +50,10 @@ class Logger:
 def simulate(
     robot: Robot, faults: Sequence[Fault], path: Path, logger: Logger, rng: np.random.Generator | None = None
 ) -> Truth:
-    """One log of a robot; with a generator the drive's torque is a little noisy.
+    """Simulate one log of a robot; with a random generator, the drive's torque has a small noise.
 
-    A sample is the state that the controller reads at its time, before it sends the sample's command: with held commands
-    the effort beside it is still that of the command before.
+    A sample is the state that the controller reads before it sends the sample's command. With held commands, the
+    sample's effort is therefore still that of the previous command.
     """
     for fault in faults:
         robot = fault.build(robot)
@@ -77,7 +77,7 @@ def simulate(
 
 
 def _rest(plant: Plant, command: np.ndarray) -> None:
-    """Put the arm where its springs carry its weight at this command."""
+    """Place the arm in static equilibrium of servo stiffness and gravity at this command."""
     plant.data.qpos[plant.motor] = command
     for _ in range(5):
         mujoco.mj_forward(plant.model, plant.data)
@@ -85,7 +85,7 @@ def _rest(plant: Plant, command: np.ndarray) -> None:
 
 
 def _look(state: State, faults: Sequence[Fault]) -> np.ndarray:
-    """Read the motors; what the encoders say of them."""
+    """Read the motor state; returns the encoder readings."""
     data, at = state.plant.data, state.plant.motor
     state.position, state.velocity = data.qpos[at].copy(), data.qvel[at].copy()
     measured = state.position
@@ -95,7 +95,7 @@ def _look(state: State, faults: Sequence[Fault]) -> np.ndarray:
 
 
 def _servo(state: State, faults: Sequence[Fault], measured: np.ndarray, noise: np.ndarray | float) -> None:
-    """One tick: from the command to the torques and the friction of the next physics steps."""
+    """Run one servo tick: from the command to torques and friction for the next physics steps."""
     plant = state.plant
     reference = state.command(state.time)
     for fault in faults:

@@ -1,4 +1,4 @@
-"""Answers: one JSON object a line, checked field by field; predictions are csv files beside them."""
+"""Answers: one JSON object per line, checked field by field; predictions are separate csv files."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ VERDICTS = ("nothing_missing", "missing", "ambiguous", "unknown")
 FIELDS = ("entry", "case", "verdict", "effects", "predictions", "seconds", "failed", "truth_sha256", "run")
 RUN_FIELDS = ("version", "commit", "machine", "date")
 EFFECT_FIELDS = ("name", "probability", "joints", "parameters")
-MOST_TEXT = 200  # characters of a name
-LARGEST = 1e100  # of a predicted number, whose square is finite
+MOST_TEXT = 200  # largest number of characters of a name
+LARGEST = 1e100  # largest predicted number; its square is finite
 
 
 @dataclass(frozen=True)
 class NamedEffect:
     """An effect that an answer names.
 
-    probability: 0 .. 1, None where the entry gives none. joints: joints or end effectors, None where it does not say.
+    probability: 0 .. 1, None if the entry gives none. joints: joints or end effectors, None if not stated.
     parameters: parameter -> joint -> {"value": v, "low": l, "high": h}; low and high (95 %) may both be left out.
     """
 
@@ -40,11 +40,11 @@ class NamedEffect:
 
 @dataclass(frozen=True)
 class Answer:
-    """What an entry says of a case.
+    """Answer of an entry to a case.
 
-    verdict: one of VERDICTS, None for an entry that names nothing. predictions: name of the motion -> csv file, relative to
-    the answers' folder. failed: why there is no answer, "" where there is one. truth_sha256: of the set of cases that is
-    answered, as in its bench.json, "" where it is not said. run: RUN_FIELDS -> text, as far as said.
+    verdict: one of VERDICTS, None for an entry that names nothing. predictions: name of the motion -> csv file,
+    relative to the answers' folder. failed: why there is no answer, "" if there is one. truth_sha256: SHA-256 of the
+    truth of the set of cases, as in its bench.json, "" if not stated. run: RUN_FIELDS -> text, as far as stated.
     """
 
     entry: str
@@ -66,7 +66,7 @@ class Answer:
 def read_answers(path: Path) -> list[Answer]:
     """Answers of a file, the last one of each entry and case; a line that another process is still writing is left out.
 
-    Raises: EmbodieDreamerError in one sentence, with file and line, where an answer is not as `Answer` says.
+    Raises: EmbodieDreamerError in one sentence, with file and line, if an answer does not have the form of `Answer`.
     """
     answers: dict[tuple[str, str], Answer] = {}
     try:
@@ -81,7 +81,7 @@ def read_answers(path: Path) -> list[Answer]:
 
 
 def parse_answer(line: str, where: str) -> Answer:
-    """One answer.
+    """Parse one answer.
 
     Raises: EmbodieDreamerError that begins with `where`.
     """
@@ -149,7 +149,7 @@ def _file(text: str, check: _Checks) -> str:
 
 @dataclass(frozen=True)
 class _Checks:
-    """Checks of JSON values; errors begin with where the value is."""
+    """Checks of JSON values; an error message begins with the position of the value."""
 
     where: str
 
@@ -183,7 +183,7 @@ class _Checks:
 
 
 def answer_row(answer: Answer) -> dict[str, Any]:
-    """An answer fit for JSON; fields at their defaults are left out."""
+    """An answer as a dict for JSON; fields at their defaults are left out."""
     data = {key: value for key, value in asdict(answer).items() if value not in (None, "", (), {}) or key == "verdict"}
     for effect in data.get("effects", ()):
         for key in [key for key in EFFECT_FIELDS if effect[key] in (None, {})]:
@@ -197,7 +197,7 @@ def answer_line(answer: Answer) -> str:
 
 
 def write_prediction(path: Path, time: np.ndarray, joints: tuple[str, ...], signal: str, values: np.ndarray) -> None:
-    """Write a prediction (T, n) of a signal at times (T,) s as csv."""
+    """Write a prediction (T, n) of a signal at times (T,) in s as csv."""
     path.parent.mkdir(parents=True, exist_ok=True)
     header = ",".join(["time", *(f"{joint}.{signal}" for joint in joints)])
     with atomic_file(path) as part:
@@ -205,7 +205,7 @@ def write_prediction(path: Path, time: np.ndarray, joints: tuple[str, ...], sign
 
 
 def read_prediction(path: Path, joints: tuple[str, ...], signal: str, time: np.ndarray) -> np.ndarray:
-    """Prediction (T, n) of a csv file at the times (T,) of a motion; its own times may be others, and are interpolated.
+    """Prediction (T, n) of a csv file at the times (T,) of a motion; if the file has other times, it is interpolated.
 
     Raises: EmbodieDreamerError in one sentence for a file that is missing, not of this form, or too short.
     """

@@ -1,7 +1,8 @@
-"""Hidden cases: what a tool is given in one folder, what is true in another.
+"""Hidden cases: the files for a tool in one folder, the ground truth in another.
 
-A case is a robot drawn by `standin.cases`: recordings to learn from (train/), held-out ones to judge by (test/), and motions
-whose answer is to be predicted (predict/), measured but withheld. Nothing in a case says of which tier it is.
+A case is a robot drawn by `standin.cases`: recordings for fitting (train/), held-out recordings for testing (test/),
+and motions whose signal is to be predicted (predict/), which is measured but withheld. Nothing in a case reveals its
+tier.
 """
 
 from __future__ import annotations
@@ -48,9 +49,9 @@ OBSERVATIONS: dict[str, dict[str, Any]] = {
     "no_command": {"with_command": False},
     "teleoperation": {**AS_A_PERSON, "held_out": ("teleoperation",) * 4},
 }
-HELD_OUT = ("teleoperation", "slow_ramps") * 2  # the first two to judge by, the others to predict
+HELD_OUT = ("teleoperation", "slow_ramps") * 2  # the first two for testing, the others to predict
 GIVEN = 2  # held-out recordings that a tool sees
-VISIBLE = 1.0  # mean square, in sensor noises, by which an effect has to change the withheld signals
+VISIBLE = 1.0  # in units of sensor noise: least mean square change of the withheld signals by an effect
 LEFT_OUT = 3  # effects missing from each case's list of names
 ARM, SECONDS = "arm6", 6.0
 README = """One folder a case; docs/bench.md says how to answer.
@@ -67,11 +68,14 @@ def make_cases(
     observations: Sequence[str] = tuple(OBSERVATIONS), real: Sequence[Path] = (), seconds: float = SECONDS, jobs: int = 1,
     progress: ProgressCallback | None = None,
 ) -> str:  # fmt: skip
-    """Write cases into a new folder and their truth into another; the SHA-256 of the truth, which is written beside the cases too.
+    """Write cases into a new folder and their ground truth into another; return the SHA-256 of the truth.
+
+    The SHA-256 is also written to the folder of the cases.
 
     real: folders with a model.json, train/ and test/, added as cases of the tier "real": only their error counts.
     seconds: of each recording.
-    Raises: EmbodieDreamerError for an unknown tier or observation, and a folder that is not empty or lies in the other.
+    Raises: EmbodieDreamerError for an unknown tier or observation, and for a folder that is not empty or contains the
+    other.
     """
     _check_choice("tier", tiers, TIERS)
     _check_choice("observation", observations, tuple(OBSERVATIONS))
@@ -106,9 +110,9 @@ def _check_choice(what: str, given: Sequence[str], allowed: Sequence[str]) -> No
 def draw_task(
     folder: Path, secret: Path, tier: str, observation: str, number: int, seed: int, seconds: float = SECONDS
 ) -> dict[str, Any]:
-    """Draw one case, write its files and its withheld recordings; its row of the truth.
+    """Draw one case, and write its files and its withheld recordings; return its row of the truth.
 
-    Raises: SimulationError where no drawn robot rests at its first command.
+    Raises: SimulationError if no drawn robot rests at its first command.
     """
     rng = np.random.default_rng([seed, number])
     effects, names = draw_effects(tier, observation, rng)
@@ -135,7 +139,10 @@ def draw_task(
 
 
 def visibility(recordings: Sequence[Recording], without: Sequence[Recording], sigma: np.ndarray) -> float | None:
-    """Mean square, over joints and samples, in sensor noises, of what an effect changes in recordings; None where the motions differ."""
+    """Mean square change of recordings by an effect, over joints and samples, in units of sensor noise.
+
+    None if the motions differ.
+    """
     squares = []
     for one, other in zip(recordings, without, strict=True):
         if one.command is not None and not np.array_equal(
@@ -148,7 +155,11 @@ def visibility(recordings: Sequence[Recording], without: Sequence[Recording], si
 
 
 def draw_effects(tier: str, observation: str, rng: np.random.Generator) -> tuple[tuple[str, ...], list[str]]:
-    """What a case hides, and the names that an answer may use: the catalogue without LEFT_OUT effects that are not, or are, the truth."""
+    """The effects that a case hides, and the names that an answer may use.
+
+    The names are those of the catalogue without LEFT_OUT effects. Only in the tier "outside" is the hidden effect one
+    of those left out.
+    """
     seen = [name for name in IN_EFFORT if observation == "no_command"] or list(SINGLES)
     if tier == "subset":
         seen = [name for name in seen if name not in PER_ARM]
@@ -165,7 +176,7 @@ def draw_effects(tier: str, observation: str, rng: np.random.Generator) -> tuple
 
 
 def real_task(folder: Path, secret: Path, source: Path) -> dict[str, Any]:
-    """A real robot as a case: the last recording of test/ is withheld; its row of the truth, which names no effect.
+    """A real robot as a case, with the last recording of test/ withheld; return its row of the truth, without effects.
 
     Raises: ModelError or RecordingError for files that cannot be used.
     """
@@ -222,7 +233,7 @@ def _write_task(
 
 
 def write_motion(recording: Recording, path: Path) -> dict[str, float]:
-    """Write what a tool is given of a withheld recording: commands, or positions where there are none; where it starts, by joint."""
+    """Write a withheld recording's commands (positions if it has none) for a tool; return its start by joint."""
     part = "command" if recording.command is not None else "position"
     values = recording.command if recording.command is not None else recording.position
     table = np.column_stack([recording.time, values])

@@ -20,7 +20,7 @@ def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
 
 
 def median_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Interval of a median between two order statistics: 95 % from six values on, of fewer from the least to the most."""
+    """95 % interval of a median, from order statistics; for fewer than six values, the range of the values."""
     from scipy.stats import binom
 
     given = np.sort(np.asarray(values, float))

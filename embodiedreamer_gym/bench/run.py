@@ -1,4 +1,4 @@
-"""Run entries on cases: one line of answers after another, continued where it was interrupted."""
+"""Run entries on cases, with one line per answer; an interrupted run is continued."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from embodiedreamer_gym.io.shard import Shard
 
 
 def bench_cases(entries: Sequence[str], folder: Path) -> Cases:
-    """What each entry is to answer, of a set of cases.
+    """The pairs of entry and case to be answered, for a set of cases.
 
-    Raises: EmbodieDreamerError where there is no case.
+    Raises: EmbodieDreamerError if there is no case.
     """
     about = read_json(folder / "bench.json", what="set of cases")
     found = sorted(path.parent.name for path in (folder / "cases").glob("*/case.json"))
@@ -38,9 +38,10 @@ def run_entries(
     entries: Sequence[str], cases: Path, out: Path, jobs: int = 1, progress: ProgressCallback | None = None,
     shard: Shard = WHOLE,
 ) -> list[Answer]:  # fmt: skip
-    """Answers of entries to the cases of a shard, appended to `out` as they come; those that it holds are not made again.
+    """Answers of entries to the cases of a shard, appended to `out` one by one; those already in it are not repeated.
 
-    Raises: EmbodieDreamerError for an unknown entry, damaged cases, a damaged file of answers or answers to other cases.
+    Raises: EmbodieDreamerError for an unknown entry, damaged cases, a damaged file of answers or answers to other
+    cases.
     """
     for name in entries:
         load_entry(name)
@@ -58,9 +59,9 @@ def _answer_row(folder: Path, out: Path, case: Mapping[str, str]) -> dict[str, A
 
 
 def answer_case(name: str, folder: Path, out: Path) -> Answer:
-    """One entry's answer to one case, its predictions written beside `out`; what it raises becomes a failed answer.
+    """One entry's answer to one case, with its predictions written next to `out`; an exception becomes a failed answer.
 
-    Raises: MissingExtraError where the entry needs a package that is not installed.
+    Raises: MissingExtraError if the entry needs a package that is not installed.
     """
     task = load_task(folder)
     begun = time.perf_counter()
@@ -68,7 +69,7 @@ def answer_case(name: str, folder: Path, out: Path) -> Answer:
         found = load_entry(name)(task)
     except MissingExtraError:
         raise
-    except Exception as error:  # of another library too: counted as a wrong answer, not hidden
+    except Exception as error:  # also of other libraries: counted as a wrong answer
         text = " ".join(f"{type(error).__name__}: {error}".split())
         return Answer(name, task.case, failed=text[:1000], seconds=round(time.perf_counter() - begun, 3))
     seconds, files = round(time.perf_counter() - begun, 3), {}

@@ -1,4 +1,4 @@
-"""Scores of answers beside the truth: shares with Clopper-Pearson intervals, and held-out errors, by observation."""
+"""Scores of answers against the truth: shares with Clopper-Pearson intervals, and held-out errors, by observation."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ MEDIANS = {
 
 @dataclass(frozen=True)
 class Truth:
-    """What a case hides, and the withheld recordings by name; visible: whether they show it."""
+    """Ground truth of a case, and its withheld recordings by name; visible: whether these show the hidden effects."""
 
     tier: str
     observation: str
@@ -54,7 +54,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Figure:
-    """A share or a median of an entry with its interval; of: how many cases or intervals it is of."""
+    """A share or a median of an entry with its interval; of: number of cases or intervals."""
 
     entry: str
     observation: str
@@ -72,7 +72,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Scores:
-    """All figures; `sha256` of the truth; run: where the answers were made, as `run.json` has it."""
+    """All figures; `sha256` of the truth; run: where the answers were computed, as in `run.json`."""
 
     figures: tuple[Figure, ...]
     entries: tuple[str, ...]
@@ -97,10 +97,11 @@ class Scores:
 
 
 def score(truth: Path, files: Sequence[Path]) -> Scores:
-    """Score files of answers; a case that an entry does not answer counts as wrong, as one that failed does.
+    """Score files of answers; a case that an entry does not answer, or fails to answer, counts as wrong.
 
     truth: the folder that `make_cases` filled.
-    Raises: EmbodieDreamerError in one sentence for a damaged file, an unknown case, or two files that answer for one entry.
+    Raises: EmbodieDreamerError in one sentence for a damaged file, an unknown case, or an entry that answers a case in
+    two files.
     """
     hidden, digest = read_truth(truth)
     seed = read_json(truth / "truth.json", what="truth").get("seed")
@@ -179,7 +180,7 @@ def _truth(row: Mapping[str, Any], folder: Path) -> Truth:
 
 @dataclass(frozen=True)
 class Row:
-    """An answer beside the truth; error: of its predictions, None where one is missing."""
+    """An answer with the ground truth; error: of its predictions, None if one is missing."""
 
     truth: Truth
     answer: Answer
@@ -187,7 +188,7 @@ class Row:
 
     @staticmethod
     def of(truth: Truth, answer: Answer, folder: Path) -> Row:
-        """Read the predictions.
+        """Read the predictions and compute their error.
 
         Raises: EmbodieDreamerError for a damaged prediction.
         """
@@ -217,14 +218,14 @@ class Row:
 
     @property
     def right_family(self) -> bool:
-        """Whether all that is named is of the family of the hidden effect."""
+        """Whether all named effects are of the family of the hidden effect."""
         named = {family_of(name) for name in self.answer.names}
         return self.answer.verdict in ("missing", "ambiguous") and named == {
             family_of(name) for name in self.truth.effects
         }
 
     def held(self) -> Iterable[bool]:
-        """Of each interval of the hidden effects, on joints where they act: whether it holds the true value."""
+        """For each interval of the hidden effects, on joints where they act: whether it contains the true value."""
         for effect in self.answer.effects:
             for parameter, rows in effect.parameters.items():
                 true = self.truth.effects.get(effect.name, {}).get(parameter, {})
@@ -235,7 +236,7 @@ class Row:
 
 
 def _figures(entry: str, group: str, rows: Sequence[Row]) -> list[Figure]:
-    """The figures of an entry that its rows allow; one that names nothing in any case has no shares."""
+    """Figures of an entry for its rows; an entry that gives a verdict in no case has no shares."""
     asked: dict[str, tuple[Callable[[Row], bool], tuple[str, ...]]] = {
         "accused": (lambda row: row.answer.verdict in ("missing", "ambiguous") or bool(row.answer.failed), ("none",)),
         "name": (lambda row: row.right, ONE),

@@ -1,4 +1,4 @@
-"""A case as an entry sees it."""
+"""A case in the form that an entry receives."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from embodiedreamer_gym.simulation import run_sets, simulate
 class Task:
     """One case.
 
-    case: its number as text; folder: where its files are; effects: names that an answer may use.
-    train, test: recordings to learn from, and held out to judge by.
-    predict: motions whose signal is asked for: recordings whose position (or effort, where they have no command) is a
-        placeholder that stands still at the start.
+    case: its number as text; folder: the folder of its files; effects: names that an answer may use.
+    train, test: recordings for fitting, and held-out recordings for testing.
+    predict: motions whose signal is to be predicted: recordings whose position (or effort, if they have no command) is
+        a constant placeholder.
     """
 
     case: str
@@ -37,13 +37,13 @@ class Task:
 
     @property
     def signal(self) -> str:
-        """What is to be predicted: "position" or "effort"."""
+        """The signal to predict: "position" or "effort"."""
         return signal_of(self.predict[0])
 
     def run(self, model: RobotModel, recording: Recording) -> np.ndarray:
-        """What a model makes of a recording's motion: position (T, n), or effort where there is no command.
+        """Simulated signal of a model for a recording's motion: position (T, n), or effort if there is no command.
 
-        Raises: SimulationError where the simulation diverges.
+        Raises: SimulationError if the simulation diverges.
         """
         if signal_of(recording) == "effort":
             return run_sets(model, [recording])[0].effort[0]
@@ -55,7 +55,7 @@ class Task:
 
 
 def signal_of(recording: Recording) -> str:
-    """What is compared: "effort" where the recording holds no command, else "position"."""
+    """The compared signal: "effort" if the recording has no command, else "position"."""
     return "effort" if recording.command is None else "position"
 
 
@@ -78,7 +78,7 @@ def load_task(folder: Path) -> Task:
 
 
 def _motion(path: Path, start: dict[str, Any]) -> Recording:
-    """A motion to predict, with a placeholder for what is withheld."""
+    """A motion to predict, with a placeholder for the withheld signal."""
     with path.open(encoding="utf-8") as file:
         rest = file.readline().partition(":")[2].strip()
         by_command = ".command" in file.readline()

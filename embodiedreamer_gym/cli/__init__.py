@@ -1,4 +1,4 @@
-"""The command `embodiedreamer`, one file a verb."""
+"""The command `embodiedreamer`; one file per verb."""
 
 from embodiedreamer_gym.cli.command import main
 

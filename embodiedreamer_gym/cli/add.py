@@ -17,7 +17,7 @@ def run(a, progress):
     from embodiedreamer_gym.diagnosis import add_effect
 
     model = load_model(a, a.model)
-    richer = model.with_effect(a.effect)  # raises for an unknown effect before any log is read
+    richer = model.with_effect(a.effect)  # reports an unknown effect before any log is read
     added = add_effect(model, a.effect, *load_split(a, richer), progress=progress)
     report = {"calibration": added.after, "comparison": added.comparison}
     return o.Result(added, report=report, model=added.after.model)

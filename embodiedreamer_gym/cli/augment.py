@@ -49,7 +49,7 @@ def run(a, progress):
 
 
 def _edit(kind: str, value: str) -> Any:
-    """One edit: its name, and what follows the colon."""
+    """One edit; kind: its name; value: the text after the colon."""
     from embodiedreamer_gym.envs.cameras import CAMERAS
     from embodiedreamer_gym.vis_aligner.editing import Background, Inpaint, PaperSheet, Recolour
 

@@ -1,4 +1,4 @@
-"""The command `embodiedreamer`: finds the verb, parses its options, runs it, and turns errors into one sentence."""
+"""The command `embodiedreamer`: finds the verb, parses its options, runs it, and prints errors as one sentence."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ GROUPS = {
     "policy": "Train policies on demonstrations and evaluate them in the environments.",
     "vis": "The video model that turns simulated frames into realistic ones.",
 }
-LONGEST_WORD = 1000  # characters of a word that an error prints
+LONGEST_WORD = 1000  # characters; longer words in an error message are cut
 HZ = {"--rate": "--hz"}
 LEARNING_RATE = {"--rate": "--learning-rate"}
 VIS_ALIGNER = {"--dream": "--vis-aligner"}
-RENAMED = {  # of a verb, or of a verb's action: old option -> new option, for one release
+RENAMED = {  # verb, or verb and action -> {old option: new option}, kept for one release
     **dict.fromkeys(["compare", "breakdown", "calibrate", "diagnose", "add", "excite", "standin record"], HZ),
     "vis camera": HZ, "standin film": {"--look": "--appearance"}, "policy train": LEARNING_RATE | {"--asked": "--chunk-start-share"},
     "policy evaluate": VIS_ALIGNER, "policy prefer": LEARNING_RATE | VIS_ALIGNER,
@@ -49,7 +49,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """Return the command's parser, which sets `verb` to the `Verb`."""
+    """Return the command's parser; its result has the `Verb` as `verb`."""
     parser = Parser(
         prog="embodiedreamer", description="Compare, calibrate and diagnose a robot model with logs of the robot."
     )
@@ -69,7 +69,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def load_verb(name: str) -> o.Verb:
-    """Return a verb: `run` of the file of its name, or a function of `vis`."""
+    """Return a verb: `run` in the file named after it, or a function of `vis`."""
     name = name.replace(" ", "_").replace("-", "_")
     path = Path(__file__).with_name(f"{name}.py")
     file, function = (name, "run") if path.is_file() else name.split("_", 1)
@@ -77,11 +77,11 @@ def load_verb(name: str) -> o.Verb:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns 0, 2 after a user's mistake, 130 when interrupted, 143 when terminated."""
+    """Run the command; returns 0, 2 after a user error, 130 when interrupted, 143 when terminated."""
     interrupted = 0
 
     def interrupt(number: int, frame: Any) -> NoReturn:
-        """End as Ctrl-C does, which ends the processes beside this one too."""
+        """Raise KeyboardInterrupt, as Ctrl-C does, so that child processes end too."""
         nonlocal interrupted
         interrupted = 128 + number
         raise KeyboardInterrupt
@@ -95,15 +95,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except EmbodieDreamerError as error:
         print(f"error: {_sentence(str(error))}", file=sys.stderr)
         return 2
-    except BrokenPipeError:  # the reader of a pipe has enough
+    except BrokenPipeError:  # the reader of the pipe has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:  # a file of the user's that no verb has checked: too long a name, no permission
+    except OSError as error:  # an unchecked user file, e.g. with too long a name or no permission
         text = f"{error.filename or 'a file'}: {error.strerror or error}"
         print(f"error: {_sentence(text)}", file=sys.stderr)
         return 2
     except BaseException as error:
-        # A compiler's callback may have swallowed the interrupt; what fails then is a consequence of it.
+        # A compiler's callback may have swallowed the interrupt; this error is then a consequence of it.
         if not interrupted and not _interrupted(error):
             raise
         print("interrupted", file=sys.stderr)
@@ -115,12 +115,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _sentence(text: str) -> str:
-    """A message on one line, in which a very long word, such as a path that cannot be one, is cut short."""
+    """A message on one line; very long words, such as invalid paths, are cut."""
     return " ".join(word if len(word) <= LONGEST_WORD else f"{word[:100]}..." for word in text.split())
 
 
 def _interrupted(error: BaseException | None) -> bool:
-    """Whether an error is an interrupt, or what compiled code or a library made of one."""
+    """Whether an error is an interrupt, or an error that compiled code or a library raised because of one."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
@@ -129,12 +129,12 @@ def _interrupted(error: BaseException | None) -> bool:
 def execute(argv: Sequence[str], interrupted: Callable[[], bool] = bool) -> None:
     """Parse the options and run the verb.
 
-    interrupted: whether the user has interrupted it, which a compiler's callback may swallow.
-    Raises: KeyboardInterrupt in that case, at the next sign of progress or before anything is written;
-        EmbodieDreamerError in one sentence for whatever the user can mend.
+    interrupted: returns whether the user has interrupted the command; a compiler's callback may swallow the interrupt.
+    Raises: KeyboardInterrupt after an interrupt, at the next progress report or before results are written;
+        EmbodieDreamerError with a one-sentence message for any error that the user can fix.
     """
     for word in argv:
-        if word.startswith("--") and word.endswith("=--"):  # argparse makes an empty list of it
+        if word.startswith("--") and word.endswith("=--"):  # argparse would parse it as an empty list
             raise EmbodieDreamerError(f"{word}: '--' cannot be a value.")
     a = build_parser().parse_args(renamed(list(argv)))
     outputs = {kind: [getattr(a, name) for name in a.verb.outputs(kind)] for kind in (o.output_file, o.output_folder)}
@@ -152,7 +152,7 @@ def execute(argv: Sequence[str], interrupted: Callable[[], bool] = bool) -> None
 
 
 def renamed(argv: list[str]) -> list[str]:
-    """The arguments with the present names of verbs and options; prints a warning for each former one."""
+    """The arguments with current names of verbs and options; prints a warning for each old name."""
     changed = argv[:]
     if argv[:1] == ["where"]:
         changed[0] = "breakdown"

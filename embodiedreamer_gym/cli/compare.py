@@ -20,6 +20,6 @@ def run(a, progress):
 
 
 def labels(sources: list[str], names: list[str]) -> list[str] | None:
-    """Return labels that differ: the models' names, else their files' stems, else their paths; None where these repeat."""
+    """Return distinct labels: the models' names, else their file stems, else their paths; None if paths repeat."""
     stems = [Path(source).stem for source in sources]
     return next((kind for kind in (names, stems, sources) if len(set(kind)) == len(kind)), None)

@@ -3,7 +3,7 @@
 from embodiedreamer_gym.cli import options as o
 from embodiedreamer_gym.cli.logs import load_logs, load_model
 
-WITHOUT = ("--seed", "--jobs", "--report", "--resume")  # which have no part in an export
+WITHOUT = ("--seed", "--jobs", "--report", "--resume")  # options that an export does not use
 
 
 @o.verb(

@@ -1,4 +1,4 @@
-"""What the verbs on logs share: reading models and recordings, and writing the result."""
+"""Functions shared by the verbs that work on logs: loading models and recordings, and parsing their options."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any, TypeVar
 
 from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
 
-USELESS = "no-command"  # code of the finding of a log that cannot be simulated
-UNFIT = ("swapped", "sign-flipped")  # codes of findings that forbid a fit to the log
-FAULT = {"error": "fault"}  # "error: ..." is the one line with which a command that failed ends
+USELESS = "no-command"  # code of a finding: the log cannot be simulated
+UNFIT = ("swapped", "sign-flipped")  # codes of findings: no model can be fitted to the log
+FAULT = {"error": "fault"}  # "error: ..." is reserved for the last line of a failed command
 T = TypeVar("T")
 
 
 def load_model(a: argparse.Namespace, source: str) -> Any:
-    """Return the model of a file or a built-in robot, with the user's effects."""
+    """Return the model of a file or a built-in robot, with the effects and changes that the options give."""
     from embodiedreamer_gym.effects import CATALOGUE, load_effects
     from embodiedreamer_gym.robot import RobotModel
     from embodiedreamer_gym.robot.urdf_notes import urdf_notes
@@ -57,7 +57,7 @@ def load_split(a: argparse.Namespace, model: Any) -> tuple[Any, Any]:
 
 
 def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: bool = False) -> Any:
-    """Return recordings without their bad samples; prints the findings. fit: a model will be fitted to them."""
+    """Return recordings with bad samples marked unusable; prints the findings. fit: a model will be fitted to them."""
     from embodiedreamer_gym.recordings import Recordings, preflight_all
 
     ends = list(zip(model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True))
@@ -82,7 +82,7 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
 
 
 def joint_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str]) -> list[Any]:
-    """Return recordings of the model's joints as they are, unchecked."""
+    """Return recordings of the model's joints, without checks."""
     from embodiedreamer_gym.recordings import load_recordings
     from embodiedreamer_gym.recordings.motor_units import read_motor_calibration
     from embodiedreamer_gym.robot.play import motor_units
@@ -98,7 +98,7 @@ def joint_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str]) -> li
 
 
 def _motor_zeros(text: str) -> dict[str, float]:
-    """Zeros of motors from "elbow=1.57,wrist=-0.1"."""
+    """Motor zeros from text such as "elbow=1.57,wrist=-0.1"."""
     zeros = {}
     for part in text.split(","):
         name, _, value = part.partition("=")
@@ -112,7 +112,7 @@ def _motor_zeros(text: str) -> dict[str, float]:
 
 
 def _gains(a: argparse.Namespace) -> dict[str, float]:
-    """Pattern -> gain of --gain. Raises: RecordingError for a pattern that names no file of the command."""
+    """Pattern -> gain of --gain. Raises: RecordingError for a pattern that matches none of the command's files."""
     from embodiedreamer_gym.recordings.files import matching_files
 
     gains = getattr(a, "gain", [])
@@ -125,7 +125,7 @@ def _gains(a: argparse.Namespace) -> dict[str, float]:
 
 
 def readable(what: str, load: Callable[[], T]) -> T:
-    """Load a user's file; whatever exception a library raises becomes one sentence."""
+    """Load a user's file; any exception of a library becomes an EmbodieDreamerError with a one-sentence message."""
     try:
         return load()
     except EmbodieDreamerError:

@@ -1,4 +1,4 @@
-"""Verbs and their options, declared as data; `command` gives them to argparse."""
+"""Verbs and their options, declared as data; `command` passes them to argparse."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Option(NamedTuple):
     """Arguments of `ArgumentParser.add_argument`."""
 
     name: str
-    """The flag with its dashes, or the name of an argument without any."""
+    """The flag with its dashes, or the name of a positional argument."""
     settings: dict[str, Any]
     """Keyword arguments."""
 
@@ -37,9 +37,9 @@ class Verb:
     """A verb of the command, or an action of a verb."""
 
     options: tuple[Option, ...]
-    """Options in the order of the help."""
+    """Options in the order in which the help shows them."""
     run: Callable[[Any, Any], Any]
-    """Does the work: called with the parsed options and a `Progress`, it returns what `command` prints and writes."""
+    """Function that does the work: takes the parsed options and a `Progress`, returns what `command` outputs."""
 
     @property
     def text(self) -> str:
@@ -53,16 +53,16 @@ class Verb:
 
 @dataclass(frozen=True)
 class Result:
-    """What a verb prints and writes once its work is done."""
+    """What a verb prints and writes when its work is done."""
 
     shown: Any
-    """Is printed."""
+    """Printed to stdout."""
     data: Any = None
-    """Goes to --json; None: `shown.as_dict()`."""
+    """Written to --json; None: `shown.as_dict()`."""
     report: dict[str, Any] | None = None
     """Arguments of `write_report` for --report."""
     model: Any = None
-    """Is saved to --out."""
+    """Saved to --out."""
 
     def write(self, a: Any) -> None:
         """Print the result and write the files that the options name."""
@@ -83,14 +83,14 @@ def verb(*options: Option) -> Callable[[Callable[[Any, Any], Any]], Verb]:
 
 
 def option(name: str, metavar: str | None, text: str, default: Any = None, kind: Any = str, **more: Any) -> Option:
-    """Return an option, or an argument where the name has no dashes.
+    """Return an option, or a positional argument if the name has no dashes.
 
     name: with dashes for an option.
     metavar: name of the value in the help; None for a flag or for `choices`.
     text: help text; a default that is not empty is added.
-    default: REQUIRED where a value must be given.
+    default: REQUIRED if a value must be given.
     kind: converts the text to the value.
-    more: nargs, choices, action, dest, const.
+    more: nargs, choices, action, dest or const of argparse.
     """
     settings: dict[str, Any] = {"help": text, **more}
     if metavar is None and "choices" not in more:
@@ -106,10 +106,11 @@ def option(name: str, metavar: str | None, text: str, default: Any = None, kind:
 
 
 def settings_options(settings: type, **more: dict[str, Any]) -> tuple[Option, ...]:
-    """Return one option for each field of a settings dataclass, with its default and the text under it as help.
+    """Return one option for each field of a settings dataclass, with the field's default and docstring as help.
 
-    settings: fields are int (of at least 1), float (of at least 0), str, or a Literal of strings, each perhaps with None;
-        `Annotated` with arguments of `number` for another range. A field `seed` or `jobs` has the range of `SEED` or `JOBS`.
+    settings: fields are int (at least 1), float (at least 0), str, or a Literal of strings, each optionally with None;
+        `Annotated` with arguments of `number` gives another range. A field `seed` or `jobs` has the range of `SEED` or
+        `JOBS`.
     more: further arguments of `option` by field name.
     """
     texts, hints, options = field_texts(settings), get_type_hints(settings, include_extras=True), []
@@ -137,7 +138,7 @@ def settings_of(settings: type[T], a: argparse.Namespace) -> T:
 
 
 def field_texts(settings: type) -> dict[str, str]:
-    """Return the text under each field of a dataclass, on one line, without its last full stop."""
+    """Return the docstring of each field of a dataclass, on one line, without its final full stop."""
     body: Any = ast.parse(dedent(inspect.getsource(settings))).body[0]
     pairs = [
         pair for pair in pairwise(body.body) if isinstance(pair[0], ast.AnnAssign) and isinstance(pair[1], ast.Expr)
@@ -146,7 +147,7 @@ def field_texts(settings: type) -> dict[str, str]:
 
 
 def number(kind: type, least: float, most: float = 1e9, above: bool = False) -> Callable[[str], Any]:
-    """Return a type of options: numbers of a range; above: `least` itself is not allowed."""
+    """Return an argparse type for numbers in a range; above: `least` itself is not allowed."""
     what = f"a {'whole ' if kind is int else ''}number {'above' if above else 'of'} {least:.10g} to {most:.10g}"
 
     def convert(text: str) -> Any:
@@ -162,7 +163,7 @@ def number(kind: type, least: float, most: float = 1e9, above: bool = False) -> 
 
 
 def pattern_and_gain(text: str) -> tuple[str, float]:
-    """A type of options: PATTERN=X, X a number above 0."""
+    """Argparse type: PATTERN=X, where X is a number above 0."""
     pattern, _, value = text.rpartition("=")
     if not pattern:
         raise argparse.ArgumentTypeError(f"{text} is not PATTERN=X such as 'fast_*=4'")
@@ -170,7 +171,7 @@ def pattern_and_gain(text: str) -> tuple[str, float]:
 
 
 def shard(text: str) -> Shard:
-    """A type of options: I/N."""
+    """Argparse type: a shard, I/N."""
     try:
         return Shard.parse(text)
     except EmbodieDreamerError as error:
@@ -178,12 +179,12 @@ def shard(text: str) -> Shard:
 
 
 def output_file(text: str) -> Path:
-    """A type of options: a file to write; `command` checks it before the verb begins."""
+    """Argparse type: a file to write; `command` checks it before the verb starts."""
     return Path(text)
 
 
 def output_folder(text: str) -> Path:
-    """A type of options: a folder to write; `command` checks it before the verb begins."""
+    """Argparse type: a folder to write; `command` checks it before the verb starts."""
     return Path(text)
 
 

@@ -7,7 +7,7 @@ from embodiedreamer_gym.cli import options as o
 from embodiedreamer_gym.errors import PolicyError
 
 PRESETS = {"small": 1e-3, "paper": 1e-5}  # peak learning rates
-WIDEST = 160  # pixels
+WIDEST = 160  # pixels; largest default width
 
 
 @o.verb(
@@ -47,7 +47,7 @@ def run(a, progress):
 
     device = find_device(a.device)
     if device.type == "cpu":
-        torch.set_num_threads(1)  # two threads on two busy cores took seven times as long
+        torch.set_num_threads(1)  # on two busy cores, two threads took seven times as long
     if a.scenes is not None and a.kind != "key_pose":
         raise PolicyError("--scenes teaches policies of kind key_pose; give --kind key_pose too.")
     if a.kind == "key_pose":
@@ -67,7 +67,7 @@ def run(a, progress):
 
 
 def _key_poses(a, progress) -> str:
-    """Train key poses; what they are, in words."""
+    """Train a key_pose policy; returns a description of its skill."""
     from embodiedreamer_gym.envs.cameras import CAMERAS, load_cameras
     from embodiedreamer_gym.policies.key_pose.training import train_key_poses
     from embodiedreamer_gym.recordings.episodes import mixed, open_episodes
@@ -123,7 +123,7 @@ def network_config(a, episodes, note) -> Any:
 
 
 def default_size(size: tuple[int, int], preset: str) -> tuple[int, int]:
-    """Return a picture size on which the small preset trains in minutes; at 640 x 480 its attention takes gigabytes."""
+    """Return a picture size at which the small preset trains in minutes; at 640 x 480 its attention needs gigabytes."""
     width, height = size
     if preset != "small" or width <= WIDEST:
         return size

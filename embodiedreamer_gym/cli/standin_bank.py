@@ -2,7 +2,7 @@
 
 from embodiedreamer_gym.cli import options as o
 
-EVERY = 25  # control steps per picture: the robot in many poses, from few pictures
+EVERY = 25  # control steps per picture: few pictures show the robot in many poses
 
 
 @o.verb(

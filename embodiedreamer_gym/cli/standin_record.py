@@ -6,7 +6,7 @@ from embodiedreamer_gym.cli import options as o
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.motions import MOTIONS
 
-LOG = {  # of a single arm
+LOG = {  # options of a single arm's log
     "hz": ("HZ", "samples per second (default: 100)", o.number(float, 1.0, 1e4)),
     "seconds": ("S", "length of each recording (default: 4)", o.number(float, 0.1, 3600.0)),
     "noise": ("RAD", "standard deviation of the position noise (default: 4e-4)", o.POSITIVE),

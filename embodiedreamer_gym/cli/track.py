@@ -7,7 +7,7 @@ from embodiedreamer_gym.cli import options as o
 from embodiedreamer_gym.cli.logs import joint_logs, load_model, readable
 from embodiedreamer_gym.errors import EmbodieDreamerError
 
-WITHOUT = ("--gain", "--seed", "--jobs", "--report")  # which have no part in it
+WITHOUT = ("--gain", "--seed", "--jobs", "--report")  # options that this verb does not use
 
 
 @o.verb(
@@ -30,7 +30,7 @@ def run(a, progress):
 
 
 def wanted(a, model) -> Any:
-    """The trajectory, as a recording whose positions are wanted."""
+    """The trajectory, as a recording whose positions are the desired ones."""
     if _commands_alone(Path(a.trajectory)):
         return readable(f"trajectory {a.trajectory}", lambda: _of_commands(a, model))
     logs = joint_logs(a, model, [a.trajectory])
@@ -40,7 +40,7 @@ def wanted(a, model) -> Any:
 
 
 def _commands_alone(path: Path) -> bool:
-    """Whether a file is a csv with commands and no positions."""
+    """Whether a file is a csv with commands but no positions."""
     if path.suffix != ".csv" or not path.is_file():
         return False
     with path.open(encoding="utf-8-sig", errors="replace") as file:

@@ -23,7 +23,7 @@ TRAINING = (
     o.SEED,
     o.QUIET,
 )
-FINE_TUNING = 0.3  # of the learning rate of a training from the beginning
+FINE_TUNING = 0.3  # share of the learning rate for training from scratch
 
 
 @o.verb(
@@ -58,7 +58,7 @@ def fine_tune(a, progress):
 
 
 def _fit(a, load, share: float, progress) -> str | None:
-    """Train and write the model that `load` loads onto a device; share: of its learning rate."""
+    """Train and write the model that `load` loads onto a device; share: factor on its learning rate."""
     from embodiedreamer_gym.learning.processes import find_processes
     from embodiedreamer_gym.vis_aligner.checkpoint import save_aligner
     from embodiedreamer_gym.vis_aligner.episodes import load_episodes
@@ -168,7 +168,7 @@ def _bank(a):
 
 
 def _bench(bank, episode):
-    """What a bank knows of the bench by the camera of an episode."""
+    """The part of a bank that matches an episode's camera, moving or fixed; None without a bank."""
     return None if bank is None else bank.moving if episode.condition.moving_camera else bank.bench
 
 
@@ -179,7 +179,7 @@ def _aligner(a, device: str | None = None):
 
 
 def _svd_settings(a):
-    """What the options say of svd; None where they say nothing."""
+    """Settings of svd from the options; None if none are given."""
     from embodiedreamer_gym.vis_aligner.svd_aligner import SvdSettings
 
     names = ("bf16", "gradient_checkpointing", "decode_chunk_size")

@@ -1,4 +1,4 @@
-"""What the verbs that look at recordings with video have in common: the robot, and where the camera stood."""
+"""Options shared by the verbs that use recordings with video: the robot and the cameras."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,12 +14,12 @@ CAMERA = o.option("--camera", "NAME", "camera of the recordings (default: the on
 
 
 def listed(text: str) -> tuple[str, ...]:
-    """Names of a text, separated by commas."""
+    """Names from a comma-separated text."""
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
 def joints_of_urdf(a) -> tuple[str, ...] | None:
-    """Joints of a model that is a URDF; None for another model.
+    """Joints of a model given as a URDF; None for any other model.
 
     Raises: EmbodieDreamerError for a URDF without joints, or joints without a URDF.
     """
@@ -33,7 +33,7 @@ def joints_of_urdf(a) -> tuple[str, ...] | None:
 
 
 def robot_model(a) -> Any:
-    """The robot model that the options name, of a model file, a built-in robot or a URDF."""
+    """The robot model that the options name: a model file, a built-in robot or a URDF."""
     from embodiedreamer_gym.robot import RobotModel
 
     joints = joints_of_urdf(a)
@@ -43,7 +43,7 @@ def robot_model(a) -> Any:
 def load_camera_file(a) -> Mapping[str, Any]:
     """The cameras of the file that the options name, or the built-in ones.
 
-    Raises: EmbodieDreamerError where none is of the name that the options give.
+    Raises: EmbodieDreamerError where no camera has the name that the options give.
     """
     from embodiedreamer_gym.envs.cameras import CAMERAS as BUILT_IN
     from embodiedreamer_gym.envs.cameras import load_cameras
@@ -55,7 +55,7 @@ def load_camera_file(a) -> Mapping[str, Any]:
 
 
 def camera_of(cameras: Mapping[str, Any], name: str, recording: str) -> Any:
-    """The camera of a recording, under its own name or, as `vis camera` writes it without --fixed, with the recording's.
+    """The camera of a recording, stored as NAME/RECORDING (by `vis camera` without --fixed) or as NAME.
 
     Raises: EmbodieDreamerError where there is none.
     """

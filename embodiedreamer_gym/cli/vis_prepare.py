@@ -47,7 +47,7 @@ def run(a, progress):
 
 
 def _masks(a) -> Callable[[str], Any]:
-    """Return a function from a recording's name to its object masks."""
+    """Return a function that gives a recording's object masks by its name."""
     from embodiedreamer_gym.vis_aligner.grounded import grounded
     from embodiedreamer_gym.vis_aligner.masks import masks_in, no_masks
 

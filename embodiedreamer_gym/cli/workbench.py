@@ -46,7 +46,7 @@ def run(a, progress):
 
 
 def _session(a):
-    """The session of the command line, the words at the top of the page, and whether it is a game."""
+    """The session for the command line, the text at the top of the page, and whether it is the demo game."""
     from embodiedreamer_gym.demo import DATA
     from embodiedreamer_gym.workbench.session import Session
 
@@ -67,6 +67,6 @@ def _session(a):
 
 
 def _free(path):
-    """The path, with the first number from 2 on that makes it a new file where there is one already."""
+    """The path; if the file exists, with the first number from 2 on that gives a new file."""
     numbered = (path.with_stem(f"{path.stem}-{k}") for k in itertools.count(2))
     return next(p for p in itertools.chain([path], numbered) if not p.exists())

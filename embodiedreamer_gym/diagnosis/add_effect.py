@@ -1,4 +1,4 @@
-"""add_effect: a model without and with one more effect, both fitted, compared on held-out recordings."""
+"""add_effect: fit a model without and with one more effect, and compare both on held-out recordings."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
-MAX_SECONDS = 120.0  # of motion to learn from
+MAX_SECONDS = 120.0  # s of motion used for fitting
 
 
 @dataclass(frozen=True, eq=False)
 class Addition:
-    """Calibrations without and with an effect, and both compared on held-out recordings."""
+    """Calibrations without and with an effect, and their comparison on held-out recordings."""
 
     effect: str
     before: Calibration
@@ -33,7 +33,7 @@ class Addition:
 
     @property
     def warning(self) -> str:
-        """Sentence that says that the held-out error rose with the effect, "" where it did not."""
+        """Sentence saying that the effect increased the held-out error, "" if it did not."""
         before, after = self.comparison.error
         if not after > before:
             return ""
@@ -55,13 +55,13 @@ def add_effect(
 ) -> Addition:  # fmt: skip
     """Calibrate the model, add the effect of that name, fit all parameters again and compare on held-out recordings.
 
-    train, test: recordings to fit and, held out, to compare on.
+    train, test: recordings for fitting, and held-out recordings for the comparison.
     progress: is called as the work advances.
-    Raises: EffectError for an unknown effect, ModelError when the model has it already.
+    Raises: EffectError for an unknown effect, ModelError if the model already has it.
     """
     progress = progress_or_silence(progress)
     kind = find_effect(name, model.catalogue)
-    model.with_effect(kind)  # raises for an effect that the model has, before any fit
+    model.with_effect(kind)  # raises, before any fit, if the model already has the effect
     logs = with_effort_unit(model, [*train, *test])
     train, test = thin(logs[: len(train)], MAX_SECONDS), logs[len(train) :]
     base = calibrated(with_nuisances(model, train), train, test, progress)

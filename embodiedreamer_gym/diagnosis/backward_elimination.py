@@ -21,7 +21,7 @@ from embodiedreamer_gym.recordings import Recording
 def drop_redundant(
     steps: Sequence[Candidate], train: Sequence[Recording], test: Sequence[Recording]
 ) -> list[Candidate]:  # fmt: skip
-    """Remove each step but the last without which the others, refitted, score as well."""
+    """Remove each step except the last if the others, refitted, score as well without it."""
     steps = list(steps)
     for early in steps[:-1]:
         last = steps[-1]
@@ -36,9 +36,9 @@ def drop_last(
     before: HeldOut, steps: Sequence[Candidate], train: Sequence[Recording], test: Sequence[Recording],
     most: np.ndarray | None = None,
 ) -> list[Candidate]:  # fmt: skip
-    """Remove the last step while the others, refitted, do no worse, or not significantly.
+    """Remove the last step as long as the others, refitted, are not significantly worse or have no larger error.
 
-    before: error without any effect, of the motion that the steps are judged by.
+    before: error of the model without any effect, on the motion on which the steps are judged.
     most: see `improves`.
     """
     steps = list(steps)
@@ -48,7 +48,7 @@ def drop_last(
         if others:
             options = [replace(exchanged(last, last, None, train, test), kind=others[-1].kind)]
             if _names(others[-1]) == _names(options[0]):
-                options.append(others[-1])  # the fit from which the last step began
+                options.append(others[-1])  # the fit from which the last step started
         without = [option.judged for option in options] or [before]
         if all(improves(held, last.judged, most) and last.judged.error < held.error for held in without):
             break
@@ -61,7 +61,7 @@ def drop_last(
 
 
 def _names(candidate: Candidate) -> set[str]:
-    """Effects of a candidate's model."""
+    """Names of the effects of a candidate's model."""
     return {effect.name for effect in candidate.model.effects}
 
 
@@ -69,7 +69,7 @@ def resolve_tie(
     before: HeldOut, rivals: Sequence[Candidate], steps: Sequence[Candidate], train: Sequence[Recording],
     test: Sequence[Recording],
 ) -> tuple[list[Candidate], list[Candidate]]:  # fmt: skip
-    """Decide between candidates for the first effect, once others have been added: steps, and those that still tie.
+    """Choose the first effect among tied candidates after others were added: the steps, and candidates that still tie.
 
     before: held-out error without any effect. Each rival replaces the first effect and all parameters are fitted again.
     """
@@ -89,7 +89,7 @@ def resolve_tie(
 def prune_all(
     steps: Sequence[Candidate], train: Sequence[Recording], test: Sequence[Recording]
 ) -> list[Candidate]:  # fmt: skip
-    """The steps with each effect only on the joints that need it, given all effects."""
+    """The steps, with each effect restricted to the joints that need it, given all effects."""
     last = steps[-1]
     for kind in dict.fromkeys(step.kind for step in steps):
         last = select_joints(replace(last, kind=kind), train, test)
@@ -97,7 +97,7 @@ def prune_all(
 
 
 def removed_joints(whole: Candidate, pruned: Candidate) -> set[str]:
-    """Joints of some effect of a candidate that another one, whose effects act on fewer joints, lacks."""
+    """Joints on which some effect acts in `whole` but not in `pruned`."""
     left = {(e.name, j) for e in pruned.model.effects for own in e.values.values() for j in own}
     return {j for e in whole.model.effects for own in e.values.values() for j in own if (e.name, j) not in left}
 
@@ -105,7 +105,7 @@ def removed_joints(whole: Candidate, pruned: Candidate) -> set[str]:
 def with_joint(
     pruned: Candidate, whole: Candidate, joint: str, train: Sequence[Recording], test: Sequence[Recording]
 ) -> Candidate:  # fmt: skip
-    """A candidate whose effects act on one joint more, as they do in another candidate, fitted again."""
+    """The pruned candidate with its effects on one joint restored from `whole`, fitted again."""
     before = {e.name: e for e in whole.model.effects}
     effects = []
     for effect in pruned.model.effects:

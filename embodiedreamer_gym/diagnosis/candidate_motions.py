@@ -1,4 +1,4 @@
-"""Motions that a robot may make: drawn of many kinds, within its limits, clear of everything."""
+"""Random motions of many kinds that a robot can execute within its limits and without collisions."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from embodiedreamer_gym.motions import MOTIONS, Motion, Span
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
-COMMAND_HZ = 50.0  # of the proposed commands
-PACES = (0.08, 0.25, 0.6, 1.0)  # of the allowed speed
+COMMAND_HZ = 50.0  # Hz, rate of the proposed commands
+PACES = (0.08, 0.25, 0.6, 1.0)  # shares of the allowed speed
 DRAWS = 3  # motions of each kind and pace
-MARGIN = 0.03  # m kept between parts
-RAMP = 1.5  # s over which a motion begins and ends
-CLEARANCE_HZ = 12  # at which clearance is checked
+MARGIN = 0.03  # m, least clearance between parts
+RAMP = 1.5  # s, duration of the ramps at the start and at the end of a motion
+CLEARANCE_HZ = 12  # Hz, rate at which the clearance is checked
 
 
 @dataclass(frozen=True, eq=False)
 class CandidateMotion:
-    """A motion that may be proposed: its kind, time (T,) s, commands (T, n) and least distance to anything, m."""
+    """A candidate for the proposed motion: kind, time (T,) in s, commands (T, n) and least clearance in m."""
 
     kind: str
     time: np.ndarray
@@ -34,9 +34,9 @@ class CandidateMotion:
 def draw_motions(
     model: RobotModel, span: Span, seconds: float, table: float | None, rng: np.random.Generator
 ) -> list[CandidateMotion]:  # fmt: skip
-    """Motions of every kind and pace within the span, those left out that come too near to anything.
+    """Draw motions of every kind and pace within the span, and leave out those without enough clearance.
 
-    Raises: ModelError where none is left.
+    Raises: ModelError if none is left.
     """
     drawn = [slowed(make(replace(span, speed=span.speed * pace), rng, seconds), span, span.acceleration)
              for make in MOTIONS.values() if make.__name__ != "staircase" for pace in PACES for _ in range(DRAWS)]  # fmt: skip
@@ -51,7 +51,7 @@ def draw_motions(
 
 def allowed_span(model: RobotModel, recordings: Sequence[Recording], centre, reach: float, speed: float,
                  acceleration: float = np.inf) -> Span:  # fmt: skip
-    """Where the joints may be sent: within the URDF's limits, about the given, recorded or middle position."""
+    """Allowed range of the joints: within the URDF's limits, around the given, recorded or middle position."""
     tree = model.tree
     low, high = np.maximum(tree.lower, -np.pi), np.minimum(tree.upper, np.pi)
     if centre is not None:
@@ -67,7 +67,10 @@ def allowed_span(model: RobotModel, recordings: Sequence[Recording], centre, rea
 
 
 def slowed(motion: Motion, span: Span, acceleration: float) -> tuple[str, np.ndarray, np.ndarray]:
-    """Kind, time (T,) and commands (T, n) of a motion, slowed down until its acceleration is allowed, at rest at both ends."""
+    """Kind, time (T,) and commands (T, n) of a motion, slowed down to the allowed speed and acceleration.
+
+    It starts and ends at rest.
+    """
     stretch = 1.0
     time, command = eased(motion, span, stretch)
     for _ in range(20):
@@ -82,7 +85,7 @@ def slowed(motion: Motion, span: Span, acceleration: float) -> tuple[str, np.nda
 
 
 def eased(motion: Motion, span: Span, stretch: float) -> tuple[np.ndarray, np.ndarray]:
-    """Time (T,) and commands (T, n) of a motion slowed down by a factor, that begins and ends at the span's centre."""
+    """Time (T,) and commands (T, n) of a motion, slowed down by a factor; it starts and ends at the span's centre."""
     time = np.arange(0.0, motion.duration * stretch + 1e-9, 1 / COMMAND_HZ)
     if motion.at_rest:
         return time, motion(time / stretch)
@@ -92,14 +95,14 @@ def eased(motion: Motion, span: Span, stretch: float) -> tuple[np.ndarray, np.nd
 
 
 def blank(model: RobotModel, kind: str, time: np.ndarray, command: np.ndarray, sigma: np.ndarray) -> Recording:
-    """Commands as a recording that has not been made yet; it starts at rest at the first of them."""
+    """Commands as a recording without measurements, for a simulation; it starts at rest at the first command."""
     hold = "linear" if model.command_hold == "unknown" else model.command_hold
     return Recording(kind, model.joints, time, command, command, units=model.units, command_hold=hold, noise=sigma,
                      quantum=np.zeros(model.n))  # fmt: skip
 
 
 def _clearances(model: RobotModel, commands: Sequence[np.ndarray], table: float | None) -> list[float]:
-    """Least distance (m) to anything on each motion."""
+    """Least clearance (m) of each motion."""
     checked = [command[:: round(COMMAND_HZ / CLEARANCE_HZ)] for command in commands]
     ends = np.cumsum([len(part) for part in checked])[:-1]
     return [float(part.min()) for part in np.split(clearance(model, np.concatenate(checked), table), ends)]

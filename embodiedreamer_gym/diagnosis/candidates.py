@@ -1,4 +1,4 @@
-"""Refit: a model with one more effect, all parameters fitted again, judged on held-out recordings."""
+"""Refits: add one more effect to a model, fit all parameters again, and evaluate on held-out recordings."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
 ITERATIONS = 12
-EARLY = 3  # iterations after which the most promising refits go on
+EARLY = 3  # iterations after which only the most promising refits continue
 TOLERANCE = 1e-3
-LONG = 0.03  # step of derivatives, in scaled units, that passes over the small valleys of a law that jumps
-SMOOTH = 0.2  # relative change of a derivative from a usual step to a long one, up to which a law is smooth
+LONG = 0.03  # step of the derivatives, in scaled units, that passes over the small local minima of a law that jumps
+SMOOTH = 0.2  # relative change of the derivatives from the usual step to LONG up to which a law is smooth
 FINAL_ITERATIONS, FINAL_TOLERANCE = 25, 1e-4
 RULES = ("linear", "hold")
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A refitted model: the effect added last, its fit, and how it does on the held-out recordings."""
+    """A refitted model: the effect that was added last, the fit, and the errors on the held-out recordings."""
 
     kind: type[Effect]
     model: RobotModel
@@ -45,22 +45,22 @@ class Candidate:
 
     @cached_property
     def trained(self) -> HeldOut:
-        """How the model does on the recordings that it was fitted to."""
+        """Errors on the recordings that the model was fitted to."""
         return trained_errors(self.model, self.problem, self.fit)
 
     @cached_property
     def judged(self) -> HeldOut:
-        """Error on all motion, by which the effect is accepted."""
+        """Errors on fitted and held-out recordings together, which decide whether the effect is accepted."""
         return pooled(self.trained, self.held_out)
 
     @property
     def trained_score(self) -> float:
-        """The score of a `HeldOut`, on the training recordings."""
+        """Score (see `HeldOut.score`) on the training recordings."""
         return self.trained.score
 
 
 def trained_errors(model: RobotModel, problem: Problem, fit: Fit) -> HeldOut:
-    """Errors of a fitted model on the recordings that it was fitted to; of efforts, in the noise that this model gives them."""
+    """Errors of a model on the recordings that it was fitted to; for efforts, in units of this model's noise."""
     if problem.signals.by_effort:
         return evaluate(model, problem.recordings)
     return summarise_errors(problem.signals, fit.residuals)
@@ -68,10 +68,10 @@ def trained_errors(model: RobotModel, problem: Problem, fit: Fit) -> HeldOut:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A refit that is to be made: the model with one effect more, or two, where to begin, and under which rules between commands.
+    """A planned refit: the model with one or two more effects, the starts, and the rules between commands to try.
 
-    kind: the effect added last; again: a further start, tried where a joint stays above its noise; turn: tells trials of the
-    same effects apart.
+    kind: the effect added last; again: a further start, tried if a joint stays above its noise; turn: distinguishes
+    trials of the same effects.
     """
 
     kind: type[Effect]
@@ -88,7 +88,11 @@ class Trial:
 
 
 def single_trial(base: RobotModel, screened: Screened, hold: str | None, both_rules: bool) -> Trial:
-    """One more effect, from the screening's start and several sizes; under both rules where the recordings name none."""
+    """The trial of one more effect, which starts from the screening's values and from several sizes.
+
+    both_rules: whether an effect on commands is tried under both rules between commands, because the recordings name
+    none.
+    """
     model = base.with_effect(screened.kind, screened.joints)
     starts = single_starts(screened.kind, model, screened.start, screened.nominal)
     holds = RULES if both_rules and screened.kind.stage == "command" else (hold,)
@@ -96,7 +100,7 @@ def single_trial(base: RobotModel, screened: Screened, hold: str | None, both_ru
 
 
 def begin_refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recording], iterations: int) -> Candidate:
-    """The first iterations of a refit, from the best of its starts, on a coarser plant."""
+    """Run the first iterations of a refit from the best of its starts, with a coarser simulation step."""
     begun = []
     for hold in trial.holds:
         coarse = Problem(trial.model, train, hold=hold, dt=COARSE)
@@ -114,9 +118,9 @@ def begin_refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recordi
 def finish_refit(
     trial: Trial, begun: Candidate, test: Sequence[Recording], iterations: int, rival: float = np.inf
 ) -> Candidate:  # fmt: skip
-    """Continue a refit; where a joint stays above its noise, once more from fits to pieces of the motion.
+    """Continue a refit; if a joint stays above its noise, also from other starts, see `leave_valley`.
 
-    rival: cost of another refit, far above which this one is given up.
+    rival: cost of another refit; this one is given up if its cost is far above.
     """
     problem, spent = begun.problem, begun.problem.rollouts
     fit = minimise(problem, begun.fit.x, iterations, TOLERANCE, rival=rival)
@@ -128,15 +132,15 @@ def finish_refit(
 
 
 def leave_valley(problem: Problem, fit: Fit, further: Sequence[np.ndarray] = (), rival: float = np.inf) -> Fit:
-    """A fit once more where a joint stays above its noise, from other starts, until none does.
+    """Repeat a fit from other starts, one after the other, until no joint is above its noise.
 
-    The starts: other sizes of the limits; where longer steps of the derivatives lead, unless the law is smooth; other shapes;
-    fits to pieces of the motion.
+    The starts: other sizes of the limits; the result of a fit with longer steps of the derivatives, unless the law is
+    smooth; other shapes; fits to pieces of the motion.
 
-    further: starts (m,) that are tried on pieces of the motion too; rival: see `finish_refit`.
+    further: starts (m,) that are also tried on pieces of the motion; rival: see `finish_refit`.
     """
     if problem.signals.by_effort:
-        return fit  # of efforts nothing is integrated: no valleys
+        return fit  # efforts are not integrated over time, so there are no local minima
     starts: tuple[Callable[[Fit, np.ndarray], np.ndarray | None], ...] = (
         lambda f, stuck: _best(problem, limit_starts(problem, f.x, stuck)),
         lambda f, _: None if _is_smooth(problem, f) else _long_steps(problem, f.x),
@@ -155,31 +159,31 @@ def leave_valley(problem: Problem, fit: Fit, further: Sequence[np.ndarray] = (),
 
 
 def _long_steps(problem: Problem, x: np.ndarray) -> np.ndarray:
-    """Where a fit from scaled parameters (m,) ends with derivatives over long steps."""
+    """Result (m,) of a fit from scaled parameters (m,) with derivatives over long steps."""
     return minimise(problem, x, ITERATIONS, TOLERANCE, derivatives=False, step=LONG).x
 
 
 def _is_smooth(problem: Problem, fit: Fit) -> bool:
-    """Whether derivatives over long steps are much like a fit's: then no small valley is near."""
+    """Whether derivatives over long steps are similar to those of a fit, so that no small local minimum is near."""
     long = problem.jacobian(fit.x, LONG)[1]
     change, size = (np.linalg.norm(j, axis=0) for j in (long - fit.jacobian, fit.jacobian))
     return bool((change <= SMOOTH * size).all())
 
 
 def _best(problem: Problem, starts: Starts | None) -> np.ndarray | None:
-    """The best of starts, if there are any."""
+    """The best of the starts, if there are any."""
     return None if starts is None else starts.best(problem)
 
 
 def refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recording]) -> Candidate:
-    """A whole refit."""
+    """Run a refit from the start to the end."""
     return finish_refit(trial, begin_refit(trial, train, test, EARLY), test, ITERATIONS - EARLY)
 
 
 def resume_refit(trial: Trial, cached: CachedFit, train: Sequence[Recording], test: Sequence[Recording]) -> Candidate:
-    """A refit that ended once before.
+    """Restore a finished refit from the cache.
 
-    Raises: CalibrationError where it was of another model.
+    Raises: CalibrationError if it belongs to another model.
     """
     problem = Problem(trial.model, train, hold=cached.hold)
     if len(cached.x) != len(problem.rows):
@@ -188,13 +192,13 @@ def resume_refit(trial: Trial, cached: CachedFit, train: Sequence[Recording], te
 
 
 def as_candidate(kind: type[Effect], problem: Problem, fit: Fit, test: Sequence[Recording]) -> Candidate:
-    """A finished fit and how it does on the held-out recordings."""
+    """A finished fit with its errors on the held-out recordings."""
     model = problem.model_at(fit.x)
     return Candidate(kind, model, problem, fit, evaluate(model, test, problem.hold), problem.rollouts)
 
 
 def polish(candidate: Candidate, test: Sequence[Recording]) -> Candidate:
-    """Continue a refit to a finer tolerance, so that no later effect makes up for it."""
+    """Continue a refit to a finer tolerance, so that no later effect compensates for an unfinished fit."""
     problem = candidate.problem
     spent = problem.rollouts
     fit = minimise(problem, candidate.fit.x, FINAL_ITERATIONS, FINAL_TOLERANCE)

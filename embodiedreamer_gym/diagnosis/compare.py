@@ -1,6 +1,6 @@
-"""compare: the motion that models predict for the recordings' commands, against what was measured.
+"""compare: compare the motion that models predict for the recorded commands with the measured motion.
 
-Where no recording holds a command, the effort that a model needs for the measured motion is compared instead.
+If no recording has a command, the effort that a model needs for the measured motion is compared instead.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from embodiedreamer_gym.recordings import Recording, noise_floor, sensor_sd
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Rollout
 
-DIVERGED = 900.0  # rad/s; the simulation clips a little above
+DIVERGED = 900.0  # rad/s; the simulation clips speeds slightly above this
 
 
 def compare(
@@ -34,7 +34,7 @@ def compare(
     models: one model or several.
     recordings: of the models' robot.
     labels: names of the models, all different; default: their own names and the effects by which they differ.
-    Raises: SimulationError when a recording is not of this robot, RecordingError when there is nothing to compare.
+    Raises: SimulationError if a recording is not of this robot, RecordingError if there is nothing to compare.
     """
     models = (models,) if isinstance(models, RobotModel) else tuple(models)
     recordings = tuple(recordings)
@@ -48,7 +48,7 @@ def compare(
     labels = _labels(models) if labels is None else tuple(labels)
     masks = [regimes(models[0], r) for r in recordings]
     signals = [Signals(models[0], recordings)]
-    by_effort = signals[0].by_effort  # there the noise is that of the motion, through the model's own inertia
+    by_effort = signals[0].by_effort  # then the noise depends on the inertia of each model
     signals += [Signals(model, recordings) if by_effort else signals[0] for model in models[1:]]
     table = [
         row
@@ -72,15 +72,15 @@ def compare(
 
 
 def free_runs(model: RobotModel, recordings: Sequence[Recording]) -> tuple[Rollout, ...]:
-    """Free runs (inverse runs where no log holds a command) of recordings under one model; arrays (T, n)."""
+    """Free runs of recordings with one model (inverse runs if no log has a command); arrays (T, n)."""
     runs = Signals(model, recordings).runs(model)
     return tuple(run.at(0) for run in runs)
 
 
 def joint_rms(signals: Signals, rollouts: Sequence[Rollout]) -> np.ndarray:
-    """Root mean square (n,) of one model's error at each joint over all usable samples, as `Comparison.joint_rms` has it.
+    """Root mean square error (n,) of one model at each joint over all usable samples, as in `Comparison.joint_rms`.
 
-    rollouts: of the signals' recordings, arrays (T, n). nan where a joint has no usable sample.
+    rollouts: of the signals' recordings, arrays (T, n). The result is nan where a joint has no usable sample.
     """
     squares, count = _sums(measured_less_simulated(signals, rollouts), signals.usable)
     return np.sqrt(squares / np.where(count > 0, count, np.nan))
@@ -96,7 +96,7 @@ def effort_scale(recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -
 
 @dataclass(frozen=True, eq=False)
 class _Signal:
-    """One signal's errors (T, n) per recording, None where a recording lacks it, and its noise (n,)."""
+    """Errors (T, n) of one signal per recording (None if a recording lacks the signal), and its noise (n,)."""
 
     name: str
     units: tuple[str, ...]
@@ -127,7 +127,7 @@ def _signals(model: RobotModel, signals: Signals, rollouts: Sequence[Rollout]) -
 
 
 def _sensor_sds(recordings: Sequence[Recording], signal: str) -> np.ndarray:
-    """Sd (n,) of another signal's noise, at least a hundred-thousandth of the signal's range."""
+    """Standard deviation (n,) of a signal's sensor noise, at least 1e-5 of the signal's range."""
     pairs = [(r, getattr(r, signal)) for r in recordings if getattr(r, signal) is not None]
     least = 1e-5 * np.max([np.ptp(x, axis=0) for _, x in pairs], axis=0)
     return np.maximum(noise_floor([sensor_sd(r.time, x) for r, x in pairs]), least)
@@ -144,7 +144,7 @@ def _rows(label: str, model: RobotModel, signal: _Signal, masks: Sequence[dict[s
 
 
 def _sums(errors: Sequence[np.ndarray | None], kept: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of squares (n,) and number of samples (n,) of the errors (T, n) that are kept (T, n)."""
+    """Sum of squares (n,) and number of samples (n,) of errors (T, n) where `kept` (T, n) is true."""
     squares, count = np.zeros(kept[0].shape[1]), np.zeros(kept[0].shape[1], int)
     for error, keep in zip(errors, kept, strict=True):
         if error is not None:
@@ -154,7 +154,7 @@ def _sums(errors: Sequence[np.ndarray | None], kept: Sequence[np.ndarray]) -> tu
 
 
 def _labels(models: Sequence[RobotModel]) -> tuple[str, ...]:
-    """Names of the models; of those that share a name, also the effects that the first of that name lacks."""
+    """Labels of the models: their names; if models share a name, also the effects that the first of them lacks."""
     models = [m.with_(effects=tuple(e for e in m.effects if e.name not in NUISANCES)) for m in models]
     names = [m.name for m in models]
     labels: list[str] = []

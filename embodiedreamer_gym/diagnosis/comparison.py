@@ -23,14 +23,14 @@ NOTES = {
 
 
 def gains_are_guessed(model: RobotModel) -> bool:
-    """Whether a servo gain is the package's first guess: not stated in the model's file and not fitted either."""
+    """Whether a servo gain is the package's first guess: neither stated in the model's file nor fitted."""
     guess = model.first_guess()
     missing = {"stiffness", "damping"} - model.given
     return any(np.array_equal(getattr(model, group), guess[group]) for group in missing)
 
 
 def measured_less_simulated(signals: Signals, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
-    """Errors (T, n) of one model's rollouts, arrays (T, n), in the compared signal."""
+    """Measured minus simulated (T, n), in the compared signal, for one model's rollouts, arrays (T, n)."""
     return [error[0] for error in signals.errors([run.at(None) for run in rollouts])]
 
 
@@ -40,7 +40,7 @@ class Row:
 
     rms, noise: in `unit`.
     chi2: mean square of the error in units of the noise.
-    samples: how many.
+    samples: number of samples.
     """
 
     model: str
@@ -59,8 +59,8 @@ class Comparison:
     """Errors of models on recordings; arrays have one row per model, in the order in which they were given.
 
     labels: names of the models, each different.
-    rollouts: for each model, one of each recording, arrays (T, n).
-    by_model: what was compared, for each model: its noise is the model's own where efforts are compared.
+    rollouts: for each model, one per recording, arrays (T, n).
+    by_model: the compared signals of each model; if efforts are compared, their noise depends on the model.
     table: one Row per model, signal, joint and regime.
     joint_rms, joint_chi2: (models, n), nan where a joint has no usable sample.
     trajectory: (models, 2), the paper's losses, translation error in m and rotation error in rad, averaged over time
@@ -81,12 +81,12 @@ class Comparison:
 
     @property
     def signals(self) -> Signals:
-        """What was compared, of the last model."""
+        """The compared signals of the last model."""
         return self.by_model[-1]
 
     @property
     def signal(self) -> str:
-        """What is compared: "position", or "effort" of recordings without a command."""
+        """The compared signal: "position", or "effort" for recordings without a command."""
         return "effort" if self.signals.by_effort else "position"
 
     @property
@@ -101,12 +101,12 @@ class Comparison:
 
     @property
     def joint_noise(self) -> np.ndarray:
-        """Standard deviation (n,) of the joints' sensors, in `unit`; of efforts, that under the last model."""
+        """Standard deviation (n,) of the joints' sensor noise, in `unit`; for efforts, under the last model."""
         return self.signals.sigma
 
     @property
     def noise(self) -> float:
-        """Mean over joints of the sensors' standard deviation."""
+        """Mean over joints of the standard deviation of the sensor noise."""
         return float(self.joint_noise.mean())
 
     @property
@@ -136,11 +136,11 @@ class Comparison:
         return f"Comparison({sizes})"
 
     def errors(self, model: int = -1) -> list[np.ndarray]:
-        """Measured less simulated (T, n) of one model, per recording, in the compared signal."""
+        """Measured minus simulated (T, n) of one model, per recording, in the compared signal."""
         return measured_less_simulated(self.by_model[model], self.rollouts[model])
 
     def rows(self, model: int = -1, signal: str = "", regime: str | None = None) -> list[Row]:
-        """The table's rows of one model and signal, of all regimes or of one."""
+        """The rows of the table for one model and signal, for all regimes or one."""
         wanted = (self.labels[model], signal or self.signal)
         return [r for r in self.table if (r.model, r.signal) == wanted and regime in (None, r.regime)]
 
@@ -153,7 +153,7 @@ class Comparison:
         return result
 
     def as_dict(self) -> dict[str, Any]:
-        """The comparison as JSON, with units; "gains_guessed" only where some model's gains are guessed."""
+        """The comparison as JSON, with units; "gains_guessed" is present only if some model's gains are guessed."""
         error = dict(zip(self.labels, self.error.tolist(), strict=True))
         guessed = {"gains_guessed": list(self.gains_guessed)} if self.gains_guessed else {}
         return {
@@ -202,7 +202,7 @@ class Comparison:
         return title + "\n" + layout(heads, self._millis(self.grid(value="rms"), chi2))
 
     def _millis(self, rms: np.ndarray, more: list[list[str]] | None = None) -> list[list[str]]:
-        """Rows of a table, one per joint: errors (n, k) in thousandths of the joint's unit, its noise, more, its unit."""
+        """Rows of a table, one per joint: errors (n, k) in thousandths of its unit, noise, further cells, unit."""
         values = np.column_stack([rms, self.joint_noise])
         more = more or [[] for _ in self.joints]
         return [

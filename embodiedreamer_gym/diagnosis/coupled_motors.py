@@ -1,7 +1,7 @@
-"""Motors that drive two joints each: the error of a joint's effort follows the friction of another joint.
+"""Detect motors that drive two joints each: the effort error of a joint then follows the friction of another joint.
 
-No mechanics puts the dry friction of one joint into the torque of another, whatever the masses are. Coupled motors do, as in
-many wrists, when a log shows their currents beside the positions of the joints.
+If each motor drives one joint, the dry friction of a joint never appears in the torque of another, whatever the masses
+are. If motors are coupled, as in many wrists, it does in logs that contain motor currents and joint positions.
 """
 
 from __future__ import annotations
@@ -15,16 +15,17 @@ from embodiedreamer_gym.phys_aligner.signals import Signals
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
-LEAST = 2.0  # chi2 of a joint's error, from which it is looked at
-SHARE = 0.4  # of a joint's held-out mean square error, that another joint's friction must predict to be named
+LEAST = 2.0  # chi2 of a joint's error above which the joint is examined
+SHARE = 0.4  # share of a joint's held-out mean square error that the friction of another joint must predict
 
 
 def coupled_joints(
     model: RobotModel, train: Sequence[Recording], test: Sequence[Recording]
 ) -> list[tuple[float, str, str]]:
-    """Joints whose effort error follows another's friction: the share of the error that it predicts (held out), the joint, the other.
+    """Joints whose effort error follows another joint's friction: (predicted share of held-out error, joint, other).
 
-    By least squares on the other's speed and its sign, beside the joint's own torque, acceleration, speed, sign and one.
+    The prediction is a least-squares fit on the other joint's speed and its sign, in addition to the joint's own
+    torque, acceleration, speed, sign of the speed and a constant.
     """
     learn, judge = (_tables(model, part) for part in (train, test))
     coupled: list[tuple[float, str, str]] = []
@@ -45,7 +46,7 @@ def coupled_joints(
 
 
 def coupling_notes(model: RobotModel, train: Sequence[Recording], test: Sequence[Recording]) -> tuple[str, ...]:
-    """A sentence for each joint of `coupled_joints`."""
+    """A sentence for each joint found by `coupled_joints`."""
     return tuple(
         f"Note: {share:.0%} of the unexplained effort of {joint} follows the friction of {other}, as if one motor drove both "
         "joints; if these are currents of coupled motors, state the model's `transmission`."
@@ -54,7 +55,10 @@ def coupling_notes(model: RobotModel, train: Sequence[Recording], test: Sequence
 
 
 def _tables(model: RobotModel, recordings: Sequence[Recording]) -> list[np.ndarray]:
-    """Of each joint (N, 2 + 4 n): its error in sensor noises; torque, acceleration, speed and its sign of all joints; one."""
+    """Table (N, 2 + 4 n) of each joint: its error in units of sensor noise; regressors of all joints; a constant.
+
+    The regressors are torque, acceleration, speed and sign of the speed.
+    """
     compared = Signals(model, recordings)
     runs = compared.runs(model)
     errors = compared.errors(runs)
@@ -67,7 +71,7 @@ def _tables(model: RobotModel, recordings: Sequence[Recording]) -> list[np.ndarr
 
 
 def _held_out(old: np.ndarray, new: np.ndarray, columns: list[int]) -> float:
-    """Mean square error on held-out rows of least squares on some columns."""
+    """Mean square error on held-out rows of a least-squares fit on some columns."""
     size = np.maximum(np.abs(old[:, columns]).max(axis=0), 1e-300)
     weights = np.linalg.lstsq(old[:, columns] / size, old[:, 0], rcond=None)[0] / size
     return float(np.mean((new[:, 0] - new[:, columns] @ weights) ** 2))

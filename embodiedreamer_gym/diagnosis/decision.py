@@ -1,4 +1,4 @@
-"""Which of two effects recordings speak for: both are fitted, and their likelihoods on held-out recordings compared."""
+"""Decide between two effects: fit both and compare their likelihoods on held-out recordings."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from embodiedreamer_gym.phys_aligner.problem import CORRELATED
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
-ODDS = 10.0  # to one, at which the likelier effect is taken
-SURE = 2.0  # standard errors of the ratio, by which it must exceed zero
-MAX_SECONDS = 80.0  # of motion to learn from, and as much to judge by
+ODDS = 10.0  # odds to one from which the more likely effect is chosen
+SURE = 2.0  # standard errors by which the ratio must exceed zero
+MAX_SECONDS = 80.0  # s of motion for fitting, and as much for testing
 
 
 @dataclass(frozen=True)
@@ -31,16 +31,17 @@ class LikelihoodRatio:
 
     @property
     def decides(self) -> bool:
-        """Whether the first model is the likelier one beyond doubt."""
+        """Whether the first model is significantly more likely."""
         return self.value > max(2 * np.log(ODDS), SURE * self.error)
 
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What recordings say of two effects.
+    """Result of a comparison of two effects.
 
-    effects: the likelier one first; best: the one that it is, None where these recordings do not tell, or speak for neither.
-    ratio: of the first over the second; over_none: of the first over a model without either.
+    effects: the more likely one first; best: the chosen effect, None if these recordings do not distinguish the two or
+    show neither.
+    ratio: of the first effect to the second; over_none: of the first effect to a model without either.
     candidates: the two fits.
     """
 
@@ -51,7 +52,7 @@ class Decision:
     candidates: tuple[Candidate, Candidate] = field(repr=False)
 
     def as_dict(self) -> dict[str, Any]:
-        """The answer as JSON."""
+        """The result as JSON."""
         ratios = {"ratio": self.ratio, "over_none": self.over_none}
         return {"effects": list(self.effects), "best": self.best, "unit": "2 x difference of log-likelihood",
                 **{name: {"value": r.value, "error": r.error} for name, r in ratios.items()}}  # fmt: skip
@@ -68,15 +69,17 @@ def decide(
     model: RobotModel, effects: tuple[str, str], train: Sequence[Recording], test: Sequence[Recording],
     progress: ProgressCallback | None = None,
 ) -> Decision:  # fmt: skip
-    """Fit a model with one effect and with another, and compare how likely they make held-out recordings.
+    """Fit a model with each of two effects, and compare the likelihoods of the held-out recordings.
 
-    Of a law and its special case, the special case is taken unless the richer law is likelier beyond doubt.
+    Of a law and its special case, the special case is chosen unless the richer law is significantly more likely.
 
     model: without the two effects.
     effects: names of the two.
-    train, test: recordings to fit and, held out, to judge by; the motion that distinguishes the two should be among both.
+    train, test: recordings for fitting, and held-out recordings for testing; the motion that distinguishes the two
+    should be in both.
     progress: is called as the work advances.
-    Raises: CalibrationError or SimulationError when the recordings do not fit the model, EffectError for an unknown effect.
+    Raises: CalibrationError or SimulationError if the recordings do not fit the model, EffectError for an unknown
+    effect.
     """
     progress = progress_or_silence(progress)
     kinds = [find_effect(name, model.catalogue) for name in effects]
@@ -100,11 +103,12 @@ def decide(
 
 
 def likelihood_ratio(one: HeldOut, other: HeldOut, share: float) -> LikelihoodRatio:
-    """2 x difference of log-likelihood, one less other, on the same held-out recordings.
+    """2 x difference of log-likelihood, one minus other, on the same held-out recordings.
 
-    share: of the samples that counts as independent. A joint's noise is the sensor's, or what the better model leaves there
-    where that is more. The standard error is that of a sum over pieces of time, within which samples may correlate.
-    Source: Vuong, Econometrica 57 (1989), likelihood ratio tests of models that do not contain each other.
+    share: of the samples that counts as independent. A joint's noise is the sensor noise, or the residual of the better
+    model if that is larger. The standard error is that of a sum over pieces of time, within which samples may be
+    correlated.
+    Source: Vuong, Econometrica 57 (1989), likelihood ratio tests of non-nested models.
     """
     noise = np.maximum(np.minimum(one.chi2, other.chi2), 1.0)
     pieces = share * np.sum((other.blocks - one.blocks) / noise, axis=1)

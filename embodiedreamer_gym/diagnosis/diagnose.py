@@ -1,4 +1,4 @@
-"""diagnose: calibrate, test whether the model is wrong, add the effects that lower the held-out error, give a verdict."""
+"""diagnose: calibrate, test whether the model is wrong, add effects that lower the held-out error, give a verdict."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ from embodiedreamer_gym.phys_aligner.signals import with_effort_scale, with_effo
 from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import RobotModel
 
-ODDS = 10.0  # to one, at which an effect is named rather than errors of the URDF
-WORSE = 1.25  # times the error of plain least squares, beyond which the effects found are not what is missing
-MAX_SECONDS = 80.0  # of motion to learn from, and as much to judge by
+ODDS = 10.0  # odds to one from which an effect is named rather than errors of the URDF
+WORSE = 1.25  # multiple of the error of plain least squares above which the effects found are rejected
+MAX_SECONDS = 80.0  # s of motion for fitting, and as much for testing
 
 
 @renamed_arguments(rng="seed", journal="refit_cache")
@@ -73,17 +73,17 @@ def diagnose(
 ) -> Diagnosis:
     """Find out which physical effects a model lacks, by free-run error on held-out recordings.
 
-    The model is calibrated first. Errors are reported of the whole held-out recordings.
+    The model is calibrated first. Errors are reported for the complete held-out recordings.
 
-    train, test: recordings to fit and, held out, to judge by.
+    train, test: recordings for fitting, and held-out recordings for testing.
     catalogue: effects to consider (default: the model's).
-    max_effects: the most that are added, one at a time, all parameters refitted each time.
-    jobs: processes.
-    max_seconds: of longer recordings the windows with most motion are used.
+    max_effects: largest number of effects, added one at a time; all parameters are refitted each time.
+    jobs: number of processes.
+    max_seconds: of motion used from `train` and from `test`; of longer recordings, the windows with the most motion.
     seed: of the robots drawn for the null distribution.
     progress: is called as the work advances.
     refit_cache: a file that keeps finished refits, so that an interrupted diagnosis continues where it stopped.
-    Raises: CalibrationError or SimulationError when the recordings do not fit the model.
+    Raises: CalibrationError or SimulationError if the recordings do not fit the model.
     """
     begun = time.perf_counter()
     if not train or not test:
@@ -128,7 +128,7 @@ def diagnose(
 
 
 def _risen(search: Search, result: Attempt) -> tuple[str, ...]:
-    """A note where the named effect lowers the error of efforts on the fitted motion alone."""
+    """A note if the named effect lowers the error of efforts only on the training motion."""
     state = result.state
     if result.verdict == "unknown" or state.held.error <= state.base.error:
         return ()
@@ -139,7 +139,10 @@ def _risen(search: Search, result: Attempt) -> tuple[str, ...]:
 
 
 def _explainable(search: Search, state: SearchState) -> np.ndarray | None:
-    """What a general regression predicts of the calibrated error, where the effects leave most joints far above their noise."""
+    """Share of the calibrated error that a general regression predicts.
+
+    None for efforts, or if the effects bring most joints near their noise.
+    """
     model, problem, _ = state.start
     if problem.signals.by_effort or np.median(state.held.chi2) <= FAR:
         return None
@@ -147,10 +150,11 @@ def _explainable(search: Search, state: SearchState) -> np.ndarray | None:
 
 
 def _stands(search: Search, result: Attempt) -> bool:
-    """Whether a verdict on the URDF's own masses stands: nothing is missing, or one effect is that outlasts wrong masses.
+    """Whether a verdict with the URDF's own masses is final: no effect, or one that wrong masses do not explain.
 
-    Where masses are estimated beside it, and rotor inertias if it is not one, it has to be more probable than no effect, and
-    than a special case of it: what wrong masses leave of a simple law, a richer one may take up.
+    The effect must be more probable than no effect and than its special cases in fits that also estimate the masses
+    (and rotor inertias, unless the effect is one): a richer law may absorb the error that wrong masses leave with a
+    simple law.
     """
     if result.verdict == "nothing_missing":
         return True
@@ -177,10 +181,10 @@ def _evidence(search: Search, model: RobotModel) -> float:
 def _attempt(search: Search, model: RobotModel, max_effects: int, needs_motion: bool = False) -> Attempt:
     """Calibrate a model, test whether it is wrong, and search for the effects that it lacks.
 
-    Where efforts are compared, an effect is named on the URDF's own masses (2 % off) only if it leaves nothing to explain, and
-    nowhere if plain least squares does much better without it.
+    Two rules apply if efforts are compared. With the URDF's own masses (2 % off), an effect is named only if it leaves
+    nothing to explain. In any case, no effect is named if plain least squares has a much smaller error without it.
 
-    needs_motion: whether there is no search where only held-out motion shows an error.
+    needs_motion: whether to skip the search if only held-out motion shows an error.
     """
     search.ranking = []
     problem, fit = fit_least_squares(model, search.train, progress=search.progress)
@@ -221,18 +225,18 @@ def _attempt(search: Search, model: RobotModel, max_effects: int, needs_motion: 
 
 
 def _explains_excess(state: SearchState) -> bool:
-    """Whether the effects explain most of the calibrated model's excess error, on the fitted motion or on held-out motion."""
+    """Whether the effects explain most of the calibrated model's excess error, on the fitted or on held-out motion."""
     null, held = state.start_null, state.held if state.together is None else state.together[1]
     return max(total_explained(state.base, held, null.chi2),
                total_explained(state.trained, state.fitted, null.trained_chi2)) >= EXPLAINED  # fmt: skip
 
 
 def _outlasts_masses(search: Search, state: SearchState) -> bool:
-    """Whether the effects leave little where the motion shows wrong masses so well that nearly any error would pass for theirs.
+    """Whether the effects leave little error where wrong masses show so clearly that they could explain any error.
 
-    There the errors count that are left on the fitted motion with masses, centres and friction estimated beside. A drive at its
-    limit is such a case. A single effect may also explain nearly all of the error at every joint: where a law jumps, motion is
-    so sensitive that not even the right one leaves little.
+    An example is a drive at its limit. In this case, the errors on the fitted motion are taken from a fit that also
+    estimates masses, centres of mass and friction. A single effect may instead explain nearly all of the error at every
+    joint: if a law jumps, the motion is so sensitive that even the right effect leaves more than a little.
     """
     if state.most.max() <= JUDGEABLE:
         return True
@@ -243,23 +247,23 @@ def _outlasts_masses(search: Search, state: SearchState) -> bool:
             return True
     problem, fit = fit_with_robot_errors(last.problem, last.fit.x, search.train, derivatives=False)
     least = np.minimum((INEXACT if single else EXACT) * state.most, JUDGEABLE)
-    if not _leaves_little(problem, fit, least):  # a few iterations more
+    if not _leaves_little(problem, fit, least):  # a few more iterations
         fit = minimise(problem, fit.x, FINAL_ITERATIONS, FINAL_TOLERANCE, derivatives=False)
     search.rollouts += problem.rollouts
     return _leaves_little(problem, fit, least)
 
 
 def _leaves_little(problem: Problem, fit: Fit, most: np.ndarray) -> bool:
-    """Whether each joint's chi2 is at most this, (n,)."""
+    """Whether the chi2 of each joint is at most `most` (n,)."""
     return bool((problem.joint_rms(fit.residuals)[0] ** 2 <= most).all())
 
 
 def _fits_all_motion(search: Search, state: SearchState, shares: np.ndarray | None) -> bool:
-    """Whether the effects leave what faultless robots have on all motion, and explain most of what was above it.
+    """Whether the effects leave no more error than faultless robots have on all motion, and explain most of the excess.
 
-    A single one may leave a little more. An alarm by chance leaves little to explain, and an effect that explains none of it is
-    not its reason. Logs far from any noise are judged by the share that is explained, beside what a general regression
-    predicts (shares).
+    A single effect may leave a little more. An alarm by chance leaves little to explain, and an effect that explains
+    none of it is not its cause. Logs far above the noise are judged by the explained share of the error, relative to
+    the share that a general regression predicts (shares).
     """
     if not state.steps:
         return False

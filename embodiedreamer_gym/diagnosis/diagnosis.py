@@ -1,4 +1,4 @@
-"""The answer of a diagnosis: verdict, effects, joints, parameters, errors, and what cannot be seen."""
+"""The result of a diagnosis: verdict, effects, joints, parameters, errors, and unobservable effects."""
 
 from __future__ import annotations
 
@@ -35,29 +35,29 @@ class Diagnosis:
     """Result of a diagnosis: the verdict on which effects a model lacks.
 
     verdict: "nothing_missing", "missing", "ambiguous" or "unknown"; sentence: the same in words.
-    effects: names in the order of the search (both of a tie).
+    effects: names in the order of the search (all effects of a tie).
     family: the missing family of effects, if the family is probable enough and no single effect is, else None.
     members: effect -> probability, given that one of the fitted candidates is right, the most likely first.
-    excess: chi2 of the worst joint with the effects, on held-out or fitted motion, relative to the 95 % quantile of faultless
-        robots (robots whose model lacks no effect); above 1.3 the laws are not exact.
-    explainable: joint -> signals -> share of the calibrated error that is predictable from these signals and the previous ones;
-        empty if the effects leave little more than the sensor noise (see `explainable_shares`).
+    excess: chi2 of the worst joint with the effects, on held-out or fitted motion, relative to the 95 % quantile of
+        faultless robots (robots whose model lacks no effect); above 1.3 the laws are not exact.
+    explainable: joint -> signals -> share of the calibrated error that is predictable from these signals and the
+        previous ones; empty if the effects leave little more than the sensor noise (see `explainable_shares`).
     closest: if the verdict is "unknown", the effects that lower the held-out error most; they are not the answer.
     joints: effect -> joints or arms on which it acts.
     parameters: effect -> joint -> value, low, high, unit.
     ranking: the effects that were refitted, best first.
-    error, end_effector_mm: nominal, calibrated, with_effect (None if no effect helps), noise and, for recordings without a
-        command, least_squares (see `least_squares_rms`); error in `unit`.
+    error, end_effector_mm: nominal, calibrated, with_effect (None if no effect helps), noise and, for recordings
+        without a command, least_squares (see `least_squares_rms`); error in `unit`.
     unobservable: effects that these recordings cannot show, the most likely first.
     unexplained: joint -> share of its excess error that is left.
-    steps: (label, held-out error) from nominal over calibrated to each added effect.
+    steps: (label, held-out error) of the nominal model, the calibrated model and each added effect.
     p_value: share of faultless robots with an error as large as that of the calibrated model.
     unit: "rad"; "N m" or "A" for recordings without a command.
-    chi2: held-out mean square error per joint over the variance of the sensor noise: calibrated, with_effect, and of faultless
-        robots (usual: median, most: 95 % quantile).
+    chi2: held-out mean square error per joint over the variance of the sensor noise: calibrated, with_effect, and of
+        faultless robots (usual: median, most: 95 % quantile).
     model: the model with the effects that were found.
     notes: caveats of the verdict.
-    learned_from: names of held-out recordings that were fitted to as well; the errors are those of the others.
+    learned_from: names of held-out recordings that were also used for fitting; the errors are those of the others.
     """
 
     verdict: str
@@ -89,22 +89,22 @@ class Diagnosis:
 
     @property
     def best(self) -> str | None:
-        """Name of the first effect, None where none is named."""
+        """Name of the first effect, None if none is named."""
         return self.effects[0] if self.effects else None
 
     @property
     def gains_guessed(self) -> bool:
-        """Whether servo gains of the nominal model are the package's first guess, and matter: inverse runs use none."""
+        """Whether servo gains of the nominal model are guessed by the package and used; inverse runs use no gains."""
         return self.unit == "rad" and gains_are_guessed(self.nominal)
 
     @property
     def effort_offsets(self) -> dict[str, dict[str, Any]]:
-        """Joint -> value, low, high, unit of the effort shown at no torque (current zero, spring balance), where it is not zero."""
+        """Joint -> value, low, high, unit of the effort at no torque (sensor zero, spring balance), if significant."""
         return self._of_sensor("offset", self.unit)
 
     @property
     def effort_delays(self) -> dict[str, dict[str, Any]]:
-        """Arm -> value, low, high, unit of the time by which efforts are logged later than positions, where it is not zero."""
+        """Arm -> value, low, high, unit of the delay of logged efforts behind logged positions, if significant."""
         return self._of_sensor("delay", "s")
 
     def _of_sensor(self, parameter: str, unit: str) -> dict[str, dict[str, Any]]:
@@ -113,21 +113,24 @@ class Diagnosis:
                 for r in rows if r.interval and not r.interval[0] <= 0.0 <= r.interval[1]}  # fmt: skip
 
     def question(self, asked: tuple[str, str] | None = None) -> tuple[str, str] | None:
-        """The two effects that the next motion has to distinguish, see `next_question`; asked: the two of a user's own question."""
+        """The two effects that the next motion has to distinguish, see `next_question`.
+
+        asked: two effects that the user wants to distinguish.
+        """
         if self.unit != "rad" and self.verdict != "ambiguous":
-            return None  # of efforts without a command no motion shows more
+            return None  # without commands, no other motion shows more
         ranking, catalogue = [r.effect for r in self.ranking], self.nominal.catalogue
         return next_question(self.verdict, self.effects, ranking, self.unobservable, catalogue, asked)
 
     def models_by_label(self) -> dict[str, RobotModel]:
-        """Nominal and calibrated model, and the one with the named effects."""
+        """The nominal and the calibrated model, and the model with the named or closest effects."""
         models = {"nominal": self.nominal, "calibrated": self.calibrated}
         if self.effects or self.closest:
             models[f"with {', '.join(self.effects or self.closest)}".replace("_", " ")] = self.model
         return models
 
     def as_dict(self) -> dict[str, Any]:
-        """The answer as JSON."""
+        """The result as JSON."""
         return {
             "verdict": self.verdict,
             "sentence": self.sentence,
@@ -246,7 +249,7 @@ def summarise(
 
 
 def _family(verdict: str, state: SearchState, catalogue: Mapping[str, type[Effect]]) -> str | None:
-    """The family of a tie's effects, where it is probable enough."""
+    """The family of the tied effects, if it is probable enough."""
     if verdict != "ambiguous":
         return None
     total = family_probabilities({name: state.probabilities.get(name, 0.0) for name in state.tie}, catalogue)
@@ -255,14 +258,14 @@ def _family(verdict: str, state: SearchState, catalogue: Mapping[str, type[Effec
 
 
 def _chi2(base: HeldOut, held: HeldOut, null: NullDistribution, kept: bool) -> dict[str, list[float]]:
-    """Held-out chi2 per joint, and what faultless robots have: their median and their 95th percentile."""
+    """Held-out chi2 per joint, and the median and 95th percentile of that of faultless robots."""
     usual, most = np.quantile(null.chi2, (0.5, 0.95), axis=0)
     chi2 = {"calibrated": base.chi2, "usual": usual, "most": most} | ({"with_effect": held.chi2} if kept else {})
     return {label: [float(x) for x in values] for label, values in chi2.items()}
 
 
 def _noise_mm(model: RobotModel, test: Sequence[Recording]) -> float:
-    """Mean translation error of the end effectors, mm, that the sensors' noise alone gives."""
+    """Mean translation error of the end effectors, mm, caused by sensor noise alone."""
     rng = np.random.default_rng(0)
     noisy = [
         Rollout(r.time, r.position + r.sigma * rng.standard_normal(r.position.shape), r.position, r.position)
@@ -272,7 +275,7 @@ def _noise_mm(model: RobotModel, test: Sequence[Recording]) -> float:
 
 
 def _parameters(model: RobotModel, name: str) -> dict[str, dict[str, Any]]:
-    """Joint -> value, low, high, unit of an effect's first parameter; "joint.parameter" for its others."""
+    """Joint -> value, low, high, unit of an effect's first parameter; "joint.parameter" for its other parameters."""
     rows: dict[str, dict[str, Any]] = {}
     first = next(e for e in model.effects if e.name == name).parameters[0].name
     for row in model.parameters().of_effect(name):

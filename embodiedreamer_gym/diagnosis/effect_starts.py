@@ -1,6 +1,7 @@
-"""Where the refit of effects begins: several sizes at nominal and at calibrated gains, the best of them joint by joint.
+"""Starting points for refits: several sizes of an effect at nominal and calibrated gains; the best is chosen per joint.
 
-The cost of a free run has several valleys in the size of an effect; one rollout per size finds the deepest one's neighbourhood.
+The cost of a free run has several local minima in the size of an effect; one rollout per size finds the neighbourhood
+of the deepest one.
 """
 
 from __future__ import annotations
@@ -16,18 +17,19 @@ from embodiedreamer_gym.phys_aligner.problem import Problem, free_rows
 from embodiedreamer_gym.phys_aligner.starts import best_choices, joint_of_rows
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
-SIZES = (0.15, 0.4, 0.8, 1.5, 2.5, 4.0, 6.0)  # of a parameter that vanishes at zero, relative to its typical size
-LIMITS = (0.6, 0.8, 1.0, 1.25, 1.6)  # of a limit, relative to the screening's
-PAIR_SIZES = (0.2, 0.5, 1.0, 2.0, 3.5, 6.0)  # the like, of each of two effects
+SIZES = (0.15, 0.4, 0.8, 1.5, 2.5, 4.0, 6.0)  # of a parameter that is off at zero, relative to its typical size
+LIMITS = (0.6, 0.8, 1.0, 1.25, 1.6)  # of a limit, relative to its value in the screening
+PAIR_SIZES = (0.2, 0.5, 1.0, 2.0, 3.5, 6.0)  # the same for each of two effects
 PAIR_LIMITS = (0.6, 0.8, 1.0, 1.25, 1.6, 2.0)
 Values = Mapping[ParameterKey, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """Values to begin with, group -> values: each of `first` with each of `second` is tried, and the best taken by joint.
+    """Starting values, group -> values: each of `first` is tried with each of `second`; the best is taken per joint.
 
-    of_arm: whether the choices among `first` and among `second` are those of an arm's effect, the same on all its joints.
+    of_arm: whether `first` and `second` are values of an effect per arm, so that all joints of an arm take the same
+    choice.
     """
 
     first: tuple[Values, ...]
@@ -37,7 +39,7 @@ class Starts:
     def best(self, problem: Problem) -> np.ndarray:
         """Scaled start (m,); one rollout for each combination.
 
-        The coupling between joints is weaker than a wrong size.
+        Each joint is chosen on its own, because the coupling between joints matters less than a wrong size.
         """
         points = np.array([[start_of(problem, {**a, **b}) for b in self.second] for a in self.first])
         shape, model = points.shape, problem.model
@@ -48,7 +50,10 @@ class Starts:
 
 
 def single_starts(kind: type[Effect], model: RobotModel, start: Values, nominal: Values) -> Starts:
-    """Starts of one more effect: the screening's, and several sizes at the model's and at nominal gains (empty: none)."""
+    """Starts for one more effect: the screening's values, and several sizes at the model's gains and at nominal gains.
+
+    nominal: nominal gains; empty if they are not tried.
+    """
     gains = [{}, nominal] if nominal else [{}]
     sizes = _sizes(kind, model, start, LIMITS if is_limit(kind) else SIZES, alone=True)
     return Starts((start, *({**size, **gain} for gain in gains for size in sizes)), of_arm=(is_of_arm(kind), False))
@@ -57,9 +62,9 @@ def single_starts(kind: type[Effect], model: RobotModel, start: Values, nominal:
 def pair_starts(
     kinds: Sequence[type[Effect]], model: RobotModel, start: Values, nominal: Values, fitted: Values | None = None
 ) -> Starts:  # fmt: skip
-    """Starts of two effects: sizes of both, with the signs and shapes of `start`, at nominal gains.
+    """Starts for two effects: sizes of both, with the signs and shapes of `start`, at nominal gains.
 
-    fitted: values of the first effect and gains of a fit with it alone, to begin with too.
+    fitted: values of the first effect and gains from a fit with it alone, used as a further start.
     """
     grids = [[{**nominal, **size} for size in _sizes(k, model, start, PAIR_LIMITS if is_limit(k) else PAIR_SIZES)]
              for k in kinds]  # fmt: skip
@@ -69,12 +74,12 @@ def pair_starts(
 
 
 def fitted_values(model: RobotModel) -> dict[ParameterKey, np.ndarray]:
-    """Group -> values of the parameters of a model that fits change."""
+    """Group -> values of a model's free parameters."""
     return {key: model.group_values(key) for key in dict.fromkeys(row.key.group for row in free_rows(model))}
 
 
 def start_of(problem: Problem, start: Values) -> np.ndarray:
-    """Scaled start (m,) of a problem: the model's own values, but those of `start` (group -> values) where given."""
+    """Scaled start (m,) of a problem: the values of `start` (group -> values) where given, else the model's own."""
     low, high = np.array([row.low for row in problem.rows]), np.array([row.high for row in problem.rows])
     values = np.array([start[r.key.group][r.index] if r.key.group in start else r.value for r in problem.rows])
     return np.clip(problem.scale(np.clip(values, low, high)), problem.lower, problem.upper)
@@ -86,21 +91,22 @@ def is_of_arm(kind: type[Effect]) -> bool:
 
 
 def is_limit(kind: type[Effect]) -> bool:
-    """Whether an effect is off where its sizes are at their upper bounds."""
+    """Whether an effect is off if its sizes are at their upper bounds."""
     return any(p.is_limit and not p.shape for p in kind.parameters)
 
 
 def has_second_limit(kind: type[Effect]) -> bool:
-    """Whether an effect has a limit beside its size."""
+    """Whether an effect has a second limit besides its size."""
     return any(p.is_limit and p.shape for p in kind.parameters)
 
 
 def _sizes(
     kind: type[Effect], model: RobotModel, start: Values, factors: Sequence[float], alone: bool = False
 ) -> list[dict[ParameterKey, np.ndarray]]:
-    """An effect's parameters at several sizes and off; a limit relative to `start`; shapes as in `start`.
+    """Parameters of an effect at several sizes and off; limits are relative to `start`, shapes are those of `start`.
 
-    alone: both signs, and each size, and none, with several second limits; else those of `start`.
+    alone: whether to try both signs, and each size (and none) with several second limits; else signs and second limits
+    are those of `start`.
     """
     two = alone and any(p.low < 0 and not p.shape for p in kind.parameters)
     bends = (1.0,)
@@ -124,4 +130,4 @@ def _sizes(
     off = {
         ParameterKey(p.name, kind.name): model.parameter_off(p) for p in kind.parameters if p.is_limit or not p.shape
     }
-    return [*choices, {**choices[0], **off}]  # a limit that a joint does not reach is off there
+    return [*choices, {**choices[0], **off}]  # off, for joints that do not reach the limit

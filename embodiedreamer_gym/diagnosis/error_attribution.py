@@ -1,4 +1,4 @@
-"""On which side of the measured effort a model fails, and how late the robot is against its simulation."""
+"""Attribute a model's error to the controller or to the plant, and find the lag of the robot behind its simulation."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from embodiedreamer_gym.recordings import Recording, sensor_sd, smooth_motion, s
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Drive, Rollout
 
-EXPLAINED = 0.5  # share of the effort's variance that one side must explain at least, or effort is something else
-SIGNIFICANT = 0.003  # share of the effort's variance that one side must leave open, else nothing is attributed
+EXPLAINED = 0.5  # share of the effort's variance that at least one side must explain, else effort is another quantity
+SIGNIFICANT = 0.003  # share of the effort's variance that one side must leave unexplained, else nothing is attributed
 LONGEST_LAG, LAG_STEP = 0.25, 0.01  # s
 NOISES = ("effort_noise", "speed_noise", "acceleration_noise")
-SIMILAR = 0.5  # correlation below which a lag between two motions means nothing
+SIMILAR = 0.5  # correlation below which a lag between two motions is meaningless
 
 
 def controller_share(model: RobotModel, recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> np.ndarray:
-    """Share (n,) of the unexplained effort that lies between command and effort, not effort and motion.
+    """Share (n,) of the unexplained effort on the side of the controller (command to effort), not of the plant.
 
-    The controller explains effort by the torque that the model's servo asks for along the measured motion (see `fit_servo`),
-    the plant by gain inverse dynamics + m acceleration + b velocity + c on smoothed signals; what each leaves
-    beyond the noise is its part. nan where there is no effort, where neither of them explains half of it, or
-    where both explain all of it.
+    The controller explains the effort by the torque that the model's servo commands along the measured motion (see
+    `fit_servo`). The plant (effort to motion) explains it by gain inverse dynamics + m acceleration + b velocity + c on
+    smoothed signals. The part of each side is what it leaves beyond the noise. nan if there is no effort, if neither
+    side explains half of it, or if both explain all of it.
 
     rollouts: the model's runs of the recordings, arrays (T, n).
     """
@@ -47,7 +47,7 @@ def controller_share(model: RobotModel, recordings: Sequence[Recording], rollout
 
 
 def _terms(model: RobotModel, recording: Recording) -> dict[str, np.ndarray]:
-    """Smoothed effort (T, n), regressors (T, k, n) of the plant, and the variances (1, n) of what noise adds."""
+    """Smoothed effort (T, n), regressors (T, k, n) of the plant, and variances (1, n) of the noise."""
     motion, effort = smooth_motion(recording), np.asarray(recording.effort)
     q, v, a = motion.position, motion.velocity, motion.acceleration
     torque = model.bodies.inverse_dynamics(q, v, a, Drive(model).mechanics)[0]
@@ -62,9 +62,9 @@ def _terms(model: RobotModel, recording: Recording) -> dict[str, np.ndarray]:
 def _share(
     effort: np.ndarray, plant: np.ndarray, noises: dict[str, float], controller: tuple[float, float], inertia: float
 ) -> float:
-    """The controller's part of what both leave beyond the noise of the effort and of their own regressors.
+    """The controller's share of the residuals of both sides, beyond the noise of the effort and of the regressors.
 
-    controller: mean square that it leaves, and that of its noise.
+    controller: mean square of its residual and of its noise.
     """
     total = float(np.var(effort))
     left_c, floor_c = controller
@@ -78,7 +78,7 @@ def _share(
 
 
 def _least_squares(target: np.ndarray, regressors: np.ndarray) -> tuple[float, np.ndarray]:
-    """Mean square that regressors (T, k) leave of a target (T,), and their weights (k,)."""
+    """Mean square residual of a target (T,) after regression on regressors (T, k), and their weights (k,)."""
     size = np.sqrt(np.mean(regressors**2, axis=0))
     size = np.where(size > 0, size, 1.0)
     weights = np.linalg.lstsq(regressors / size, target, rcond=1e-8)[0] / size
@@ -86,9 +86,9 @@ def _least_squares(target: np.ndarray, regressors: np.ndarray) -> tuple[float, n
 
 
 def lags(recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> np.ndarray:
-    """Time (n,) in ms by which the measured motion is later than the simulated, nan where they are not alike.
+    """Lag (n,) in ms of the measured motion behind the simulated motion; nan if the two are not similar.
 
-    The peak of the cross-correlation of both smoothed speeds, over all recordings, within 250 ms either way.
+    The lag is the peak of the cross-correlation of both smoothed speeds, over all recordings, within +-250 ms.
     """
     shifts = np.arange(-LONGEST_LAG, LONGEST_LAG + LAG_STEP / 2, LAG_STEP)
     n = len(recordings[0].joints)
@@ -115,7 +115,7 @@ def lags(recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> np.nda
 
 
 def _peak(shifts: np.ndarray, likeness: np.ndarray) -> float:
-    """Place of the highest likeness, by a parabola through three points; nan at an end or when too low."""
+    """Shift of the highest correlation, by a parabola through three points; nan at an end or if it is too low."""
     k = int(np.argmax(likeness))
     if likeness[k] < SIMILAR or k in (0, len(shifts) - 1):
         return float("nan")

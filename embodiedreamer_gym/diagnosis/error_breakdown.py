@@ -1,4 +1,4 @@
-"""error_breakdown: a model's error by joint and regime, what it correlates with, and whether controller or plant is off."""
+"""error_breakdown: a model's error by joint and regime, its correlations, and whether controller or plant is wrong."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from embodiedreamer_gym.recordings import Recording, smooth_motion
 from embodiedreamer_gym.robot import RobotModel
 
 BINS = 12
-FEWEST = 10  # samples in a bin
+FEWEST = 10  # least number of samples in a bin
 QUANTITIES = ("speed", "angle", "torque", "time")
 CORRELATES = {
     "speed": "correlates with speed and its direction",
@@ -36,9 +36,9 @@ WHEN = {
 VISIBLE = 2.0  # chi2/n above which a joint's error is more than noise
 STRONG = 0.4  # share of the error's variance that a quantity must explain to be named
 CONSTANT_SHARE = 0.8  # share of a joint's error that must be its mean to call it a constant offset
-MORE = 1.3  # times the joint's whole error, to call a regime the worst
-ENOUGH = 30  # samples that a regime needs to be reported
-READABLE = 6  # joints in a sentence
+MORE = 1.3  # multiple of the joint's total error above which a regime is reported
+ENOUGH = 30  # least number of samples of a regime that is reported
+READABLE = 6  # most joints listed in a sentence
 SHORTEST_LAG = 5.0  # ms; shorter lags are below what the smoothing resolves
 
 
@@ -46,8 +46,9 @@ SHORTEST_LAG = 5.0  # ms; shorter lags are below what the smoothing resolves
 class Profile:
     """One joint's position error binned against a quantity: arrays (bins,) in the joint's unit.
 
-    centre: of the bin, unit/s, unit, N m or s; median, low, high: of the error (16th and 84th percentile);
-    share: of the error's variance that the bins' means (against time: a straight line) explain.
+    centre: of the bin, in unit/s, unit, N m or s; median, low, high: of the error (low, high: 16th and 84th
+    percentile);
+    share: share of the error's variance that the bin means explain (against time: that a straight line explains).
     """
 
     joint: str
@@ -66,12 +67,12 @@ class Profile:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ErrorBreakdown:
-    """One model's error, broken down.
+    """Breakdown of one model's error.
 
-    comparison: the model's own.
-    controller_share: (n,), see `controller_share`, nan where not known.
-    side: the same for the whole robot, weighted by each joint's error, None where not known.
-    lag_ms: (n,), by how much the measured motion is later than the simulated, nan where not known.
+    comparison: the model's errors, see `compare`.
+    controller_share: (n,), see `controller_share`, nan if unknown.
+    side: the same for the whole robot, weighted by each joint's error, None if unknown.
+    lag_ms: (n,), lag of the measured motion behind the simulated motion, nan if unknown.
     profiles: error against speed, angle, torque and time.
     findings: one sentence each.
     """
@@ -161,7 +162,7 @@ def _profile(joint: str, against: str, x: np.ndarray, error: np.ndarray) -> Prof
     bins = [(np.median(x[place == b]), error[place == b]) for b in range(BINS) if (place == b).sum() >= FEWEST]
     total = float(np.var(error))
     between = sum(len(e) * (e.mean() - error.mean()) ** 2 for _, e in bins) / len(error)
-    if against == "time":  # bins follow any slow motion; a drift goes one way
+    if against == "time":  # bins follow any slow change; a drift is a trend
         between = total * np.corrcoef(x, error)[0, 1] ** 2 if total > 0 and np.ptp(x) > 0 else 0.0
     quantiles = np.array([np.percentile(e, [50, 16, 84]) for _, e in bins]).reshape(-1, 3).T
     centre = np.array([c for c, _ in bins])
@@ -171,7 +172,7 @@ def _profile(joint: str, against: str, x: np.ndarray, error: np.ndarray) -> Prof
 def _findings(
     comparison: Comparison, side: float | None, lag: np.ndarray, profiles: Sequence[Profile]
 ) -> Iterator[str]:
-    """Sentences: which joints, in which regime, how late, what the error correlates with, on which side."""
+    """Sentences: which joints, in which regime, with which lag, what the error correlates with, on which side."""
     chi2 = comparison.joint_chi2[0]
     bad = [j for j in range(len(chi2)) if chi2[j] > VISIBLE]
     if not bad:
@@ -245,7 +246,7 @@ def _joints(comparison: Comparison, columns: Sequence[int]) -> str:
 
 
 def _list(names: Sequence[str]) -> str:
-    """Names as the beginning of a sentence; of many only the ends."""
+    """Names as the beginning of a sentence; if there are many, only the first and the last."""
     if len(names) > READABLE:
         return f"{len(names)} joints ({names[0]} … {names[-1]})"
     return f"Joint {names[0]}" if len(names) == 1 else f"Joints {', '.join(names)}"

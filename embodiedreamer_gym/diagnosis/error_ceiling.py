@@ -1,7 +1,7 @@
-"""How much of each joint's error is explainable at all, and from which signals: a general regression that names nothing.
+"""How much of each joint's error any law could explain, and from which signals, by a general regression.
 
-Where no log comes near its sensor's noise, a share that an effect explains says little by itself: contact, cables and
-vibration explain nothing of the rest either. The regression gives the ceiling beside it.
+If the error is far above the sensor noise, the share that an effect explains says little by itself, because contact,
+cables and vibration cause errors that no effect explains. The regression gives the upper limit. It names no effect.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy  # loads its parts when they are used
+import scipy  # loads its submodules when they are used
 
 from embodiedreamer_gym.diagnosis.explainable import least_ridge_error
 from embodiedreamer_gym.diagnosis.regimes import gravity_torque
@@ -19,19 +19,21 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Rollout
 
 SIGNALS = ("command", "motion", "history", "load")
-LAGS = (0.05, 0.2, 0.6)  # s, of filters of the command's speed
-WIDTHS = (0.005, 0.02, 0.06)  # rad, of the play that a motion's history is seen through
+LAGS = (0.05, 0.2, 0.6)  # s, time constants of the low-pass filters
+WIDTHS = (0.005, 0.02, 0.06)  # rad, half-widths of the play operators that describe the history of a motion
 FEATURES = 100  # random Fourier features
-MOST = 20_000  # samples of a joint that a regression is fitted to
+MOST = 20_000  # largest number of samples of a joint that a regression is fitted to
 
 
 def explainable_shares(model: RobotModel, recordings: Sequence[Recording], hold: str | None = None) -> np.ndarray:
-    """Share (n, 4) of each joint's mean square error that is predictable from SIGNALS, each beside those before it.
+    """Share (n, 4) of each joint's mean square error that is predictable from SIGNALS; each includes those before it.
 
-    Ridge regression on signals of the joint and random Fourier features of them (Rahimi and Recht, NIPS 2007), judged on
-    recordings that were left out of the fit; of a single recording on pieces of it. Zero where nothing is predictable.
-    command: its distance from the joint, its speed and filters of it; motion: position and velocity, its sign, its square;
-    history: play and fading memories of the direction; load: gravity's torque, with the direction.
+    Ridge regression on signals of the joint and random Fourier features of them (Rahimi and Recht, NIPS 2007), tested
+    on recordings that were left out of the fit; if there is a single recording, on pieces of it. Zero if nothing is
+    predictable.
+    command: its difference from the position, its speed and low-pass filters of the speed; motion: position, velocity,
+    its sign and its square, acceleration; history: play and low-pass filters of the direction; load: gravity torque,
+    alone and times the direction.
     """
     compared = Signals(model, recordings)
     runs = compared.runs(model, hold=hold)
@@ -65,7 +67,7 @@ def _features(x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def _signals(model: RobotModel, recording: Recording, run: Rollout) -> dict[str, np.ndarray]:
-    """Signals (T, k, n) by group: of the recorded command, and of the model's own motion under it."""
+    """Signals (T, k, n) by group, from the recorded command and the simulated motion."""
     q, v = run.position[0], run.velocity[0]
     command = q if recording.command is None else recording.command
     dt = float(np.median(np.diff(recording.time)))
@@ -89,7 +91,7 @@ def _lagged(x: np.ndarray, lag: float, dt: float) -> np.ndarray:
 
 
 def _play(x: np.ndarray, width: float) -> np.ndarray:
-    """What a play of half-width (rad) leaves of positions (T, n)."""
+    """Positions (T, n) minus the output of a play operator of a half-width (rad)."""
     y = x.copy()
     for k in range(1, len(x)):
         y[k] = np.clip(y[k - 1], x[k] - width, x[k] + width)

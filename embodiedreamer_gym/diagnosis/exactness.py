@@ -1,4 +1,4 @@
-"""Whether the effects so far are exact after all: in a fit to all motion, or with the robot's own errors estimated beside."""
+"""Further tests of whether effects are exact: a fit to all motion, and a fit with nuisance parameters of the robot."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 
 
 def fit_together(search: Search, state: SearchState) -> None:
-    """Fit the model so far to all motion where its fit is exact on the training motion and not on the held-out one.
+    """Fit the current model to all motion if its fit is exact on the training motion but not on the held-out motion.
 
-    A limit that only the held-out motion reaches is not determined by the training motion; the law may be right all the same.
-    Where one effect is still not exact, the robot's errors are estimated beside it, see `_leaves_noise`.
+    The training motion does not determine a limit that only the held-out motion reaches, although the law may be right.
+    If a single effect is still not exact, nuisance parameters of the robot are estimated as well, see `_leaves_noise`.
     """
     state.together, state.exact_beside = None, False
     if state.steps and state.is_wrong_unseen:
@@ -36,10 +36,10 @@ def _fit_all_motion(search: Search, state: SearchState) -> None:
 
 
 def _leaves_noise(search: Search, state: SearchState) -> bool:
-    """Whether the model so far leaves little more than noise on all motion where the robot's errors are fitted to the training motion.
+    """Whether little more than noise is left on all motion if nuisance parameters are fitted to the training motion.
 
-    Friction that grows with the load multiplies what wrong masses do to the motion. Errors that are estimated on the
-    training motion and hold on the held-out one are those masses, and no second effect is needed.
+    Friction that grows with the load amplifies the error of wrong masses. If masses that are estimated on the training
+    motion also lower the error on the held-out motion, they are the cause, and no second effect is needed.
     """
     last = state.steps[-1]
     problem, fit = fit_with_robot_errors(last.problem, last.fit.x, search.train, derivatives=False)

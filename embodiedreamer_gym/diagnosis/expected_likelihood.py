@@ -1,7 +1,8 @@
-"""How clearly a motion decides between two models: the expected fall of the log-likelihood if the wrong one is taken.
+"""How clearly a motion decides between two models: the expected likelihood ratio of the right model to the wrong one.
 
-The truth is simulated, and the other model refitted to it: servo gains (damping answers what viscous friction does), the
-effect and the URDF's errors, of the size that the null distribution gives them. What it cannot answer counts, in sensor noises.
+One model is the ground truth and is simulated. The other model is refitted to it: servo gains (damping can imitate
+viscous friction), the effect, and the URDF's errors with the prior of the null distribution. The difference that
+remains counts, in units of sensor noise.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.data import UrdfError
 from embodiedreamer_gym.simulation import simulate_sets
 
-SETTLING = 2.0  # s at the first command, after which a motion begins
-LONGEST_STEP = 3.0  # scaled units, of one parameter in one step
-SHARES = (1.0, 0.5, 0.2, 0.05)  # of a step that are tried
+SETTLING = 2.0  # s at rest at the first command before a motion begins
+LONGEST_STEP = 3.0  # scaled units, largest change of a parameter in one step
+SHARES = (1.0, 0.5, 0.2, 0.05)  # shares of a step that are tried
 ITERATIONS = 4
-ENOUGH = 0.02  # relative fall below which a refit has ended
+ENOUGH = 0.02  # relative fall of the cost below which a refit ends
 
 
 def simulated(model: RobotModel, motions: Sequence[CandidateMotion], sigma: np.ndarray) -> list[Recording]:
-    """What a model does on motions, from where it rests at their first command, with sensors of noise sigma (n,)."""
+    """Simulations of a model on motions, starting at rest at their first command; sigma (n,): sensor noise."""
     first, still = motions[0].command[:1], np.arange(0.0, SETTLING, 1 / COMMAND_HZ)
     pause = blank(model, "pause", still, np.repeat(first, len(still), axis=0), sigma)
     rest = simulate_sets(model, [pause])[0].position[0, -1:]
@@ -38,13 +39,13 @@ def simulated(model: RobotModel, motions: Sequence[CandidateMotion], sigma: np.n
 
 
 def difference(one: Sequence[Recording], other: Sequence[Recording]) -> np.ndarray:
-    """2 x difference of log-likelihood (K, n) of two models' runs of the same motions at each joint, neither refitted."""
+    """2 x difference of log-likelihood (K, n) between two models' runs of K motions, at each joint, without a refit."""
     squares = [np.sum(((a.position - b.position) / a.sigma) ** 2, axis=0) for a, b in zip(one, other, strict=True)]
     return np.array([independent(log) for log in one])[:, None] * squares
 
 
 def after_one_step(truths: Sequence[Recording], other: RobotModel) -> np.ndarray:
-    """Expected 2 x difference of log-likelihood (K, n) on each motion, the other model refitted by one step, linearly."""
+    """Expected 2 x difference of log-likelihood (K, n) on each motion, after one linear refitting step of the other."""
     problem = _problem(other, truths)
     r, jacobian = problem.jacobian(problem.start)
     ratios = []
@@ -57,7 +58,7 @@ def after_one_step(truths: Sequence[Recording], other: RobotModel) -> np.ndarray
 
 
 def after_refit(truth: Recording, other: RobotModel) -> np.ndarray:
-    """Expected 2 x difference of log-likelihood (n,) on one motion, the other model refitted to the end."""
+    """Expected 2 x difference of log-likelihood (n,) on one motion after refitting the other model to convergence."""
     problem, share = _problem(other, [truth]), independent(truth)
     x, ratios = problem.start, np.full(other.n, np.inf)
     for _ in range(ITERATIONS):
@@ -78,7 +79,7 @@ def independent(log: Recording) -> float:
 
 
 def _problem(model: RobotModel, logs: Sequence[Recording]) -> Problem:
-    """The refit of a model, with the errors of the URDF beside its own free parameters."""
+    """The refit of a model: its own free parameters and the errors of the URDF."""
     groups = tuple(dict.fromkeys(row.key.group for row in free_rows(model)))
     if not model.has_effect(InertialError):
         model = model.with_(urdf_error=UrdfError(mass=MASS, centre=CENTRE)).with_effect(InertialError)
@@ -87,7 +88,7 @@ def _problem(model: RobotModel, logs: Sequence[Recording]) -> Problem:
 
 
 def _by_joint(problem: Problem, x: np.ndarray, r: np.ndarray, joint_of: np.ndarray, share: float) -> np.ndarray:
-    """Cost (n,) of residuals at scaled parameters (m,): each joint's own, and an equal part of the prior's."""
+    """Cost (n,) of residuals at scaled parameters (m,): each joint's own cost and an equal part of the prior's."""
     prior = float(np.sum(problem.prior * x**2))
     return share * np.bincount(joint_of, r**2, minlength=problem.model.n) + prior / problem.model.n
 

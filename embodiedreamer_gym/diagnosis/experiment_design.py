@@ -1,4 +1,4 @@
-"""Experiment design: of many motions that the robot may make, the one on which two effects differ most."""
+"""Experiment design: among many motions that the robot can execute, find the one on which two effects differ most."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from embodiedreamer_gym.recordings import Recording, Recordings
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.simulation import simulate
 
-FURTHER = 4  # motions on which the second model is refitted by one step, beside the best of each kind
-REFITTED = 2  # motions on which it is refitted to the end
-DECISIVE = 25.0  # 2 x difference of log-likelihood; two standard deviations (2 x its root each) below, odds are 10 to 1
-NOISE = 5e-4  # of a joint's sensor without recordings, in its unit
-TRAINING = ("multisine", "teleoperation")  # motions to which the second effect is fitted, without recordings
+FURTHER = 4  # motions on which the second model is refitted by one step, besides the best of each kind
+REFITTED = 2  # motions on which it is refitted to convergence
+DECISIVE = 25.0  # 2 x difference of log-likelihood; two sd (sd: 2 x its root) below it, the odds are still 10 to 1
+NOISE = 5e-4  # sensor noise of a joint if there are no recordings, in its unit
+TRAINING = ("multisine", "teleoperation")  # motions to fit the second effect to, without recordings
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A model taken for the truth, and one with the other effect, which is refitted to it.
+    """A model that is taken as the ground truth, and a model with the other effect, which is refitted to it.
 
-    single: whether the effect may act on one joint alone; a motion has to show it wherever it is then.
+    single: whether the effect can act on one joint only; then a motion has to show it at every joint.
     """
 
     true: RobotModel
@@ -48,7 +48,10 @@ class Pair:
     single: bool
 
     def clarity(self, ratios: np.ndarray) -> np.ndarray:
-        """How clearly motions decide that differ by 2 x log-likelihood (..., n) at the joints; each joint counts less the clearer it is."""
+        """How clearly motions decide, from 2 x differences of log-likelihood (..., n) at the joints.
+
+        The logarithm gives joints with large differences less weight.
+        """
         return np.log1p(ratios).mean(axis=-1) if self.single else np.log1p(ratios.sum(axis=-1))
 
 
@@ -61,13 +64,14 @@ class Proposal:
     kind: of the motion, a name in `MOTIONS`.
     time: (T,), s.
     command: (T, n) in the joints' units; begins and ends at rest.
-    separation: mean square difference of the two models on it, in sensor noises, after the second was fitted to it too.
+    separation: mean square difference of the two models on it, in units of sensor noise, after a refit of the second.
     ranking: (kind, separation) of the best candidates.
-    log_likelihoods: expected 2 x difference of log-likelihood between the two, the wrong one fitted to it too, of the ranking.
-    by_joint: (n,) of it at each joint, of the proposed motion.
+    log_likelihoods: expected 2 x difference of log-likelihood of the two for each candidate of the ranking, after a
+        refit of the wrong one.
+    by_joint: (n,) the same at each joint for the proposed motion.
     clearance: least distance to the table, the other arm and the arm itself, m.
     speed, acceleration: (n,) peaks of the commands, per s and s^2.
-    models: the two fitted models that it separates least, the first of them taken for the truth.
+    models: the two fitted models that the motion separates least; the first is taken as the ground truth.
     """
 
     effects: tuple[str, str]
@@ -86,12 +90,12 @@ class Proposal:
 
     @property
     def log_likelihood(self) -> float:
-        """Expected 2 x difference of log-likelihood between the two effects on it."""
+        """Expected 2 x difference of log-likelihood between the two effects on the proposed motion."""
         return self.log_likelihoods[0]
 
     @property
     def decides(self) -> bool:
-        """Whether it is expected to show which of the two it is, at odds of ten to one or more."""
+        """Whether the motion is expected to decide between the two effects, at odds of at least ten to one."""
         return self.log_likelihood > DECISIVE
 
     def as_dict(self) -> dict:
@@ -152,16 +156,16 @@ def propose_motion(
 
     model: without the two effects.
     effects: names of the two.
-    recordings: that both effects must explain.
+    recordings: recordings that both effects must explain.
     seconds: length of the motion before it is slowed down.
-    speed: share of the joints' limits.
+    speed: share of the joints' speed limits.
     acceleration: rad/s^2 (of a gripper: strokes).
     reach: rad to either side of the centre.
     centre: (n,); default: the middle of the recorded or allowed range.
-    table: its height in the URDF's root frame, m.
+    table: height of the table in the URDF's root frame, m.
     seed: of the drawn motions.
     progress: is called as the work advances.
-    Raises: CalibrationError for effects that are the same or already in the model, ModelError where no motion is safe.
+    Raises: CalibrationError for effects that are the same or already in the model, ModelError if no motion is safe.
     Source: Atkinson and Fedorov, Biometrika 62 (1975), T-optimal designs.
     """
     rng, progress = np.random.default_rng(0 if seed is None else seed), progress_or_silence(progress)
@@ -189,9 +193,10 @@ def propose_motion(
 def _judged(
     pairs: Sequence[Pair], motions: Sequence[CandidateMotion], sigma: np.ndarray, progress: ProgressCallback
 ) -> list[tuple[CandidateMotion, Pair, np.ndarray]]:  # fmt: skip
-    """The best motions, the pair each separates least, and its expected 2 x difference of log-likelihood (n,), best first.
+    """The best motions, best first, each with the pair that it separates least and its expected likelihood ratios (n,).
 
-    On those where the models differ most, of each kind and in all, the second is refitted by one step; on the best to the end.
+    A likelihood ratio is 2 x the difference of log-likelihood. The second model is refitted by one step on the motions
+    on which the models differ most (of each kind, and overall), and to convergence on the best of these.
     """
     progress("comparing motions", 0, 3)
     runs = {id(model): simulated(model, motions, sigma) for pair in pairs for model in (pair.true, pair.other)}
@@ -214,12 +219,12 @@ def _judged(
 
 
 def _per_sample(motion: CandidateMotion, ratio: float) -> float:
-    """Mean square difference in sensor noises that makes a 2 x difference of log-likelihood on a motion."""
+    """Mean square difference, in units of sensor noise, for a 2 x difference of log-likelihood on a motion."""
     return ratio * COMMAND_HZ * CORRELATED / motion.command.size
 
 
 def _fitted(model, effects, recordings, span: Span, rng, progress: ProgressCallback) -> list[Pair]:
-    """Pairs of a true model with one effect and one with the other that imitates it, fitted to the same motion."""
+    """Pairs of a ground-truth model with one effect and an imitation with the other, fitted to the same motion."""
     catalogue, logs = model.catalogue, Recordings(recordings) if recordings else None
     names = [(true, other) for true, other in (effects, effects[::-1]) if true not in catalogue[other].generalises]
     fitted = {name: add_effect(model, name, logs, logs, progress).after.model for name in effects} if logs else {}
@@ -231,7 +236,7 @@ def _fitted(model, effects, recordings, span: Span, rng, progress: ProgressCallb
 
 
 def _imitation(model: RobotModel, true_name: str, other: str, span: Span, rng, progress: ProgressCallback) -> tuple[RobotModel, RobotModel]:  # fmt: skip
-    """The model with an effect of its typical size, and with another one fitted to what the first does."""
+    """The model with an effect of typical size, and the model with another effect fitted to motions of the first."""
     true = model.with_effect(true_name)
     values: dict[ParameterKey, dict[str, float]] = {}
     for row in true.parameters().of_effect(true_name):

@@ -1,7 +1,7 @@
-"""How much of an effort's error is explainable at all: what a general regression predicts of it on held-out motion.
+"""How much of an effort's error any law could explain: the part that a general regression predicts on held-out motion.
 
-An effect whose law is only nearly right leaves an error; so does everything that no law of one joint explains, such as
-contact, cables and vibration. The regression tells the two apart. It names nothing.
+An effect whose law is only nearly right leaves an error, and so does everything that no law of one joint explains, such
+as contact, cables and vibration. The regression distinguishes the two. It names no effect.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from embodiedreamer_gym.robot import RobotModel
 
 FEATURES = 300  # random Fourier features
 BANDWIDTH = 0.7  # of their frequencies, relative to one over each signal's standard deviation
-SPEEDS = (0.03, 0.1, 0.3)  # at which a friction-like step is smooth, relative to the joint's rms speed
+SPEEDS = (0.03, 0.1, 0.3)  # widths of smooth steps at zero speed (friction), relative to the joint's rms speed
 RIDGES = (0.1, 1.0, 10.0, 100.0, 1000.0)
 FOLDS = 6  # consecutive pieces of the training motion
-FEWEST = 200  # samples of a joint from which a regression is tried
+FEWEST = 200  # least number of samples of a joint for a regression
 
 
 def explainable_chi2(model: RobotModel, train: Sequence[Recording], test: Sequence[Recording]) -> np.ndarray:
-    """Held-out mean square (n,), in sensor noises, that a regression of each joint's effort error leaves.
+    """Held-out mean square residual (n,), in units of sensor noise, of a regression of each joint's effort error.
 
-    The error of each joint is predicted from that joint's position, velocity, acceleration and torque, by ridge regression on
-    random Fourier features (Rahimi and Recht, NIPS 2007); the ridge is chosen by cross-validation over pieces of time.
-    A joint that the regression does not help keeps its error.
+    The error of each joint is predicted from that joint's position, velocity, acceleration and torque, by ridge
+    regression on random Fourier features (Rahimi and Recht, NIPS 2007); the ridge is chosen by cross-validation over
+    pieces of time. If the regression does not help a joint, its error is returned unchanged.
     """
     learn, judge = (_errors(model, part) for part in (train, test))
     rng = np.random.default_rng(0)
@@ -48,7 +48,7 @@ def explainable_chi2(model: RobotModel, train: Sequence[Recording], test: Sequen
 
 
 def _errors(model: RobotModel, recordings: Sequence[Recording]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Of each joint: signals (N, 4) and errors (N,) in sensor noises of the usable samples."""
+    """For each joint, signals (N, 4) and errors (N,) in units of sensor noise at the usable samples."""
     compared = Signals(model, recordings)
     runs = compared.runs(model)
     errors = [error[0] / compared.sigma for error in compared.errors(runs)]
@@ -84,12 +84,15 @@ def _best_ridge(x: np.ndarray, y: np.ndarray) -> float:
 
 
 def least_ridge_error(x: np.ndarray, y: np.ndarray, fold: np.ndarray) -> float:
-    """Least sum of squares, over ridges, of y (N,) predicted from x (N, F) where each fold (N,) is left out in turn."""
+    """Least cross-validated sum of squared errors, over ridges, of a regression of y (N,) on x (N, F).
+
+    fold (N,): fold of each sample.
+    """
     return float(np.min(_ridge_errors(x, y, fold)))
 
 
 def _ridge_errors(x: np.ndarray, y: np.ndarray, fold: np.ndarray) -> np.ndarray:
-    """Sum of squares of the folds that were left out, for each ridge."""
+    """Cross-validated sum of squared errors for each ridge."""
     normal, target = x.T @ x, x.T @ y
     errors = np.zeros(len(RIDGES))
     for k in np.unique(fold):

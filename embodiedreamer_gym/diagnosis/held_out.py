@@ -1,4 +1,4 @@
-"""Errors of a model on held-out recordings, by which effects are compared."""
+"""Errors of a model on held-out recordings, which are used to compare effects."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ BLOCKS = 24  # pieces of held-out time from which the spread of a difference is 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Errors of one model on recordings, held out ones or those that it was fitted to.
+    """Errors of one model on held-out recordings or on the recordings that it was fitted to.
 
-    chi2 (n,): mean square residual of each joint in sensor noises; sigma (n,): that noise, in the joint's unit, which for
-    efforts depends on the model's inertia; blocks (pieces, n), counts (pieces, n): sums of squares and samples of consecutive
-    pieces of time.
+    chi2 (n,): mean square residual of each joint in units of sensor noise; sigma (n,): sensor noise in the joint's unit
+    (for efforts, it depends on the model's inertia); blocks (pieces, n), counts (pieces, n): sums of squares and
+    numbers of samples of consecutive pieces of time.
     """
 
     chi2: np.ndarray
@@ -40,23 +40,23 @@ class HeldOut:
 
     @property
     def score(self) -> float:
-        """Sum over joints of the logarithm of the mean square error; below the noise nothing counts."""
+        """Sum over joints of the logarithm of the mean square error; each error counts at least as the noise."""
         return score(self.chi2, self.sigma)
 
 
 def score(chi2: np.ndarray, sigma: np.ndarray) -> float:
-    """Sum over joints of the logarithm of the mean square error, chi2 (n,) in units of sigma (n,), each at least the noise."""
+    """Sum over joints of the logarithm of the mean square error chi2 (n,) x sigma (n,)^2, each at least the noise."""
     return float(np.sum(np.log(np.maximum(chi2, 1.0) * sigma**2)))
 
 
 def evaluate(model: RobotModel, recordings: Sequence[Recording], hold: str | None = None) -> HeldOut:
-    """Run the recordings and sum up the errors of their usable samples."""
+    """Simulate the recordings and summarise the errors of their usable samples."""
     signals = Signals(model, recordings)
     return summarise_errors(signals, signals.residuals(model, hold=hold)[0])
 
 
 def summarise_errors(signals: Signals, residuals: np.ndarray) -> HeldOut:
-    """Errors of residuals (N,) in sensor noises, of the usable samples of each recording."""
+    """Summarise residuals (N,), in units of sensor noise, of the usable samples of each recording."""
     pieces = max(2, BLOCKS // len(signals.recordings))
     blocks, counts, begin = [], [], 0
     for usable in signals.usable:
@@ -73,13 +73,13 @@ def summarise_errors(signals: Signals, residuals: np.ndarray) -> HeldOut:
 
 
 def pooled(one: HeldOut, other: HeldOut) -> HeldOut:
-    """Errors of one model on the recordings of both."""
+    """Errors of one model on both sets of recordings."""
     blocks, counts = np.concatenate([one.blocks, other.blocks]), np.concatenate([one.counts, other.counts])
     return HeldOut(blocks.sum(axis=0) / np.maximum(counts.sum(axis=0), 1), other.sigma, blocks, counts)
 
 
 def gain(before: HeldOut, after: HeldOut) -> tuple[float, float]:
-    """Fall of the score and its standard error, by a jackknife over pieces of the same held-out time."""
+    """Fall of the score and its standard error, by a jackknife over the pieces of held-out time."""
     fall = before.score - after.score
     pieces = len(before.blocks)
     counts = before.counts.sum(axis=0) - before.counts

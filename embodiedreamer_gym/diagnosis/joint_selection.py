@@ -1,7 +1,7 @@
-"""Joint selection: the joints on which an effect differs from off by more than its uncertainty.
+"""Joint selection: find the joints on which an effect differs from off by more than its uncertainty.
 
-The effect is fitted on all joints, to all recordings, with the robot's errors beside; a wrong mass bends an effect's
-parameters on joints that do not have it, and residuals alone do not show that.
+The effect is fitted on all joints and to all recordings, together with nuisance parameters of the robot. A wrong mass
+changes an effect's parameters on joints without the effect, and the residuals alone do not show that.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy  # loads its parts when they are used
+import scipy  # loads its submodules when they are used
 
 from embodiedreamer_gym.diagnosis.candidates import ITERATIONS, TOLERANCE, Candidate
 from embodiedreamer_gym.diagnosis.effect_starts import is_limit
@@ -25,13 +25,13 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
-CHANCE = 0.0027  # of a joint without the effect to be kept: that of three standard deviations
+CHANCE = 0.0027  # p-value below which a joint keeps the effect: that of three standard deviations
 
 
 def select_joints(candidate: Candidate, train: Sequence[Recording], test: Sequence[Recording]) -> Candidate:
-    """Keep an effect only on the joints that show it, and fit all parameters again; one of arms stays as it is.
+    """Keep an effect only on the joints that show it, and fit all parameters again.
 
-    A joint where that fit ends with the effect off is left out too.
+    An effect per arm is returned unchanged. A joint where the new fit ends with the effect off is left out too.
     """
     kind = candidate.kind
     if all(p.per == "arm" for p in kind.parameters):
@@ -57,12 +57,13 @@ def select_joints(candidate: Candidate, train: Sequence[Recording], test: Sequen
 
 
 def significance(kind: type[Effect], problem: Problem, fit: Fit) -> dict[str, float]:
-    """Joint (or arm) -> the chance that an effect of a fit that is off there comes out as far from off as it does.
+    """Joint (or arm) -> p-value: the probability of a fit as far from off, if the effect is off there.
 
-    By the squared distance from off in units of the estimate's covariance (Wald's test), and by what a fit without the effect
-    there leaves; the larger chance counts, because covariances are those of a law that is linear up to off. Where a parameter
-    has no covariance, as on a bound, or is a limit, whose off is infinitely far, by the latter alone. Of what is left shapes
-    count as degrees of freedom too: they were fitted, and mean nothing where the effect is off (Davies, Biometrika 64, 1977).
+    The p-value is the larger of two. The first is that of Wald's test: the squared distance from off in units of the
+    estimate's covariance, which assumes that the law is linear up to off. The second comes from the residuals of a fit
+    without the effect there. Only the second is used if a parameter has no covariance, such as on a bound, or is a
+    limit, whose off is infinitely far away. In the second test, shapes count as degrees of freedom too: they were
+    fitted, and have no meaning if the effect is off (Davies, Biometrika 64, 1977).
     """
     uncertainty = spread(problem, fit.x, fit.residuals * fit.weight, fit.jacobian * fit.weight[:, None])
     off = _off(problem)
@@ -84,7 +85,7 @@ def significance(kind: type[Effect], problem: Problem, fit: Fit) -> dict[str, fl
 
 
 def _off(problem: Problem) -> np.ndarray:
-    """Scaled parameters (m,) where every effect is off."""
+    """Scaled parameters (m,) with every effect off."""
     return problem.scale(np.array([row.value if row.off is None else row.off for row in problem.rows]))
 
 
@@ -96,10 +97,10 @@ def _differing(kind: type[Effect], problem: Problem, x: np.ndarray, place: str) 
 
 
 def _evidence(problem: Problem, fit: Fit, own: list[int], off: np.ndarray) -> float:
-    """2 x fall of the log-likelihood when some parameters (rows `own`) are off and the others are refitted, linearly.
+    """2 x fall of the log-likelihood if some parameters (rows `own`) are off and the others are refitted, linearly.
 
-    What the residuals cannot answer is a direction in which they were measured, its variance that of coloured residuals;
-    and the robot's errors move away from what is known beforehand.
+    Let d be the change of the residuals that the refit cannot compensate. The fall is the squared length of d relative
+    to the variance of autocorrelated residuals along d, plus the rise of the prior cost of the nuisance parameters.
     """
     trial = fit.x.copy()
     trial[own] = off[own]
@@ -122,20 +123,21 @@ def _effect(model: RobotModel, kind: type[Effect]) -> Effect:
 
 
 def _only(effect: Effect, joints: set[str]) -> Effect:
-    """The effect on some of its joints."""
+    """The effect restricted to some joints."""
     values = {name: {j: v for j, v in own.items() if j in joints} for name, own in effect.values.items()}
     return type(effect)(**values)
 
 
 def _with(model: RobotModel, effect: Effect) -> RobotModel:
-    """The model with another effect of the same name in its place."""
+    """The model with its effect of the same name replaced by this one."""
     return model.with_(effects=(*(e for e in model.effects if e.name != effect.name), effect))
 
 
 def _on_all_joints(model: RobotModel, effect: Effect, problem: Problem) -> Effect:
-    """The effect on all joints: off where it was not, but a limit at the largest value seen, where it begins to show.
+    """The effect on all joints; on new joints it is off.
 
-    Its shapes are there as they are on the others in the median.
+    There, a limit starts at the largest value seen, where it begins to act, and a shape at the median of the other
+    joints.
     """
     values = {}
     for p in effect.parameters:

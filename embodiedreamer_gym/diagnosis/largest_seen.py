@@ -1,4 +1,4 @@
-"""The largest speeds, accelerations and torques of recordings: near them a limit begins to show."""
+"""Largest speeds, accelerations and torques in recordings; limits near these values begin to act."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import run_sets
 
-SLOPE = 0.1  # s, over which a slope is taken to find the largest acceleration
+SLOPE = 0.1  # s, length of the slopes from which the largest acceleration is computed
 
 
 def largest_seen(unit: str, model: RobotModel, problem: Problem) -> np.ndarray:
-    """Largest value (n,) seen of what a limit in this unit holds down."""
+    """Largest value (n,) seen of the quantity that a limit in this unit restricts."""
     if unit == "N m":
         return _top_torque(model, problem)
     return _top_acceleration(problem.recordings) if unit == "rad/s^2" else _top_speed(problem.recordings)

@@ -1,4 +1,4 @@
-"""Limits in a fit: scanned where the fit does not reach them, and switched off where the motion does not need them."""
+"""Limits in a fit: scan those that the fit does not reach, and switch off those that the motion does not need."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ SCANNED = np.geomspace(0.4, 3.0, 16)  # sizes of a limit, relative to the larges
 def limit_starts(problem: Problem, x: np.ndarray, stuck: np.ndarray) -> Starts | None:
     """Starts at the parameters x (m,) of a fit, with each limit of its effects at many sizes; None without a limit.
 
-    A limit that the fit does not reach does not change its cost, so that no derivative leads to the size at which it does.
-    stuck (n,) bool: joints whose limits are changed; the others would disturb them.
+    A limit that the fit does not reach does not change its cost, so no derivative leads to the right size.
+    stuck (n,) bool: joints whose limits are changed; changes on the others would disturb them.
     """
     model = problem.model_at(x)
     fitted = fitted_values(model)
@@ -34,9 +34,9 @@ def limit_starts(problem: Problem, x: np.ndarray, stuck: np.ndarray) -> Starts |
 
 
 def release_limits(problem: Problem, fit: Fit) -> Fit:
-    """The fit with limits off without which the recordings are as likely, by the Akaike information criterion.
+    """The fit with all limits switched off that it does not need, by the Akaike information criterion.
 
-    The size of a limit that the motion does not reach is arbitrary, and faster motion may be beyond it.
+    The size of a limit that the motion does not reach is arbitrary, and faster motion might reach it.
     """
     limits = _limits(problem.model)
     rows = [i for i, row in enumerate(problem.rows) if row.key.group in limits and fit.x[i] < problem.upper[i] - 1e-9]
@@ -56,7 +56,7 @@ def release_limits(problem: Problem, fit: Fit) -> Fit:
 
 
 def _limits(model: RobotModel) -> dict[ParameterKey, Parameter]:
-    """Limits of the joints among a model's effects."""
+    """Limits of single joints among a model's effects."""
     return {
         ParameterKey(p.name, e.name): p for e in model.effects for p in e.parameters if p.is_limit and p.per == "joint"
     }

@@ -11,15 +11,16 @@ def next_question(
     verdict: str, effects: Sequence[str], ranking: Sequence[str], unobservable: Sequence[str],
     catalogue: Mapping[str, type[Effect]], asked: tuple[str, str] | None = None,
 ) -> tuple[str, str] | None:  # fmt: skip
-    """The two effects that a further motion has to distinguish, None where the verdict stands.
+    """The two effects that a further motion has to distinguish, None if the verdict needs no further motion.
 
-    Those of a tie; a named effect and one that it may be confused with, if these recordings cannot show that one; where
-    nothing is named, the two that explain most, or else the likeliest of those that cannot be seen and its like.
+    For a tie, these are its effects. For a named effect, they are that effect and one that it may be confused with, if
+    these recordings cannot show the latter. If no effect is named, they are the two that explain most, or else the most
+    likely unobservable effect and one that it may be confused with.
 
-    verdict, effects, unobservable: of a `Diagnosis`, unobservable with the likeliest first.
+    verdict, effects, unobservable: of a `Diagnosis`; the most likely come first in `unobservable`.
     ranking: effects that were refitted, best first.
-    catalogue: that was searched.
-    asked: the two that a user wants told apart, which come before what nothing speaks for.
+    catalogue: the effects that were searched.
+    asked: two effects that the user wants to distinguish; they are preferred to pairs that no result supports.
     """
     if verdict == "ambiguous":
         return effects[0], effects[1]

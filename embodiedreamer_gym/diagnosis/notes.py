@@ -1,4 +1,4 @@
-"""What has to be known before a verdict is read: of the URDF and the recordings' times."""
+"""Notes on the URDF and on the recordings' times that matter for reading a verdict."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from embodiedreamer_gym.robot.urdf_notes import urdf_notes
 
 
 def notes_on(model: RobotModel, recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Sentences on model and recordings that a diagnosis begins with; none where nothing is out of the ordinary.
+    """Notes on model and recordings that a diagnosis begins with; empty if nothing is unusual.
 
-    A URDF that was moved away after the model was loaded is not described.
+    There are no notes on a URDF that was moved after the model was loaded.
     """
     notes: tuple[str, ...] = ()
     with suppress(ModelError):

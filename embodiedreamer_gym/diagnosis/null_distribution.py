@@ -1,10 +1,11 @@
-"""Null distribution: held-out errors of faultless robots, whose masses and centres of mass differ a little from the URDF.
+"""Null distribution: held-out errors of faultless robots with masses and centres of mass slightly off the URDF's.
 
-No fitted parameter absorbs that, so a chi-square table would reject almost every faultless robot. Viscous friction is wrong too: a
-servo's damping makes up for it, but not where a drive is at its limit. The residuals of such a robot are drawn from the
-linearised model: r = J_m m + J_p p, with p the change of a calibration in response to m, beside the sensor's noise, whose
-size is only estimated. The derivatives are slopes over changes as large as those of such robots: a law that jumps, as a gap
-of teeth does, has no derivative, and a slope over a much shorter step would be far too steep.
+No fitted parameter absorbs these errors of the URDF, so a chi-square table would reject almost every faultless robot.
+Viscous friction is wrong too: a servo's damping compensates for it, but not if a drive is at its limit. The residuals
+of such a robot are drawn from the linearised model: r = J_m m + J_p p, with p the response of a calibration to m, plus
+the noise of the sensors, whose size is only estimated. The derivatives are slopes over changes as large as those of
+such robots: a law that jumps, such as backlash, has no derivative, and a slope over a much shorter step would be far
+too steep.
 """
 
 from __future__ import annotations
@@ -23,25 +24,25 @@ from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
 MASS = 0.02  # relative standard deviation of a link's mass
 CENTRE = 0.0025  # m, of each coordinate of its centre of mass
-SENSOR = 0.15  # least relative sd of the sensor's variance as it is estimated from logs
-COMMON = 0.15  # the like, shared by all joints: of efforts, whose noise is that of a smoothed motion's acceleration
-FIRST_STATE = 0.02  # of a sensor's variance: the first state of a run is measured, not known
+SENSOR = 0.15  # least relative sd of the estimate of a sensor's variance
+COMMON = 0.15  # the same, shared by all joints, for efforts: their noise is that of a smoothed motion's acceleration
+FIRST_STATE = 0.02  # share of a sensor's variance, added because the first state of a run is measured and not exact
 DRAWS = 2000
 GROUPS = tuple(ParameterKey(name, InertialError.name) for name in ("mass", "x", "y", "z"))
 VISCOUS_FRICTION = ParameterKey("viscous_friction")
-ANSWER = 0.02  # change of a parameter, in scaled units, by which a calibration answers wrong masses
-VISCOUS = 0.5  # standard deviation of a joint's viscous friction, relative to it or to what is slight
-TRAVEL = 20.0  # sensor noises, from which a joint counts as moving
-LEAST_SPREAD = 0.3  # of a joint's log chi2: the accuracy to which a sensor's noise is known
+ANSWER = 0.02  # step, in scaled units, of the derivatives by which a calibration responds to wrong masses
+VISCOUS = 0.5  # sd of a joint's viscous friction, relative to its value or to a small default
+TRAVEL = 20.0  # travel, in units of sensor noise, above which a joint counts as moving
+LEAST_SPREAD = 0.3  # least spread of a joint's log chi2: the accuracy to which a sensor's noise is known
 
 
 @dataclass(frozen=True, eq=False)
 class NullDistribution:
     """Faultless robots with wrong masses, after calibration.
 
-    chi2, trained_chi2: (draws, n), on held-out motion and on the motion that was fitted; the same robot in each row.
-    moves: (n,), joints that the fitted motion moves far beyond their noise.
-    rollouts: how many were spent.
+    chi2, trained_chi2: (draws, n), on held-out motion and on the fitted motion; the same robot in each row.
+    moves: (n,), whether the fitted motion moves a joint far beyond its noise.
+    rollouts: number of rollouts that were needed.
     """
 
     chi2: np.ndarray
@@ -50,11 +51,12 @@ class NullDistribution:
     rollouts: int
 
     def p_value(self, chi2: np.ndarray, trained_chi2: np.ndarray) -> float:
-        """Share of faultless robots as bad as a robot's chi2 (n,) held out, and on the motion that was fitted.
+        """Share of faultless robots that are as bad as a robot with this chi2 (n,) on held-out and on fitted motion.
 
-        Three tests: the sum over joints held out, the worst joint held out, the worst joint on the fitted motion. The
-        smallest share, times three; never zero (Davison and Hinkley 1997, eq. 4.11).
-        The worst joint is the one whose log chi2 stands out most, in its own distance from median to 95 %.
+        Three tests: the sum over joints on held-out motion, the worst joint on held-out motion, and the worst joint on
+        the fitted motion. The result is the smallest share times three; it is never zero (Davison and Hinkley 1997, eq.
+        4.11). The worst joint is the one with the highest log chi2 above the median, in units of its distance from
+        median to 95 %.
         """
         total, worst = _total_and_worst(self.chi2, chi2)
         tests = [total, worst]
@@ -64,9 +66,10 @@ class NullDistribution:
         return float(min(1.0, len(shares) * min(shares)))
 
     def excess(self, chi2: np.ndarray, trained_chi2: np.ndarray) -> float:
-        """Worst chi2 (n,) of a joint on either motion over what 95 % of faultless robots have at most.
+        """Worst chi2 (n,) of a joint on either motion, relative to the 95 % quantile of faultless robots.
 
-        Each joint's chi2 counts relative to its own 95 % quantile; one is the 95 % quantile of the worst.
+        The chi2 of each joint is divided by its own 95 % quantile. A result of one is the 95 % quantile of the worst
+        joint.
         """
         most, trained_most = np.quantile(self.chi2, 0.95, axis=0), np.quantile(self.trained_chi2, 0.95, axis=0)
         drawn = np.hstack([self.chi2 / most, (self.trained_chi2 / trained_most)[:, self.moves]])
@@ -75,7 +78,7 @@ class NullDistribution:
 
 
 def _total_and_worst(draws: np.ndarray, chi2: np.ndarray) -> list[tuple[np.ndarray, float]]:
-    """Sum over joints and worst joint of the log chi2, of draws (draws, n) and of one robot (n,)."""
+    """Sum over joints and worst joint of the log chi2, for draws (draws, n) and for one robot (n,)."""
     drawn, observed = np.log(np.maximum(draws, 1.0)), np.log(np.maximum(chi2, 1.0))
     middle, high = np.quantile(drawn, (0.5, 0.95), axis=0)
     spread = np.maximum(high - middle, LEAST_SPREAD)
@@ -86,7 +89,7 @@ def _total_and_worst(draws: np.ndarray, chi2: np.ndarray) -> list[tuple[np.ndarr
 def draw_null(
     model: RobotModel, fit: Fit, problem: Problem, test: Sequence[Recording], rng: np.random.Generator
 ) -> NullDistribution:  # fmt: skip
-    """Draw faultless robots like a calibrated model and score them on the held-out recordings and on the fitted ones."""
+    """Draw faultless robots like a calibrated model, and compute their chi2 on held-out and on fitted recordings."""
     if model.has_effect(InertialError):
         return _estimated_masses(model, fit, problem, test, rng)
     perturbed = model.with_effect(InertialError)
@@ -111,7 +114,7 @@ def draw_null(
 def _estimated_masses(
     model: RobotModel, fit: Fit, problem: Problem, test: Sequence[Recording], rng: np.random.Generator
 ) -> NullDistribution:  # fmt: skip
-    """Robots whose masses the fit has estimated: what is left is how well the training motion determines all parameters."""
+    """Null distribution if the fit estimates the masses: errors come from the uncertainty of all parameters."""
     judged = Problem(model, test, tuple({row.key.group for row in problem.rows}), problem.hold)
     response = judged.jacobian(np.clip(fit.x, judged.lower, judged.upper))[1]
     information = problem.independent * fit.jacobian.T @ fit.jacobian + np.diag(problem.prior)
@@ -124,7 +127,7 @@ def _estimated_masses(
 
 
 def _left(draws: np.ndarray, response: np.ndarray, problem: Problem) -> np.ndarray:
-    """Mean square residual (draws, n) of each joint that changes (draws, m) of parameters leave."""
+    """Mean square residual (draws, n) of each joint that changes (draws, m) of the parameters cause."""
     chi2 = np.zeros((len(draws), problem.model.n))
     for j in range(problem.model.n):
         own = response[problem.joint_of == j]
@@ -136,9 +139,10 @@ def _left(draws: np.ndarray, response: np.ndarray, problem: Problem) -> np.ndarr
 def _null(
     parts: Sequence[tuple[np.ndarray, np.ndarray, Problem]], rollouts: int, rng: np.random.Generator
 ) -> NullDistribution:  # fmt: skip
-    """The distribution of what wrong parameters leave, with the sensors' noise added; held out, then of the fitted motion.
+    """Distribution of the chi2 that wrong parameters cause, with sensor noise added.
 
-    parts: draws (draws, k), their effect (N, k) on the residuals, and the problem that these are of.
+    parts: first of held-out, then of fitted motion: draws (draws, k), their effect (N, k) on the residuals, and the
+    problem.
     """
     shape = (DRAWS, parts[0][2].model.n)
     sensor = sensor_scatter([r for _, _, p in parts for r in p.recordings]) * rng.standard_normal(shape)
@@ -152,9 +156,9 @@ def _null(
 
 
 def sensor_scatter(recordings: Sequence[Recording]) -> np.ndarray:
-    """Relative sd (n,) of a sensor's variance as it is estimated, the same on all motion: that of its mean over recordings.
+    """Relative sd (n,) of the estimate of a sensor's variance, the same on all motion: that of its mean over logs.
 
-    Where a coarse encoder rests most of the time, some recordings show its noise and others do not.
+    If a coarse encoder rests most of the time, some recordings show its noise and others do not.
     """
     squares = np.array([r.sigma**2 for r in recordings])
     shown = squares > SMALLEST_SIGMA**2
@@ -165,6 +169,6 @@ def sensor_scatter(recordings: Sequence[Recording]) -> np.ndarray:
 
 
 def moving_joints(problem: Problem) -> np.ndarray:
-    """Joints (n,) that the recordings move far beyond their noise."""
+    """Whether (n,) the recordings move a joint far beyond its noise."""
     travel = np.max([np.ptp(r.position, axis=0) for r in problem.recordings], axis=0)
     return travel > TRAVEL * np.sqrt(np.mean([r.sigma**2 for r in problem.recordings], axis=0))

@@ -1,4 +1,4 @@
-"""One more effect, given by name: a calibrated model is screened and refitted with it as a diagnosis does."""
+"""Add one given effect to a calibrated model: screen it and refit the model, as a diagnosis does."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from embodiedreamer_gym.robot import RobotModel
 class Calibrated:
     """A calibrated model to which effects are added.
 
-    short, points: recordings that effects are screened on, and around which parameters; both_rules: whether refits try both
-    rules between two commands.
+    short, points: the problem on which effects are screened, and the parameters around which they are screened;
+    both_rules: whether refits try both rules between two commands.
     """
 
     calibration: Calibration
@@ -35,7 +35,7 @@ class Calibrated:
     both_rules: bool
 
     def with_effect(self, kind: type[Effect], all_joints: bool = False) -> Candidate:
-        """The model with one effect more, all parameters fitted again, on the joints that it helps or on all of them."""
+        """The model refitted with one more effect, on the joints that it helps or on all joints."""
         model = self.calibration.model
         screened = screen_effect(kind, self.points, self.short, np.ones(model.n))
         if all_joints:
@@ -47,7 +47,7 @@ class Calibrated:
 def calibrated(
     model: RobotModel, train: Sequence[Recording], test: Sequence[Recording], progress: ProgressCallback
 ) -> Calibrated:  # fmt: skip
-    """Calibrate a model, to add effects to it."""
+    """Calibrate a model to which effects will be added."""
     begun = time.perf_counter()
     problem, fit = fit_least_squares(model, train, progress=progress)
     calibration = finish(problem, fit, time.perf_counter() - begun)

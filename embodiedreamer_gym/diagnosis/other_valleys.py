@@ -1,7 +1,7 @@
-"""Other valleys of a fit: whether effects of half or of twice the size, with another damping, fit as well or better.
+"""Other local minima of a fit: effects of half and of twice the size, with other dampings of the servo.
 
-A servo that is damped more than critically answers a low-pass of its command as it would one with its own slower time constant, and
-a dead zone that is wider but jumps at its edge brakes like a narrower one: such a fit ends near the noise, and wrong.
+An overdamped servo and a low-pass of its command can exchange their time constants, and a wider dead zone that jumps at
+its edge brakes like a narrower one. Such a fit ends near the noise, but with wrong values.
 """
 
 from __future__ import annotations
@@ -24,11 +24,14 @@ from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import ParameterKey
 
 SIZES = (0.5, 2.0)  # of the effects, relative to those of a fit
-DAMPINGS = np.geomspace(0.25, 4.0, 7)  # of the servo, the like
+DAMPINGS = np.geomspace(0.25, 4.0, 7)  # of the servo, the same
 
 
 def leave_valleys(search: Search, state: SearchState, candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates; those close to the best refitted from other sizes of their effects where that is better for a joint."""
+    """The candidates, with those close to the best also fitted from other sizes of their effects.
+
+    Each joint keeps the better fit.
+    """
     start, close = state.start[0], close_to_best(candidates)
     jobs = [(c, added_effects(start, c.model), search.train, search.test) for c in close]
     left = dict(zip(map(id, close), many(best_of_sizes, jobs, search.jobs), strict=True))
@@ -39,7 +42,7 @@ def leave_valleys(search: Search, state: SearchState, candidates: Sequence[Candi
 def best_of_sizes(
     candidate: Candidate, effects: Sequence[str], train: Sequence[Recording], test: Sequence[Recording]
 ) -> Candidate:  # fmt: skip
-    """A candidate or its refit from other sizes of these effects, joint by joint the better one."""
+    """A candidate or, if better, its refit from a mixture: for each joint, the best of the fits from other sizes."""
     problem, x = candidate.problem, candidate.fit.x
     coarse = Problem(problem.model, train, hold=problem.hold, dt=COARSE)
     before = problem.rollouts
@@ -58,7 +61,7 @@ def best_of_sizes(
 def _starts(problem: Problem, x: np.ndarray, effects: Sequence[str]) -> list[np.ndarray]:
     """The parameters x (m,) with these effects at other sizes, and with their shares at 0 and at 1.
 
-    Each joint has what suits it best beside: of the sizes the servo's damping, of the shares the size.
+    Each joint has the best damping of the servo for each size, and the best size for each share.
     """
     sized = np.array([row.key.effect in effects for row in problem.rows])
     damped = np.array([row.key.group == ParameterKey("damping") for row in problem.rows])

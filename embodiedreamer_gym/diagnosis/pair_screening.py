@@ -1,4 +1,4 @@
-"""Pairs of effects: all of them scored in the linearised model."""
+"""Screening of pairs of effects: score all pairs in the linearised model."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
-MOST = 1.5  # share of a change of the residuals that the linear model may take
+MOST = 1.5  # largest multiple of a simulated change of the residuals for which the linear model is used
 
 
 @dataclass(frozen=True, eq=False)
 class ScreenedPair:
-    """Two effects, the fall of the summed log residual by both (linear), and values to begin with: group -> values."""
+    """Two effects, the fall of the summed log residual with both (linearised), and start values: group -> values."""
 
     kinds: tuple[type[Effect], type[Effect]]
     score: float
@@ -28,11 +28,11 @@ class ScreenedPair:
 def screen_pairs(
     screened: Sequence[Screened], point: LinearisationPoint, problem: Problem, floor: np.ndarray, count: int
 ) -> list[ScreenedPair]:
-    """The best pairs of screened effects, by what both together leave at each joint in the linearised model.
+    """The best pairs of screened effects, by the residual that both leave at each joint in the linearised model.
 
-    Of a joint's residual, after its own gains have answered, shares in [0, 1.5] of one size of each effect are taken off.
-    A pair in which one law contains the other is none.
-    floor (n,): root-mean-square residual, in sensor noises, below which a joint has nothing left to explain.
+    The joint's own gains are refitted first. Then one size of each effect is applied, times a factor in [0, 1.5]. Pairs
+    in which one law contains the other are left out.
+    floor (n,): root-mean-square residual, in units of sensor noise, below which a joint has nothing left to explain.
     """
     n = problem.model.n
     owner = np.concatenate([np.full(len(s.change), k) for k, s in enumerate(screened)])
@@ -80,7 +80,7 @@ def is_contained(one: type[Effect], other: type[Effect]) -> bool:
 
 
 def _two_shares(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Least sum of squares (K, K) of r (N,) plus shares of two rows of d (K, N) in bounds; the shares (K, K) of each."""
+    """Least sum of squares (K, K) of r (N,) plus bounded multiples of two rows of d (K, N); the multiples (K, K)."""
     product, answer = d @ d.T, -(d @ r)
     power = np.diag(product) + 1e-12
     p, q, u, w = power[:, None], power[None, :], answer[:, None], answer[None, :]
@@ -99,7 +99,7 @@ def _two_shares(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
 
 
 def _start(screened, members, where, first, shares, model: RobotModel) -> dict[ParameterKey, np.ndarray]:
-    """Values of both effects: at each joint the size that fits it best there; of an arm, that of its most shared joint."""
+    """Start values of both effects: the best size of each joint; of an arm, that of the joint with most share."""
     start: dict[ParameterKey, np.ndarray] = {}
     for side, k in enumerate(members):
         item = screened[k]

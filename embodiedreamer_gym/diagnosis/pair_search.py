@@ -1,4 +1,4 @@
-"""A second effect: partners of the best single ones, and the best pairs of the linearised model, refitted and compared."""
+"""Search for a second effect: refit and compare partners of single effects and pairs of the linear model."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ from embodiedreamer_gym.phys_aligner.least_squares import fit_at
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.robot import RobotModel
 
-FINALISTS = 3  # pairs that are refitted to the end
+FINALISTS = 3  # pairs that are refitted to convergence
 LINEAR = 3  # pairs of the linearised model that are refitted
-PARTNERS = 7  # of an effect that are refitted
-RIVALS = 3  # pairs with the least cost that are compared with the robot's errors beside
-WORTH = 0.01  # fall of the cost from which another round is made
+PARTNERS = 7  # partners of an effect that are refitted
+RIVALS = 3  # pairs with the least cost that are compared with nuisance parameters
+WORTH = 0.01  # fall of the cost above which another round is made
 EXCHANGES = 3  # rounds in which each effect of the best pair is exchanged
 
 
 def add_pair(
     search: Search, state: SearchState, screened: Sequence[Screened], singles: Sequence[Candidate]
 ) -> None:  # fmt: skip
-    """Replace the steps by two where a pair leaves nothing, or explains most of what one effect leaves.
+    """Replace the steps by a pair if it leaves nothing to explain or explains most of what one effect leaves.
 
-    screened: effects around the start; singles: the best single effects, by their training cost.
+    screened: effects screened around the start; singles: the best single effects, by their training cost.
     """
     base, nominal = state.start[0], next((s.nominal for s in screened), {})
     around: list[Trial] = []
@@ -77,12 +77,12 @@ def add_pair(
 
 
 def _exchange(search: Search, state: SearchState, pairs: list[Candidate], nominal: Values) -> list[Candidate]:
-    """The pairs, and those in which one effect of the best is taken out and sought anew, until that brings nothing.
+    """The pairs, and further pairs with one effect of the best pair replaced, until this no longer improves the fit.
 
-    The gains and an effect that were fitted beside another, though a wrong one, are nearer the truth than those of a fit
-    without any; around them the screening finds what is missing, and a size that a fit from afar did not reach. An effect
-    of a pair that leaves no joint above its noise is exchanged for similar ones only. The effect that the last turn found
-    beside the other one stays: it is the best there, and only the other one is sought anew.
+    Gains and an effect that were fitted together with another effect, even a wrong one, are nearer the truth than those
+    of a fit without one. Screening around them finds the missing effect, and sizes that a fit from farther away did not
+    reach. If a pair leaves no joint above its noise, its effects are replaced by similar ones only. The effect that the
+    last turn found is kept, because it is the best partner of the other one; only the other one is replaced.
     """
     best = min(pairs, key=lambda c: c.fit.cost, default=None)
     for turn in range(1, EXCHANGES + 1):
@@ -108,7 +108,7 @@ def _exchange(search: Search, state: SearchState, pairs: list[Candidate], nomina
 
 
 def _similar(search: Search, name: str) -> dict[str, type[Effect]]:
-    """Effects that one may be confused with, those that it contains and those that contain it."""
+    """Effects that a given one may be confused with, its special cases, and effects of which it is a special case."""
     kind = search.catalogue[name]
     return {n: k for n, k in search.catalogue.items() if n in kind.confused_with or is_contained(kind, k)}
 
@@ -116,7 +116,7 @@ def _similar(search: Search, name: str) -> dict[str, type[Effect]]:
 def _partners(
     state: SearchState, kind: type[Effect], model: RobotModel, screened: Sequence[Screened], nominal: Values
 ) -> list[Trial]:  # fmt: skip
-    """A second effect beside one that a model has already, the best of a screening around it."""
+    """Trials of a second effect for a model that has one: the best effects of a screening around it."""
     chosen = [s for s in screened if s.score > 0.01 and not is_contained(s.kind, kind)][:PARTNERS]
     fitted = fitted_values(model)
     trials = []
@@ -129,7 +129,7 @@ def _partners(
 def _linear_pairs(
     search: Search, state: SearchState, screened: Sequence[Screened], nominal: Values
 ) -> list[Trial]:  # fmt: skip
-    """The best pairs of the linearised model."""
+    """Trials of the best pairs of the linearised model."""
     if search.linearised is None:
         return []
     problem, point = search.linearised
@@ -146,7 +146,7 @@ def _trial(
 
 
 def _as_steps(search: Search, state: SearchState, pair: Candidate, singles: Sequence[Candidate]) -> list[Candidate]:
-    """The single effect of a pair that fits better, and the pair."""
+    """A pair as two steps: the one of its effects that fits better alone, then both."""
     names = added_effects(state.start[0], pair.model)
     own = [c for c in singles if c.kind.name in names]
     if own:

@@ -1,4 +1,4 @@
-"""How probable each fitted candidate is among the others, and what follows for effects and families of effects."""
+"""Probabilities of the fitted candidates, and of families of effects."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from embodiedreamer_gym.phys_aligner.problem import CORRELATED
 from embodiedreamer_gym.robot import RobotModel
 
 DRAWS = 400  # bootstrap samples
-FAR = 3.0  # times the sensor's mean square, in the median over joints, from which samples of one recording count as dependent
-HELPED = 0.02  # fall of a joint's log chi2 from which an effect's parameters count there
+FAR = 3.0  # median over joints of the chi2 above which samples of one recording count as dependent
+HELPED = 0.02  # fall of a joint's log chi2 above which an effect's parameters count there
 
 
 def candidate_probabilities(
@@ -23,16 +23,18 @@ def candidate_probabilities(
 ) -> np.ndarray:  # fmt: skip
     """Probability (K,) of each candidate, given that one of them is right.
 
-    Likelihoods on the fitted and on the held-out motion, with Schwarz's penalty for the parameters of each effect at the
-    joints that it helps. A joint's noise is the sensor's, or what the best candidate leaves where that is more. Averaged over
-    a Bayesian bootstrap: near the noise of blocks of time, else of whole recordings, since errors that follow the motion repeat.
-    Its weights are never zero: what is seen in one block alone, as a limit that is reached once, is in every draw.
-    Sources: Schwarz, Ann. Statist. 6(2), 1978; Waddell, Kishino and Ota, Systematic Biology 51(3), 2002 (bootstrap of model
-    weights); Rubin, Ann. Statist. 9(1), 1981 (Bayesian bootstrap).
+    Computed from the likelihoods on the fitted and on the held-out motion, with the penalty of Schwarz's criterion
+    (BIC) for the parameters of each effect at the joints that it helps. A joint's noise is the sensor noise, or the
+    residual of the best candidate if that is larger. The result is averaged over a Bayesian bootstrap, over blocks of
+    time if the errors are near the noise, else over whole recordings, because errors that follow the motion repeat. Its
+    weights are never zero: an error that occurs in one block only, such as at a limit that is reached once, is in every
+    draw.
+    Sources: Schwarz, Ann. Statist. 6(2), 1978; Waddell, Kishino and Ota, Systematic Biology 51(3), 2002 (bootstrap of
+    model weights); Rubin, Ann. Statist. 9(1), 1981 (Bayesian bootstrap).
 
     base: the model without the effects.
     before: its errors, on the fitted and on the held-out motion.
-    seconds, recordings: of the fitted and of the held-out motion.
+    seconds, recordings: duration and number of recordings of the fitted and of the held-out motion.
     rng: of the bootstrap.
     """
     log_likelihood = np.zeros((len(candidates), 0))
@@ -68,7 +70,7 @@ def _is_far(held: Sequence[HeldOut]) -> bool:
 
 
 def _parameters(base: RobotModel, before: tuple[HeldOut, HeldOut], candidate: Candidate) -> int:
-    """Parameters of the added effects at joints where they lower the error of either motion."""
+    """Number of parameters of the added effects, at joints where they lower the error of either motion."""
     after = (candidate.trained, candidate.held_out)
     fall = np.max([np.log(np.maximum(b.chi2, 1.0)) - np.log(np.maximum(a.chi2, 1.0))
                    for b, a in zip(before, after, strict=True)], axis=0)  # fmt: skip
@@ -78,7 +80,7 @@ def _parameters(base: RobotModel, before: tuple[HeldOut, HeldOut], candidate: Ca
 
 
 def family_probabilities(members: Mapping[str, float], catalogue: Mapping[str, type[Effect]]) -> dict[str, float]:
-    """Probability of each family of effects, the likeliest first; an effect without one is its own family.
+    """Probability of each family of effects, the most likely first; an effect without a family is its own family.
 
     members: effect -> probability.
     """

@@ -1,4 +1,4 @@
-"""Finished fits of a long diagnosis in a file, so that an interrupted one continues where it stopped."""
+"""File that stores the finished fits of a long diagnosis, so that an interrupted one continues where it stopped."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ HOLDS = (None, "linear", "hold")
 
 @dataclass(frozen=True, eq=False)
 class CachedFit:
-    """Where a fit ended: scaled parameters x (m,), and the rule between two commands."""
+    """Result of a fit: scaled parameters x (m,), and the rule between two commands."""
 
     x: np.ndarray
     hold: str | None
 
 
 class RefitCache:
-    """Finished fits of one diagnosis: lines {"of", "fit": name, "x": scaled parameters, "hold"}; a torn last is ignored.
+    """Finished fits of one diagnosis: lines {"of", "fit": name, "x": scaled parameters, "hold"}.
 
-    Fits of other recordings, models or catalogues in the same file are left alone: `of` identifies them. Without a
-    path nothing is kept.
-    Raises: CalibrationError where the file is not such a cache or cannot be read or written.
+    An incomplete last line is ignored. Fits of other recordings, models or catalogues in the same file are left alone:
+    `of` identifies them. Without a path, nothing is stored.
+    Raises: CalibrationError if the file is not such a cache or cannot be read or written.
     """
 
     def __init__(
@@ -58,9 +58,9 @@ class RefitCache:
 
     @staticmethod
     def _read(path: Path) -> str:
-        """Text of the file, "" where there is none.
+        """Text of the file, "" if there is none.
 
-        Raises: ValueError for one that is too large or not UTF-8, CalibrationError for a pipe or a device.
+        Raises: ValueError for a file that is too large or not UTF-8, CalibrationError for a pipe or a device.
         """
         if not path.exists():
             return ""
@@ -70,11 +70,11 @@ class RefitCache:
         return path.read_text(encoding="utf-8")
 
     def get(self, fit: str) -> CachedFit | None:
-        """Where a fit ended, if it is finished."""
+        """The result of a fit, if it is finished."""
         return self._fits.get(fit)
 
     def keep(self, fit: str, x: np.ndarray, hold: str | None) -> None:
-        """Note where a fit ended."""
+        """Store the result of a fit."""
         if self.path is None or fit in self._fits:
             return
         row = {"of": self._of, "fit": fit, "x": x.tolist(), "hold": hold}
@@ -86,7 +86,7 @@ class RefitCache:
 
 
 def _cached_fit(row: dict) -> CachedFit:
-    """A line's fit. Raises: ValueError for parameters that are not finite numbers, or an unknown rule."""
+    """The fit of a line. Raises: ValueError for parameters that are not finite numbers, or an unknown rule."""
     x = np.array(row["x"], float)
     if x.ndim != 1 or not np.isfinite(x).all() or row["hold"] not in HOLDS:
         raise ValueError

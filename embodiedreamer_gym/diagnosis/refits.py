@@ -1,4 +1,4 @@
-"""Refits of a diagnosis: which effects are refitted, in two stages, through the cache."""
+"""Refits of a diagnosis: choose the effects, refit them in two stages, and use the cache."""
 
 from __future__ import annotations
 
@@ -28,18 +28,21 @@ from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.robot import RobotModel
 
-REFITS = 5  # best of the screening that are refitted
-FINALISTS = 4  # of them that are refitted to the end
-FURTHER = 2  # of these, where effects that were found already leave little to explain
-LEADERS = 1  # of these that are refitted first
-CLOSE_BEHIND = 0.1  # of the cost, within which more are
+REFITS = 5  # best effects of the screening that are refitted
+FINALISTS = 4  # of them, those that are refitted to convergence
+FURTHER = 2  # the same, if effects that were found already leave little to explain
+LEADERS = 1  # finalists that are refitted first
+CLOSE_BEHIND = 0.1  # difference of the cost to the best within which further refits continue
 STAGES = {"begun": "beginning refits", "refitted": "refitting effects"}
 
 
 def fit_candidates(
     search: Search, screened: Sequence[Screened], model: RobotModel, problem: Problem, fit: Fit, held: HeldOut, few: bool = False
 ) -> list[Candidate]:  # fmt: skip
-    """Refit the best of the screening and the effects that they may be confused with; to the end only the best two if few."""
+    """Refit the best effects of the screening and those that they may be confused with.
+
+    few: whether only the best two are refitted to convergence.
+    """
     trials = [single_trial(model, item, problem.hold, search.both_rules) for item in _shortlist(screened)]
     finalists, close = (FURTHER, 0.0) if few else (FINALISTS, CLOSE_BEHIND)
     candidates = refit_all(search, trials, fit.cost, finalists, close)
@@ -55,9 +58,10 @@ def fit_candidates(
 def refit_all(
     search: Search, trials: Sequence[Trial], rival: float, finalists: int, close: float = CLOSE_BEHIND
 ) -> list[Candidate]:  # fmt: skip
-    """Make refits; after a few iterations only the best of them go on to the end, and those close behind.
+    """Run refits; after a few iterations, only the best and those close behind continue to convergence.
 
-    rival: cost of another fit, far above which a refit is given up; close: of the cost, within which more go on.
+    rival: cost of another fit, far above which a refit is given up; close: difference of the cost within which more
+    continue.
     """
     begun = _through_cache(search, trials, "begun", begin_refit, lambda t: (t, search.train, search.test, EARLY))
     ranked = sorted(range(len(trials)), key=lambda k: begun[k].fit.cost)
@@ -77,9 +81,10 @@ def refit_all(
 
 
 def beside_robot_errors(search: Search, candidate: Candidate) -> Candidate:
-    """A candidate with the errors that it has where the robot's own are estimated beside, to compare it with others by.
+    """A candidate with its errors from a fit with nuisance parameters of the robot, to compare it with others.
 
-    What a wrong mass or friction leaves of the right effects, a wrong effect with more parameters may take up.
+    Otherwise a wrong effect with more parameters may absorb what a wrong mass or friction leaves with the right
+    effects.
     """
     problem, fit = fit_with_robot_errors(candidate.problem, candidate.fit.x, search.train, derivatives=False)
     held_out = evaluate(problem.model_at(fit.x), search.test, problem.hold)
@@ -88,13 +93,13 @@ def beside_robot_errors(search: Search, candidate: Candidate) -> Candidate:
 
 
 def close_to_best(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidate with the least cost, its special cases and those close behind."""
+    """The candidate with the least cost, its special cases, and candidates with nearly the same cost."""
     best = min(candidates, key=lambda c: c.fit.cost)
     return [c for c in candidates if c.fit.cost < best.fit.cost + CLOSE_BEHIND or c.kind.name in best.kind.generalises]
 
 
 def close_beside_robot_errors(search: Search, candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates; those close to the best, if there are any, with the errors that they have beside the robot's own."""
+    """The candidates; if several are close to the best, those with their errors of a fit with nuisance parameters."""
     close = close_to_best(candidates)
     if len(close) < 2:
         return list(candidates)
@@ -105,7 +110,7 @@ def _through_cache(
     search: Search, trials: Sequence[Trial], stage: str, refit: Callable[..., Candidate],
     arguments: Callable[[Trial], tuple[Any, ...]],
 ) -> list[Candidate]:  # fmt: skip
-    """One stage of refits; those that the cache holds are not made again."""
+    """Run one stage of refits, except for those that the cache contains."""
     cached = [search.cache.get(_key(t, stage)) for t in trials]
     fresh = [t for t, c in zip(trials, cached, strict=True) if c is None]
 
@@ -127,7 +132,7 @@ def _key(trial: Trial, stage: str) -> str:
 
 
 def _shortlist(screened: Sequence[Screened]) -> list[Screened]:
-    """The best of the screening, their special cases, and what the first two may be confused with."""
+    """The best effects of the screening, their special cases, and effects that the first two may be confused with."""
     promising = [s for s in screened if s.score > 0.01]
     names = {name for s in promising[:REFITS] for name in (s.kind.name, *s.kind.generalises)}
     for s in promising[:2]:

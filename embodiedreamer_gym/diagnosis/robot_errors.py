@@ -1,6 +1,6 @@
-"""A fit beside which the robot's own errors are estimated: masses, centres of mass, viscous friction, a servo's ticks.
+"""Fits with nuisance parameters, the robot's own errors: masses, centres of mass, viscous friction, timing of commands.
 
-A calibration takes them as the model has them, so its residuals do not show what they do to its parameters.
+A calibration takes these values from the model, so its residuals do not show how they change its parameters.
 """
 
 from __future__ import annotations
@@ -21,18 +21,19 @@ from embodiedreamer_gym.robot.data import UrdfError
 
 ITERATIONS, TOLERANCE = 6, 1e-4
 FINE, COARSE, SECANT = 1e-5, 1e-4, 1e-2  # steps of the last derivatives, scaled units
-JUMPS = 0.2  # relative change of a derivative from a coarse step to a fine one, beyond which a law jumps
+JUMPS = 0.2  # relative change of a derivative from a coarse step to a fine one above which a law jumps
 
 
 def fit_with_robot_errors(
     problem: Problem, x: np.ndarray, recordings: Sequence[Recording], derivatives: bool = True
 ) -> tuple[Problem, Fit]:  # fmt: skip
-    """Continue a fit from scaled parameters (m,) on other recordings, with the robot's errors estimated beside.
+    """Continue a fit from scaled parameters (m,) on other recordings, with nuisance parameters of the robot.
 
-    They are held near none by their priors. Viscous friction is among them although a servo's damping does the same: where a
-    drive is at its limit damping is cut off and friction is not, and a fit with the wrong friction errs in everything in units
-    of torque. So it does where commands act half a tick earlier than positions: what damping cannot make up for is then taken
-    for inertia. Masses and friction that the problem fits already stay as they are.
+    Priors hold them near zero error. Viscous friction is one of them although a servo's damping has the same effect: if
+    a drive is at its limit, damping is cut off and friction is not, and a fit with the wrong friction has an error in
+    everything in units of torque. The same happens if commands act half a tick earlier than positions: the part that
+    damping cannot compensate is then attributed to inertia. Masses and friction that the problem already fits stay as
+    they are.
     derivatives: whether the Jacobian at the end is needed, see `minimise`.
     """
     wider = _problem(problem, problem.model_at(x), recordings)
@@ -41,11 +42,12 @@ def fit_with_robot_errors(
 
 
 def _with_derivatives(problem: Problem, fit: Fit) -> Fit:
-    """A fit with derivatives by finer steps than it took, and where they depend on the step.
+    """The fit with derivatives over finer steps, and with the parameters marked whose derivatives depend on the step.
 
-    The error of a step grows with the curvature. In a direction that residuals do not determine, as of masses and torques
-    that grow in the same proportion, it is more than the prior's share and makes the direction seem determined. A law that
-    jumps, as a gap of teeth does, has no derivative (or zero), but a slope over a step as long as its parameter is uncertain.
+    The error of a finite difference grows with the curvature. In a direction that residuals do not determine, such as
+    masses and torques that grow in the same proportion, it is larger than the prior's share and makes the direction
+    seem determined. A law that jumps, as backlash does, has no derivative (or zero), so the slope over a step as long
+    as the parameter's uncertainty is used.
     """
     fine = problem.jacobian(fit.x, FINE, anew=True)[1]
     coarse = problem.jacobian(fit.x, COARSE, only=~problem.of_urdf)[1]
@@ -57,10 +59,10 @@ def _with_derivatives(problem: Problem, fit: Fit) -> Fit:
 
 
 def _problem(problem: Problem, model: RobotModel, recordings: Sequence[Recording]) -> Problem:
-    """The problem's parameters at a model's values, and the robot's errors.
+    """The problem's parameters at a model's values, and the nuisance parameters.
 
-    Masses and centres that the model holds fixed keep their values in a fit, but are known no better than those of a faultless
-    robot: what an earlier test estimated of them has an error too.
+    Masses and centres that the model holds fixed start at their values, but are known no better than those of a
+    faultless robot, because an estimate from an earlier test has an error too.
     """
     groups = list(dict.fromkeys(row.key.group for row in problem.rows))
     known = not set(GROUPS) <= set(groups)
@@ -90,5 +92,5 @@ def _problem(problem: Problem, model: RobotModel, recordings: Sequence[Recording
 
 
 def _hold_near(problem: Problem, rows: np.ndarray, sd: float) -> None:
-    """Let parameters (m,) bool be known beforehand to a standard deviation, in scaled units, around where they start."""
+    """Give parameters (m,) bool a prior around their start, with a standard deviation in scaled units."""
     problem.centre[rows], problem.prior[rows] = problem.start[rows], sd**-2

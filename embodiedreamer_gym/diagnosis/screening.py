@@ -1,4 +1,4 @@
-"""Cheap screening: how each effect changes the residuals, at a few sizes, beside what the servo's gains can change."""
+"""Cheap screening: how each effect, at a few sizes, changes the residuals beyond what the servo's gains can change."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from embodiedreamer_gym.phys_aligner.starts import COARSE
 from embodiedreamer_gym.recordings import thin
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
-SIZES = (0.2, 0.8, 3.0)  # of a parameter that vanishes at zero, relative to its typical size
+SIZES = (0.2, 0.8, 3.0)  # of a parameter that is off at zero, relative to its typical size
 LIMITS = (0.25, 0.45, 0.7, 0.95, 1.2, 1.6)  # of a limit, relative to the largest value seen
-SHAPE_LIMITS = (0.5, 1.0, 2.0)  # the like, of a limit beside another one
+SHAPE_LIMITS = (0.5, 1.0, 2.0)  # the same for a second limit of an effect
 SHAPES = (0.3, 1.0, 3.0)
-SECONDS = 40.0  # of motion to screen on
-START_FALL = 0.02  # fall of a joint's log mean square from which an effect is started there
-USEFUL_FALL = 0.005  # the like, below which a joint is left without the effect
-MOST_SHARE = 1.5  # of a size tried, up to which a free run is taken to be linear in it
+SECONDS = 40.0  # s of motion to screen on
+START_FALL = 0.02  # fall of a joint's log mean square above which a fit of the effect starts with its size there
+USEFUL_FALL = 0.005  # the same, below which a joint is left without the effect
+MOST_SHARE = 1.5  # multiple of a tried size up to which a free run is assumed to be linear in it
 VISIBLE_SHARE = 0.5  # of the calibrated residual that an effect must change to be observable
 
 
@@ -41,9 +41,9 @@ class LinearisationPoint:
 
 
 def linearise(problem: Problem, fit: Fit, nominal: RobotModel | None) -> tuple[Problem, list[LinearisationPoint]]:
-    """A short problem, and the points around which effects are tried: the fitted parameters, and with the nominal gains.
+    """A short problem, and the points around which effects are tried: the fitted parameters, also with nominal gains.
 
-    A fit without the missing effect can bend the gains so far that the effect no longer shows around them.
+    A fit without the missing effect can change the gains so much that the effect is no longer visible around them.
     """
     short = thin(problem.recordings, SECONDS)
     if len(short) < len(problem.recordings) or sum(r.duration for r in short) < 0.8 * problem.seconds:
@@ -67,13 +67,13 @@ def linearise(problem: Problem, fit: Fit, nominal: RobotModel | None) -> tuple[P
 
 @dataclass(frozen=True, eq=False)
 class Screened:
-    """One effect's screening: score (fall of the summed log residual, linear), where to start, how visible it is.
+    """Screening of one effect: score (fall of the summed log residual, linear), start values and visibility.
 
     start: group -> (n or arms,) values, of the effect and of the servo's gains; joints: those that the effect helps,
-    None for all; visible: the effect's change of the residuals at a typical size that the gains cannot imitate, relative to
-    the calibrated residual of the joint where it is largest; nominal: group -> the servo's nominal gains, empty where the
-    calibrated ones are near them; sets: group -> sizes (K, n or arms) that were tried; change (K, N): what each changes of
-    the residuals at the last point.
+    None for all; visible: change of the residuals by the effect at a typical size that the gains cannot imitate,
+    relative to the calibrated residual, of the joint where it is largest; nominal: group -> the servo's nominal gains,
+    empty if the calibrated ones are near them; sets: group -> sizes (K, n or arms) that were tried; change (K, N):
+    change of the residuals at the last point by each of them.
     """
 
     kind: type[Effect]
@@ -92,7 +92,7 @@ def screen_effect(
 ) -> Screened:
     """Screen one effect against a calibrated model's residuals on the training recordings.
 
-    floor (n,): root-mean-square residual, in sensor noises, below which a joint has nothing left to explain.
+    floor (n,): root-mean-square residual, in units of sensor noise, below which a joint has nothing left to explain.
     """
     model = points[0].model
     before = _mean_squares(problem, points[0].residuals, floor)
@@ -129,7 +129,7 @@ def screen_effect(
         group = ParameterKey(p.name, kind.name)
         chosen = rows[group][best, np.arange(len(best))]
         low, high = model.parameter_bounds(p)
-        if p.is_limit:  # a limit starts off where it does not help
+        if p.is_limit:  # if a limit does not help, it starts at off
             start[group] = np.where(plain, chosen, model.parameter_off(p))
         else:
             start[group] = np.clip(chosen if p.shape else chosen * part, low, high)
@@ -143,7 +143,7 @@ def screen_effect(
 def _change(
     trial: RobotModel, kind: type[Effect], points: dict[ParameterKey, np.ndarray], problem: Problem
 ) -> np.ndarray:
-    """Change (K, N) of the residuals, in sensor noises, that K sizes of an effect make; by a coarser plant."""
+    """Change (K, N) of the residuals, in units of sensor noise, by K sizes of an effect; with a coarser time step."""
     off = {p.name: trial.parameter_off(p)[None] for p in kind.parameters}
     sets = {group: np.concatenate([off[group.parameter], values]) for group, values in points.items()}
     r = problem.signals.residuals(trial, sets, problem.hold, COARSE)
@@ -151,13 +151,13 @@ def _change(
 
 
 def _mean_squares(problem: Problem, r: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """Mean square (n,) of residuals (N,) in sensor noises, at least the floor's."""
+    """Mean square (n,) of residuals (N,) in units of sensor noise, at least that of the floor."""
     count = np.maximum(np.bincount(problem.joint_of, minlength=len(floor)), 1)
     return np.maximum(np.bincount(problem.joint_of, r**2, minlength=len(floor)) / count, floor**2)
 
 
 def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[ParameterKey, np.ndarray]:
-    """Parameter sets (K, joints or arms) that cover an effect's sizes, signs and shapes; one size of many shapes."""
+    """Parameter sets (K, joints or arms) that cover an effect's sizes, signs and shapes; one size for many shapes."""
     choices, many = [], any(p.starts for p in kind.parameters)
     for p in kind.parameters:
         low, high = model.parameter_bounds(p)
@@ -166,7 +166,7 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[Par
             choices.append([np.full_like(low, value) for value in p.starts])
         elif p.is_limit:
             top = largest_seen(p.unit, model, problem)
-            off = (np.inf,) if has_second_limit(kind) else ()  # the second limit acts alone there
+            off = (np.inf,) if has_second_limit(kind) else ()  # then the second limit acts alone
             factors = SHAPE_LIMITS if p.shape else (*LIMITS, *off)
             choices.append([np.clip(f * top, low, high) for f in factors])
         elif p.shape:
@@ -182,7 +182,7 @@ def _points(model: RobotModel, kind: type[Effect], problem: Problem) -> dict[Par
 
 
 def _together(kind, choices, sized, model) -> list[tuple[np.ndarray, ...]]:
-    """Several sizes move together, unless they have signs; those that vanish at zero also alone."""
+    """Rows of an effect with several sizes: all at once unless they have signs; each one alone if not limits."""
     rows = []
     first = kind.parameters[sized[0]]
     shapes = [choices[i] if i not in sized else [None] for i in range(len(choices))]
@@ -200,7 +200,10 @@ def _together(kind, choices, sized, model) -> list[tuple[np.ndarray, ...]]:
 def _refitted(
     model: RobotModel, problem: Problem, point: LinearisationPoint, change: np.ndarray, floor: np.ndarray, most: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Mean square (K, n) left when a joint's own gains and one step's share in [0, most] are refitted; the shares."""
+    """Mean square (K, n) left after a refit of a joint's own gains and of a share of each change.
+
+    Also returns these shares (K, n), which are in [0, most], and how visible the effect is.
+    """
     count = len(change)
     left, shares, seen = np.ones((count, model.n)), np.ones((count, model.n)), np.zeros((count, model.n))
     for j in range(model.n):
@@ -220,7 +223,7 @@ def _refitted(
 
 
 def own_gains(problem: Problem, point: LinearisationPoint, rows: np.ndarray, joint: int) -> np.ndarray:
-    """Orthonormal basis (rows, k) of what a joint's own parameters can change of its residuals."""
+    """Orthonormal basis (rows, k) of the changes of a joint's residuals by its own parameters."""
     name = problem.model.joints[joint]
     own = [m for m, row in enumerate(problem.rows) if row.index == joint and row.key.place == name]
     gains = point.jacobian[rows][:, own]

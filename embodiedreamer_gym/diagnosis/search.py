@@ -1,4 +1,4 @@
-"""The search of a diagnosis: the effects that lower the error, one, two or more; then backward elimination."""
+"""The search of a diagnosis: add one, two or more effects that lower the error, then eliminate backward."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ from embodiedreamer_gym.diagnosis.verdict import (
     unrefuted,
 )
 
-PARTNERED = 1  # best single effects to which a second one is sought
+PARTNERED = 1  # best single effects for which a partner is searched
 
 
 def search_effects(
     search: Search, state: SearchState, screened: Sequence[Screened], max_effects: int
 ) -> SearchState:  # fmt: skip
-    """Find the effects that are missing: one, if that leaves nothing, else a pair, else one more; then eliminate backward."""
+    """Find the missing effects: one if it is enough, else a pair, else one more; then eliminate backward."""
     if state.by_effort:
         add_effects(search, state, screened, max_effects)
         eliminate(search, state)
@@ -84,12 +84,12 @@ def search_effects(
 
 
 def keep_one_if_enough(search: Search, state: SearchState, singles: Sequence[Candidate]) -> None:
-    """Keep one effect of a pair where it alone leaves what faultless robots have, or little more of very much.
+    """Keep only one effect of a pair if it alone is exact, or nearly exact and the other effect brings little.
 
-    It may not have been among the single effects, which the screening chose, or its fit may have ended in a wrong valley. A law
-    that is not quite exact leaves the more, the larger the effect is, and nearly any second effect takes up some of it.
+    The screening may not have selected it as a single effect, or its fit may have ended in a wrong local minimum. A law
+    that is not quite exact leaves more error the larger the effect is, and nearly any second effect absorbs some of it.
 
-    singles: those that improve on the start, to compare it with.
+    singles: single effects that improve on the start, for comparison.
     """
     before = (state.steps, state.null, state.together, state.tie, state.probabilities)
     pair = state.steps[-1]
@@ -112,7 +112,7 @@ def keep_one_if_enough(search: Search, state: SearchState, singles: Sequence[Can
 def add_effects(
     search: Search, state: SearchState, screened: Sequence[Screened], max_effects: int
 ) -> None:  # fmt: skip
-    """Add effects one at a time, all parameters refitted each time, until the model does as well as faultless robots."""
+    """Add effects one at a time, refitting all parameters each time, until the model is as good as faultless robots."""
     while len(state.steps) < max_effects and state.is_wrong:
         held, null, further = state.held, state.null, bool(state.steps)
         if further:
@@ -143,9 +143,9 @@ def add_effects(
 
 
 def _accepted(state: SearchState, candidate: Candidate) -> bool:
-    """Whether an effect lowers the held-out error, or that of efforts on all motion down to their noise.
+    """Whether an effect lowers the held-out error, or for efforts lowers the error on all motion down to the noise.
 
-    On slow held-out motion a model without the inertia that a robot has can have a smaller error than the right one has noise.
+    On slow held-out motion, a model with too little inertia can have an error below the noise of the right model.
     """
     if improves(state.held, candidate.held_out):
         return True
@@ -154,21 +154,21 @@ def _accepted(state: SearchState, candidate: Candidate) -> bool:
 
 
 def _rise(state: SearchState, everywhere: Candidate) -> np.ndarray:
-    """How much higher the log chi2 (n,) of held-out motion is than that of a model whose effects act on more joints."""
+    """Increase of the held-out log chi2 (n,) relative to a model whose effects act on more joints."""
     return np.log(np.maximum(state.held.chi2, 1.0) / np.maximum(everywhere.held_out.chi2, 1.0))
 
 
 def _restore_joints(search: Search, state: SearchState, everywhere: list[Candidate], exact: bool) -> None:
-    """Give effects back, joint by joint, where the error rises without them; those whose error rises most come first.
+    """Restore effects joint by joint where the error rises without them; the joint with the largest rise is first.
 
-    Where a wrong law leaves most of a joint's error, or a law jumps, no estimate there is significant.
+    If a wrong law leaves most of a joint's error, or a law jumps, no estimate there is significant.
 
-    everywhere: the steps before effects were taken off joints; exact: whether these were.
+    everywhere: the steps before effects were removed from joints; exact: whether these were exact.
     """
     joints, whole = list(state.start[0].joints), everywhere[-1]
     while not state.is_exact and (exact or _rise(state, whole).max() > SMALLEST_GAIN):
         missing = removed_joints(whole, state.steps[-1])
-        if len(missing) < 2:  # all are back
+        if len(missing) < 2:  # all are restored
             state.steps = everywhere
             fit_together(search, state)
             return
@@ -181,8 +181,8 @@ def _restore_joints(search: Search, state: SearchState, everywhere: list[Candida
 def eliminate(search: Search, state: SearchState) -> None:
     """Drop redundant effects, resolve a tie for the first, and take each effect off the joints that do not need it.
 
-    The last effect goes too where the held-out error does not fall by it, or not significantly. Of effects that are not named
-    in any case nothing is taken off: they leave too much of an error that is near the noise elsewhere.
+    The last effect is dropped too if it does not lower the held-out error significantly. Effects that leave too much
+    error to be named are not taken off any joint, unless the errors are far above the noise anyway.
     """
     far = is_far_from_noise(state.base, state.held, state.start_null.chi2)
     if not state.steps or (not state.by_effort and not state.is_exact and state.excess > FAR and not far):
@@ -204,7 +204,7 @@ def eliminate(search: Search, state: SearchState) -> None:
     if len(state.steps) > 1 or not state.is_exact:
         state.steps = drop_last(state.judged_start, state.steps, search.train, search.test, state.most)
     left = added_effects(state.start[0], state.current[0])
-    if all(state.probabilities.get(name, 0.0) >= SURE for name in left):  # also where none is left
+    if all(state.probabilities.get(name, 0.0) >= SURE for name in left):  # also if none is left
         state.tie = ()
     search.rollouts += sum(s.rollouts for s in state.steps) - spent
     state.null = current_null(search, state)

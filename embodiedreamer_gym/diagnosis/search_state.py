@@ -1,4 +1,4 @@
-"""State of a running diagnosis, and the steps that every search takes: screen, draw faultless robots, name the likeliest."""
+"""State of a running diagnosis, and the common steps: screen, draw faultless robots, find the most likely candidate."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
-SURE = 0.95  # probability from which an effect is named
+SURE = 0.95  # probability above which an effect is named
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class Ranked:
 class Search:
     """Settings and counters of a running diagnosis.
 
-    both_rules: whether refits try both rules between two commands; linearised: the first screening's problem and the point
-    around which pairs are screened; whole_test: the held-out recordings at their full length.
+    both_rules: whether refits try both rules between two commands; linearised: the first screening's problem and the
+    point around which pairs are screened; whole_test: the held-out recordings at their full length.
     """
 
     nominal: RobotModel
@@ -76,13 +76,14 @@ class Search:
 class SearchState:
     """The calibrated start of a search and the effects added to it.
 
-    base, trained: errors of the start on held-out motion and on the fitted one; null: of faultless robots like the model so
-    far; start_null: like the start; steps: one candidate per added effect; closest: best single effect; probabilities: of each effect, given that one of
-    the candidates is right; tie: the effects of which one is missing, where no single one is probable enough; rivals:
-    candidates for the first step that held-out motion does not distinguish, where efforts are compared; together: errors on
-    the fitted and on the held-out motion of a fit to both, see `exactness.fit_together`; exact_beside: whether one effect leaves nothing
-    where the robot's own errors are estimated beside it; unseen: a single effect that the
-    training motion speaks for and held-out motion against, see `unseen_motion.contradicted`.
+    base, trained: errors of the start on held-out motion and on the fitted motion; null: of faultless robots like the
+    current model; start_null: like the start; steps: one candidate per added effect; closest: best single effect;
+    probabilities: of each effect, given that one of the candidates is right; tie: the effects of which one is missing,
+    if no single one is probable enough; rivals: candidates for the first step that held-out motion does not
+    distinguish, if efforts are compared; together: errors on the fitted and on the held-out motion of a fit to both,
+    see `exactness.fit_together`; exact_beside: whether one effect leaves only noise in a fit with nuisance parameters;
+    unseen: a single effect that the training motion supports and held-out motion rejects, see
+    `unseen_motion.contradicted`.
     """
 
     start: tuple[RobotModel, Problem, Fit]
@@ -108,51 +109,51 @@ class SearchState:
 
     @property
     def current(self) -> tuple[RobotModel, Problem, Fit]:
-        """Model, problem and fit so far."""
+        """Current model, problem and fit."""
         return (self.steps[-1].model, self.steps[-1].problem, self.steps[-1].fit) if self.steps else self.start
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the model so far is worse than faultless robots are."""
+        """Whether the current model is worse than faultless robots."""
         alarm = self.null.p_value(self.held.chi2, self.fitted.chi2) < ALARM
         return alarm or (bool(self.steps) and not self.is_exact)
 
     @property
     def excess(self) -> float:
-        """The worst joint's error over that of faultless robots, see `NullDistribution.excess`."""
+        """The worst joint's error relative to that of faultless robots, see `NullDistribution.excess`."""
         if self.together is None:
             return self._alone
         return min(self._alone, self.null.excess(self.together[1].chi2, self.together[0].chi2))
 
     @property
     def _alone(self) -> float:
-        """The like, of the fit to the training motion alone."""
+        """The same for the fit to the training motion alone."""
         return self.null.excess(self.held.chi2, self.fitted.chi2)
 
     @property
     def is_exact(self) -> bool:
-        """Whether no joint is worse than those of faultless robots usually are."""
+        """Whether no joint is worse than the joints of faultless robots usually are."""
         if self.by_effort:
             return bool(self.steps) and not leaves_excess(self.held, self.null.chi2)
         return bool(self.steps) and (self.excess <= EXACT or self.exact_beside)
 
     @property
     def is_wrong_unseen(self) -> bool:
-        """Whether the model so far is exact on the motion that it was fitted to, and not on held-out motion."""
+        """Whether the current model is exact on the motion that it was fitted to, but not on held-out motion."""
         return not self.by_effort and self.is_exact_on_fitted(self.fitted) and self._alone > EXACT
 
     def is_exact_on_fitted(self, errors: HeldOut) -> bool:
-        """Whether errors on the fitted motion are those of faultless robots."""
+        """Whether errors on the fitted motion are no larger than those of faultless robots."""
         return self.null.excess(np.zeros_like(errors.chi2), errors.chi2) <= EXACT
 
     @property
     def needs_all_motion(self) -> bool:
-        """Whether the model so far is exact, but only if it is fitted to held-out motion too."""
+        """Whether the current model is exact, but only if it is fitted to held-out motion too."""
         return self.together is not None and self.is_exact
 
     @property
     def judged(self) -> HeldOut:
-        """Error on all motion, by which effects are accepted."""
+        """Error on all motion, which decides whether effects are accepted."""
         return self.steps[-1].judged if self.steps else self.judged_start
 
     @property
@@ -162,30 +163,30 @@ class SearchState:
 
     @property
     def judged_start(self) -> HeldOut:
-        """The like, of the start."""
+        """The same for the start."""
         return pooled(self.trained, self.base)
 
     def improving(self, candidates: Sequence[Candidate]) -> list[Candidate]:
-        """Candidates that improve on the model so far, on all motion; where none does, on the motion that was fitted.
+        """Candidates that improve on the current model on all motion or, if there are none, on the fitted motion.
 
-        What the fitted motion does not determine may be wrong on held-out motion.
+        Parameters that the fitted motion does not determine may be wrong on held-out motion.
         """
         chosen = [c for c in candidates if improves(self.judged, c.judged, self.most)]
         return chosen or [c for c in candidates if improves(self.fitted, c.trained, self.most)]
 
     def set_rivals(self, close: Sequence[Candidate]) -> None:
-        """Note candidates for the first step that tie; one alone is no tie."""
+        """Store the candidates for the first step that tie; a single one is no tie."""
         self.rivals = list(close) if len(close) > 1 else []
         self.tie = tuple(c.kind.name for c in self.rivals)
 
     @property
     def held(self) -> HeldOut:
-        """Held-out error of the model so far."""
+        """Held-out error of the current model."""
         return self.steps[-1].held_out if self.steps else self.base
 
     @property
     def fitted(self) -> HeldOut:
-        """Error of the model so far on the motion that it was fitted to."""
+        """Error of the current model on the motion that it was fitted to."""
         return self.steps[-1].trained if self.steps else self.trained
 
 
@@ -212,7 +213,7 @@ def screen_all(
 
 
 def current_null(search: Search, state: SearchState) -> NullDistribution:
-    """Null distribution of the model so far."""
+    """Null distribution of the current model."""
     model, problem, fit = state.current
     null = draw_null(model, fit, problem, search.test, search.rng)
     search.rollouts += null.rollouts
@@ -220,7 +221,7 @@ def current_null(search: Search, state: SearchState) -> NullDistribution:
 
 
 def likeliest(search: Search, state: SearchState, candidates: Sequence[Candidate]) -> Candidate:
-    """The most probable candidate; notes the probabilities of effects, and those that are left where no one is sure."""
+    """The most probable candidate; also stores the probabilities of the effects, and the tie if none is certain."""
     seconds = (sum(r.duration for r in search.train), sum(r.duration for r in search.test))
     shares = candidate_probabilities(
         state.start[0],
@@ -236,7 +237,7 @@ def likeliest(search: Search, state: SearchState, candidates: Sequence[Candidate
             state.probabilities[name] = state.probabilities.get(name, 0.0) + float(share)
     state.probabilities = dict(sorted(state.probabilities.items(), key=lambda item: -item[1]))
     best = candidates[int(np.argmax(shares))]
-    if max(shares) < SURE:  # of a law and its special case that tie, the special case is enough
+    if max(shares) < SURE:  # if a law and its special case tie, the special case is enough
         plain = [c for c, p in zip(candidates, shares, strict=True) if p > 1 - SURE and _is_special_case(c, best)]
         best = plain[0] if plain else best
     names = added_effects(state.start[0], best.model)
@@ -244,18 +245,18 @@ def likeliest(search: Search, state: SearchState, candidates: Sequence[Candidate
     open_names = [name for name, p in state.probabilities.items() if p > 1 - SURE and name not in contain]
     open_names.sort(
         key=lambda name: state.probabilities[name] >= SURE
-    )  # last: no motion has to decide on a certain one
+    )  # certain effects last: no motion has to decide on them
     state.tie = () if set(open_names) <= set(names) else tuple(open_names)
     return best
 
 
 def _is_special_case(one: Candidate, other: Candidate) -> bool:
-    """Whether two models differ in one effect, and the other's contains the one's."""
+    """Whether two models differ in one effect, and that of `one` is a special case of that of `other`."""
     mine, theirs = ({e.name: type(e) for e in c.model.effects} for c in (one, other))
     own, rest = mine.keys() - theirs.keys(), theirs.keys() - mine.keys()
     return len(own) == len(rest) == 1 and own <= set(theirs[rest.pop()].generalises)
 
 
 def added_effects(base: RobotModel, model: RobotModel) -> list[str]:
-    """Names of the effects that a model has beyond another."""
+    """Names of the effects of a model that the base model lacks."""
     return [e.name for e in model.effects if not base.has_effect(type(e))]

@@ -1,14 +1,14 @@
-"""How far the effort of logs is from the torque that a model's servo asks for along the measured motion.
+"""Difference between the logged effort and the torque that a model's servo would command along the measured motion.
 
-A servo answers its command and the motion that it measures, whatever moves the joint. Friction, loads and wrong masses leave
-this equation as it is; a delay, a dead zone or a limit that the model lacks does not. So the effort says on which side of
-the servo a model fails. The torque is that of the free run, corrected to first order by the servo's gains times the measured less the
-simulated motion: an error of the run's motion is no error of its servo.
+A servo reacts to its command and the motion that it measures, whatever moves the joint. Friction, loads and wrong
+masses do not change this relation; a delay, a dead zone or a limit that the model lacks does. So the effort shows on
+which side of the servo a model fails. The torque is that of the free run, corrected to first order by the servo's gains
+times the measured minus the simulated motion, so that an error of the simulated motion is not attributed to the servo.
 
-Of each joint the effort's scale (its unit need not be known), a damping and an offset are fitted: positions take viscous friction
-for damping and wrong masses for stiffness.
-Source: Gautier, Janot and Vandanjon, IEEE Transactions on Control Systems Technology 21(2), 2013 (the measured torque against that
-of a simulation under the same control law).
+For each joint, the effort's scale (its unit need not be known), a damping and an offset are fitted, because positions
+alone attribute viscous friction to damping and wrong masses to stiffness.
+Source: Gautier, Janot and Vandanjon, IEEE Transactions on Control Systems Technology 21(2), 2013 (the measured torque
+against that of a simulation under the same control law).
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.simulation import Rollout
 from embodiedreamer_gym.simulation.rollout import command_rule
 
-READ = (-0.5, 0.0, 0.5)  # of a held command's step: its effort may be read before, amid or after it
+READ = (-0.5, 0.0, 0.5)  # shares of a held command's step: the effort may be read before, during or after it
 
 
 @dataclass(frozen=True, eq=False)
 class ServoFit:
     """A servo's torque fitted to the effort of recordings.
 
-    residuals: per recording (T, n), in the effort's unit, None where it lacks effort or command; usable: per recording, samples
-    (T, n) that were fitted, without both ends, where a smoothed speed is noisier; mean_square (n,): of these; variance (n,): of
-    their noise, the position sensor's included; scale (n,): effort per N m.
+    residuals: per recording (T, n), in the effort's unit, None if it lacks effort or command; usable: per recording,
+    samples (T, n) that were fitted, without both ends, where a smoothed speed is noisier; mean_square (n,): of the
+    residuals; variance (n,): of their noise, including that of the position sensor; scale (n,): effort per N m.
     """
 
     residuals: list[np.ndarray | None]
@@ -51,9 +51,10 @@ class ServoFit:
 
 
 def fit_servo(model: RobotModel, recordings: Sequence[Recording], rollouts: Sequence[Rollout]) -> ServoFit | None:
-    """Fit scale, damping and offset of each joint's effort to the torque that a model's servo asks for.
+    """Fit scale, damping and offset of each joint's effort to the torque that a model's servo would command.
 
-    None where no recording holds an effort beside a command. rollouts: the model's free runs of the recordings, arrays (T, n).
+    None if no recording has both an effort and a command. rollouts: the model's free runs of the recordings, arrays (T,
+    n).
     """
     has_both = [r.command is not None and r.effort is not None for r in recordings]
     if not any(has_both):

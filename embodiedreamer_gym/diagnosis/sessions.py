@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import scipy  # loads its parts when they are used
+import scipy  # loads its submodules when they are used
 
 from embodiedreamer_gym.effects.effort_sensor import EffortSensor
 from embodiedreamer_gym.errors import CalibrationError
@@ -18,16 +18,16 @@ from embodiedreamer_gym.phys_aligner.intervals import NORMAL_95
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import ParameterRow, RobotModel
 
-FALSE_ALARMS = 0.05  # chance that any parameter of equal sessions is said to differ
+FALSE_ALARMS = 0.05  # probability that any parameter of equal sessions is reported as different
 
 
 @dataclass(frozen=True)
 class Difference:
-    """One parameter in a session beside the first session.
+    """One parameter in a session, compared with the first session.
 
     first, value: the parameter in the first session and in this one, in `unit`.
-    low, high: 95 % interval of value - first; None where a session does not determine the parameter.
-    differs: whether it differs, with 5 % of false alarms over all parameters and sessions together.
+    low, high: 95 % interval of value - first; None if a session does not determine the parameter.
+    differs: whether it differs, with a 5 % probability of a false alarm over all parameters and sessions together.
     """
 
     session: str
@@ -79,9 +79,9 @@ def compare_sessions(
 ) -> SessionComparison:
     """Calibrate a model to each session and compare its parameters with those of the first.
 
-    What belongs to the robot and not to the session is taken from the first one: errors of the URDF's masses, and the scale of
-    an effort that is not in N m. An interval of a difference combines those of its two values (Zou and Donner, Statistics
-    in Medicine 27, 2008); a value on a bound gets the other value's width.
+    Parameters of the robot, which do not depend on the session, are taken from the first one: errors of the URDF's
+    masses, and the scale of an effort that is not in N m. An interval of a difference combines those of its two values
+    (Zou and Donner, Statistics in Medicine 27, 2008); a value on a bound gets the other value's width.
 
     sessions: name -> recordings; the first one is the reference.
     Raises: CalibrationError for fewer than two sessions, or for recordings that the model does not fit.
@@ -102,7 +102,7 @@ def compare_sessions(
 
 
 def _of_the_robot(model: RobotModel) -> RobotModel:
-    """The model for further sessions: no other values of what belongs to the robot."""
+    """The model for further sessions, with the parameters of the robot held fixed."""
     scaled = any(isinstance(effect, EffortSensor) and effect.values["scale"] for effect in model.effects)
     return model.with_fixed("urdf", *([f"{EffortSensor.name}.scale"] if scaled else []))
 
@@ -115,7 +115,7 @@ def _fitted(first: Calibration, other: Calibration) -> list[tuple[ParameterRow, 
 
 
 def _difference(session: str, first: ParameterRow, row: ParameterRow, alarm: float) -> Difference:
-    """alarm: half-width at which a difference is one, relative to that of a 95 % interval."""
+    """Compare two rows; alarm: half-width of the interval that decides, relative to that of a 95 % interval."""
     below, above = _widths(row, first)
     first_below, first_above = _widths(first, row)
     down, up = np.hypot(below, first_above), np.hypot(above, first_below)
@@ -127,7 +127,7 @@ def _difference(session: str, first: ParameterRow, row: ParameterRow, alarm: flo
 
 
 def _widths(row: ParameterRow, other: ParameterRow) -> tuple[float, float]:
-    """Distances from a value to the ends of its interval; of a value on a bound, those of the other value's."""
+    """Distances from a value to the ends of its interval; for a value on a bound, those of the other value."""
     on_bound = min(row.value - row.low, row.high - row.value) <= 1e-9 * (row.high - row.low)
     source = other if row.interval is None and on_bound else row
     if source.interval is None:

@@ -1,4 +1,4 @@
-"""Shapes in a fit: scanned where a fit may have ended with a wrong one, as a ripple of another frequency."""
+"""Shapes in a fit: scan them if the fit may have ended with a wrong one, such as a ripple of another frequency."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from embodiedreamer_gym.effects import Parameter
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 
-SIZES = (0.3, 1.0)  # of a size, relative to typical
-SHAPES = (0.3, 1.0, 3.0)  # of a shape, the like
-SIGNED = (-0.75, -0.3, -0.1, 0.0, 0.1, 0.3, 0.75)  # of one that has a sign, relative to its bound
+SIZES = (0.3, 1.0)  # of a size, relative to its typical value
+SHAPES = (0.3, 1.0, 3.0)  # of a shape, the same
+SIGNED = (-0.75, -0.3, -0.1, 0.0, 0.1, 0.3, 0.75)  # of a shape that has a sign, relative to its bound
 
 
 def shape_starts(problem: Problem, x: np.ndarray, stuck: np.ndarray) -> Starts | None:
-    """Starts at the parameters x (m,) of a fit, with each effect of a joint that has a shape at many shapes; None without one.
+    """Starts at the parameters x (m,) of a fit, with each joint effect's shapes at many values; None without shapes.
 
-    Each other shape has a valley of its own, and only what the other effects leave shows which is the deepest.
-    stuck (n,) bool: joints whose shapes are changed; the others would disturb them.
+    Each shape has its own local minimum, and only what the other effects leave shows which one is the deepest.
+    stuck (n,) bool: joints whose shapes are changed; changes on the others would disturb them.
     """
     model = problem.model_at(x)
     fitted = fitted_values(model)
@@ -28,7 +28,7 @@ def shape_starts(problem: Problem, x: np.ndarray, stuck: np.ndarray) -> Starts |
     for effect in model.effects:
         keys = [ParameterKey(p.name, effect.name) for p in effect.parameters]
         shaped = any(p.shape and not p.is_limit and p.per == "joint" for p in effect.parameters)
-        if not shaped or not fitted.keys() >= set(keys):  # of a fixed effect nothing is fitted
+        if not shaped or not fitted.keys() >= set(keys):  # a fixed effect is not fitted
             continue
         choices = [_choices(model, p, model.group_values(key)) for key, p in zip(keys, effect.parameters, strict=True)]
         for row in itertools.product(*choices):
@@ -37,7 +37,7 @@ def shape_starts(problem: Problem, x: np.ndarray, stuck: np.ndarray) -> Starts |
 
 
 def _choices(model: RobotModel, p: Parameter, own: np.ndarray) -> list[np.ndarray]:
-    """Values (n,) of a parameter that are tried; own: those of the fit, which a limit keeps."""
+    """Values (n,) of a parameter that are tried; own: the fitted values, which a limit keeps."""
     if p.is_limit:
         return [own]
     low, high = model.parameter_bounds(p)

@@ -1,4 +1,4 @@
-"""Special cases: where a richer law was added, whether the simpler law that it contains does as well in its place."""
+"""Special cases: check whether the special case of an added law does as well in its place."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 
 
 def prefer_special_cases(search: Search, state: SearchState) -> None:
-    """Replace an effect of the last step by its special case where that is not much less probable.
+    """Replace an effect of the last step by its special case if that is not much less probable.
 
-    Of a single effect both are among the candidates; beside another effect the special case may not have been fitted, or
-    have ended in a wrong valley.
+    For a single effect, both are among the candidates. In a pair, the special case may not have been fitted, or its fit
+    may have ended in a wrong local minimum.
     """
     if len(state.steps) < 2:
         return

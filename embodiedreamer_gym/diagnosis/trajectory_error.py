@@ -16,7 +16,7 @@ from embodiedreamer_gym.simulation import Rollout
 def trajectory_losses(
     model: RobotModel, recordings: Sequence[Recording], rollouts: Sequence[Rollout]
 ) -> tuple[float, float]:
-    """Translation error, m, and rotation error, rad, means over time and arms; nan where none is usable."""
+    """Translation error in m and rotation error in rad, means over time and arms; nan if no sample is usable."""
     totals, weight = np.zeros(2), 0
     for arm, link in enumerate(model.tree.tips):
         end = EndEffector(model.urdf, link)

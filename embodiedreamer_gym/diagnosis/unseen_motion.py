@@ -1,4 +1,4 @@
-"""Motion that the training recordings lack: where an error is in held-out motion alone, one of these recordings is learned from."""
+"""Motion that the training recordings lack: if only held-out motion shows an error, move one recording to training."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from embodiedreamer_gym.recordings import Recording, thin
 
 
 def only_held_out_shows(state: SearchState) -> bool:
-    """Whether the calibrated model errs at some joint on held-out motion far more than faultless robots, and not on the fitted one."""
+    """Whether at some joint the calibrated model is far worse than faultless robots on held-out motion only."""
     if state.by_effort:
         return False
     fitted, held = (np.quantile(chi2, 0.95, axis=0) for chi2 in (state.null.trained_chi2, state.null.chi2))
@@ -26,11 +26,12 @@ def only_held_out_shows(state: SearchState) -> bool:
 
 
 def contradicted(search: Search, state: SearchState, singles: Sequence[Candidate]) -> Candidate | None:
-    """The single effect that fits the training motion best, where that motion speaks for it and the held-out motion against it.
+    """The single effect that fits the training motion best, if that motion supports it and held-out motion does not.
 
-    It leaves there what faultless robots have, and is more probable than the model so far by Schwarz's criterion with all its
-    parameters. Either it is wrong, or the training motion does not determine all of it: of a limit with two directions it may
-    reach one. A limit may be reached in one piece of time, so that the scatter over pieces says nothing.
+    On the training motion it leaves no more error than faultless robots have, and it is more probable than the current
+    model by Schwarz's criterion (BIC) with all its parameters. Either it is wrong, or the training motion does not
+    determine all of it: for example, it may reach a limit in only one of two directions. A limit may be reached in one
+    piece of time only, so the scatter over pieces is not used.
     """
     least, now = min(singles, key=lambda c: c.fit.cost), state.steps[-1] if state.steps else None
     if now is None or least.kind is now.kind or not state.is_exact_on_fitted(least.trained):
@@ -45,14 +46,14 @@ def contradicted(search: Search, state: SearchState, singles: Sequence[Candidate
 def learn_from_worst(
     search: Search, state: SearchState, train: Sequence[Recording], seconds: float
 ) -> tuple[Search, Recording] | None:  # fmt: skip
-    """A search that learns from one held-out recording too, and that recording; None where this would not help.
+    """A search with one held-out recording moved to training, and that recording; None if this would not help.
 
-    A limit that the training motion does not reach leaves no trace in it, and whatever is fitted to it says nothing about the
-    limit. So where the model so far does as well on the training motion as faultless robots do and not on the held-out motion,
-    the calibrated model does at some joint, or another effect is `contradicted`, the held-out recording with the largest error
-    is moved; the others judge.
+    A limit that the training motion does not reach leaves no trace in it, so it cannot be fitted to it. The held-out
+    recording with the largest error is moved if the current model, or the calibrated model at some joint, is as good as
+    faultless robots on the training motion but not on the held-out motion, or if another effect is `contradicted`. The
+    other recordings remain for testing.
 
-    train: the whole training recordings; seconds: of motion that are used of each part.
+    train: the complete training recordings; seconds: of motion that are used of each part.
     """
     if len(search.whole_test) < 2 or not (state.is_wrong_unseen or state.unseen or only_held_out_shows(state)):
         return None

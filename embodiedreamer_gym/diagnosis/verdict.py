@@ -1,4 +1,4 @@
-"""From refitted candidates to one of four verdicts: nothing missing, missing, ambiguous, unknown."""
+"""Rules for the four verdicts on refitted candidates: nothing missing, missing, ambiguous, unknown."""
 
 from __future__ import annotations
 
@@ -13,25 +13,26 @@ from embodiedreamer_gym.effects import Effect
 VERDICTS = ("nothing_missing", "missing", "ambiguous", "unknown")
 ALARM = 0.01  # p-value below which a model is called wrong
 SMALLEST_GAIN = 0.1  # fall of the summed log chi2 that an effect must bring to be worth naming
-SURE = 2.5  # standard errors of the gain
+SURE = 2.5  # standard errors by which the gain must exceed zero
 TIE = 0.1  # difference of scores below which two effects tie
 RICHER = 0.05  # share of the whole gain that a richer law must bring beyond its special case
 EXPLAINED = 0.5  # share of the excess error that the effects together must explain, else "unknown"
-EXACT = 1.3  # times what 95 % of faultless robots have at most, up to which effects leave nothing to explain
-INEXACT = 2.0  # the like, up to which a single effect is named although its law is not exact
-JUDGEABLE = 10.0  # chi2 of faultless robots, beyond which effects are judged with the robot's errors estimated
-USUAL = 1.25  # times the chi2 of all but 5 % of faultless robots, up to which nothing is left to explain
-FAR = 3.0  # the like, beyond which a joint is nowhere near its noise
-BEYOND_NOISE = 2.0  # the like, in the median over joints, beyond which a log shows more than any law explains
-NEARLY = 0.95  # share of the excess mean square, of all joints together, above which the rest does not count against the effects
-MOSTLY = 0.8  # share of the excess error in logarithms, the like
+EXACT = 1.3  # multiple of the 95 % quantile of faultless robots up to which effects leave nothing to explain
+INEXACT = 2.0  # the same, up to which a single effect is named although its law is not exact
+JUDGEABLE = 10.0  # chi2 of faultless robots above which effects are judged with nuisance parameters
+USUAL = 1.25  # multiple of the 95 % quantile of the chi2 of faultless robots up to which nothing is left to explain
+FAR = 3.0  # the same, above which a joint is far from its noise
+BEYOND_NOISE = 2.0  # the same, in the median over joints, above which no law explains a log down to its noise
+NEARLY = 0.95  # share of the excess mean square of all joints; if effects explain more, the rest does not count
+MOSTLY = 0.8  # the same for the excess error in logarithms
 
 
 def improves(before: HeldOut, after: HeldOut, most: np.ndarray | None = None) -> bool:
-    """Whether an effect lowers the score by enough to name it, beyond the scatter of these recordings.
+    """Whether an effect lowers the score by enough to name it, and significantly.
 
-    An error that is in one piece of time, as where a limit is reached once, scatters as much as it is large. There an effect
-    improves if it leaves little more than faultless robots have of clearly more; most (n,): the chi2 of all but 5 % of them.
+    If the error occurs in one piece of time only, such as at a limit that is reached once, its standard error is as
+    large as itself. Then an effect improves if the error was clearly above that of faultless robots and is at most a
+    little above it with the effect; most (n,): the chi2 of all but 5 % of faultless robots.
     """
     fall, error = gain(before, after)
     leaves_little = most is not None and bool((after.chi2 / most).max() <= INEXACT < (before.chi2 / most).max())
@@ -46,8 +47,8 @@ def explains_most(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
 def contenders(before: HeldOut, candidates: Sequence[Candidate]) -> list[Candidate]:
     """Candidates whose held-out error does not differ from that of the best; the preferred one comes first.
 
-    Among them a special case goes before the richer law that contains it, unless the richer one brings a good deal
-    more of the whole fall from `before`.
+    A special case is preferred to the richer law that contains it, unless the richer law adds a considerable share to
+    the total fall from `before`.
     """
     ranked = sorted(candidates, key=lambda c: c.held_out.score)
     best = ranked[0]
@@ -58,7 +59,7 @@ def contenders(before: HeldOut, candidates: Sequence[Candidate]) -> list[Candida
 
 
 def brings_little(before: HeldOut, special_case: HeldOut, richer: HeldOut) -> bool:
-    """Whether a richer law, or a further effect, lowers the score by a small share of the whole fall only."""
+    """Whether a richer law, or a further effect, lowers the score by only a small share of the total fall."""
     return special_case.score - richer.score <= RICHER * (before.score - richer.score)
 
 
@@ -86,7 +87,7 @@ def rank_notes(
 
 
 def _worse(before: HeldOut, best: Candidate, other: Candidate) -> bool:
-    """Whether a candidate is worse on held-out motion, or on training motion while held-out motion agrees."""
+    """Whether a candidate is worse than the best on held-out motion, or slightly worse there and worse in training."""
     fall, error = gain(other.held_out, best.held_out)
     least = max(TIE, 2.0 * error)
     if other.kind.name in best.kind.generalises:  # the richer law always fits the training motion better
@@ -99,11 +100,12 @@ def _worse(before: HeldOut, best: Candidate, other: Candidate) -> bool:
 def is_convincing(before: HeldOut, after: HeldOut, null: np.ndarray, explainable: np.ndarray | None = None) -> bool:
     """Whether the effects explain the excess error so well that they, and not similar ones, are what is missing.
 
-    Right effects leave what faultless robots have, or little more and nearly nothing of the former excess. Where no joint
-    comes near its noise, the sensors resolve more than such models predict anyway, and effects that explain most of the
-    excess are enough; so they are where joints are less far from it and none reaches it, if they would be enough so far away.
-    So are effects that explain nearly all that a general regression explains, where that too leaves most joints far from
-    their noise (explainable (n,): the chi2 that it leaves, see `explainable_chi2`).
+    The right effects leave no more error than faultless robots have, or little more and nearly nothing of the former
+    excess. If no joint comes near its noise, the sensors are more accurate than such models anyway, and effects that
+    explain most of the excess are enough. This also holds if some joints are nearer to their noise but none reaches it,
+    as long as the effects would be enough with larger errors there. Effects are also enough if they explain nearly all
+    that a general regression explains and the regression leaves most joints far from their noise (explainable (n,): the
+    chi2 that it leaves, see `explainable_chi2`).
     """
     if total_explained(before, after, null) < EXPLAINED:
         return False
@@ -124,9 +126,10 @@ def is_convincing(before: HeldOut, after: HeldOut, null: np.ndarray, explainable
 
 
 def is_far_from_noise(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool:
-    """Whether effects explain most of an excess that no joint comes near the noise of: the sensors resolve more than the laws.
+    """Whether effects explain most of the excess and no joint comes near its noise: sensors resolve more than laws.
 
-    What convinces at a larger error does at a smaller one: joints that are nearer count as three times faultless robots.
+    Effects that are convincing at a larger error are convincing at a smaller one, so joints that are nearer to their
+    noise count as three times faultless robots.
     """
     usual, most = np.quantile(null, (0.5, 0.95), axis=0)
     if total_explained(before, after, null) < EXPLAINED or (after.chi2 / most).min() <= USUAL:
@@ -136,7 +139,10 @@ def is_far_from_noise(before: HeldOut, after: HeldOut, null: np.ndarray) -> bool
 
 
 def share_of_explainable(before: HeldOut, after: HeldOut, null: np.ndarray, explainable: np.ndarray) -> float:
-    """Fall of the log chi2 by the effects over that by them or a general regression, whichever is more at each joint."""
+    """Fall of the log chi2 by the effects, relative to that by the effects or a general regression.
+
+    At each joint, the larger fall of the two counts in the denominator.
+    """
     usual = np.median(null, axis=0)
     was, rest = np.maximum(before.chi2, usual), np.maximum(after.chi2, usual)
     least = np.minimum(rest, np.maximum(explainable, usual))
@@ -145,14 +151,15 @@ def share_of_explainable(before: HeldOut, after: HeldOut, null: np.ndarray, expl
 
 
 def leaves_excess(held: HeldOut, null: np.ndarray) -> bool:
-    """Whether some joint's error is larger than with the right effects."""
+    """Whether some joint's error is larger than the right effects would leave."""
     return bool((held.chi2 / np.quantile(null, 0.95, axis=0)).max() > USUAL)
 
 
 def unrefuted(candidates: Sequence[Candidate], null: np.ndarray) -> list[Candidate]:
-    """Candidates that leave no joint's error above its noise; all, where none does.
+    """Candidates that leave no joint's error above its noise; all of them, if none does.
 
-    An effort's noise grows with the model's inertia. A model whose error is smaller but beyond its own noise is refuted all the same.
+    The noise of an effort grows with the model's inertia. A model whose error is smaller but above its own noise is
+    still rejected.
     """
     exact = [c for c in candidates if not leaves_excess(c.held_out, null)]
     return exact or list(candidates)
@@ -176,7 +183,7 @@ def total_explained(before: HeldOut, after: HeldOut, null: np.ndarray) -> float:
 
 
 def total_explainable(before: HeldOut, after: HeldOut, null: np.ndarray, ceiling: np.ndarray) -> float:
-    """Share of the excess error, weighted alike, that the effects explain or a general regression predicts, whichever is more.
+    """Weighted share of the excess error that the effects explain or a general regression predicts, the larger one.
 
     ceiling (n,): share of each joint's mean square error that is predictable, see `explainable_shares`.
     """

@@ -11,18 +11,18 @@ from embodiedreamer_gym.diagnosis.search_state import SURE, SearchState
 from embodiedreamer_gym.diagnosis.verdict import EXACT, is_far_from_noise, total_explainable, total_explained
 from embodiedreamer_gym.phys_aligner import Calibration
 
-NEGLIGIBLE = 0.005  # probability that is not printed
+NEGLIGIBLE = 0.005  # probability below which an effect is not printed
 
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """What a search ended with.
+    """Result of a search.
 
-    verdict: as of a `Diagnosis`.
+    verdict: as in a `Diagnosis`.
     calibrated, final: the model's calibration without and with the effects found.
     state: the effects found, and errors on held-out recordings.
-    p_value: share of faultless robots that do as badly as the calibrated model.
-    explainable: (n, 4), see `explainable_shares`; None near the sensors' noise.
+    p_value: share of faultless robots that are as bad as the calibrated model.
+    explainable: (n, 4), see `explainable_shares`; None if the errors are near the sensors' noise.
     """
 
     verdict: str
@@ -38,7 +38,7 @@ def verdict_text(
 ) -> str:
     """One sentence: what is missing and where, or why nothing is named.
 
-    effects: that are named; places: effect -> joints or arms; family: of a tie whose family is probable enough.
+    effects: the named ones; places: effect -> joints or arms; family: of a tie, if it is probable enough.
     """
     verdict, state = attempt.verdict, attempt.state
     usual = f"p = {attempt.p_value:.3f} for such an error if no effect is missing and masses are 2 % off"
@@ -72,7 +72,7 @@ def verdict_text(
 def certain_effects(
     effects: Sequence[str], members: Mapping[str, float], places: Mapping[str, Sequence[str]]
 ) -> list[str]:
-    """Those of a tie's effects that the final model has and that are probable enough to be named.
+    """Tied effects that the final model has and that are probable enough to be named.
 
     members: effect -> probability; places: of the final model's effects.
     """
@@ -80,7 +80,7 @@ def certain_effects(
 
 
 def _what_is_left(state: SearchState) -> str:
-    """What a law that is not exact leaves, as the end of a sentence; "" where it leaves nothing."""
+    """The error that a law that is not exact leaves, as the end of a sentence; "" if it leaves none."""
     if state.is_exact or not state.steps or state.by_effort:
         return ""
     if is_far_from_noise(state.base, state.held, state.start_null.chi2):

@@ -1,4 +1,4 @@
-"""Physical effects: one small file each, and the catalogue that lists them."""
+"""Physical effects: one small file for each, and the catalogue that lists them."""
 
 from embodiedreamer_gym.effects.catalogue import CATALOGUE, NUISANCES, find_effect, load_effects
 from embodiedreamer_gym.effects.effect import (

@@ -1,10 +1,10 @@
-"""Backlash: between the gears' teeth there is a gap, in which no torque passes from motor to joint."""
+"""Backlash: a gap between the teeth of the gears, in which no torque passes from motor to joint."""
 
 from embodiedreamer_gym.effects.effect import MechanicsChange, Parameter
 
 
 class Backlash(MechanicsChange):
-    """A gap between the motor, which servo and encoder see, and the joint; its sides meet without rebound."""
+    """A gap between the joint and the motor, at which servo and encoder measure; its sides meet without rebound."""
 
     name = "backlash"
     family = "gear"

@@ -1,4 +1,4 @@
-"""Base tilt: the robot does not stand upright."""
+"""Base tilt: the base of the robot is not upright."""
 
 import numpy as np
 

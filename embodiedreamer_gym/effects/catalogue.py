@@ -92,11 +92,11 @@ CATALOGUE: Catalogue = {
 RENAMED = {"velocity_limit": "voltage_limit"}
 
 NUISANCES: Catalogue = {kind.name: kind for kind in (CommandTiming, EffortSensor, InertialError)}
-"""What fits estimate beside the effects, and no diagnosis names."""
+"""Nuisance parameters: fits estimate them together with the effects, but a diagnosis never names them."""
 
 
 def find_effect(name: str, catalogue: Catalogue = CATALOGUE) -> type[Effect]:
-    """Return the effect of that name; a former name is taken with a DeprecationWarning.
+    """Return the effect of that name; a former name is accepted with a DeprecationWarning.
 
     Raises: EffectError that lists the known names.
     """
@@ -109,8 +109,8 @@ def find_effect(name: str, catalogue: Catalogue = CATALOGUE) -> type[Effect]:
 def load_effects(path: str | Path, catalogue: Catalogue = CATALOGUE) -> Catalogue:
     """Return the catalogue with the effects that a user's Python file defines (the file is executed).
 
-    Raises: EffectError when the file is missing, fails to run, defines no effect, takes a name that exists or has an
-    effect that breaks a law.
+    Raises: EffectError if the file is missing, fails to run, defines no effect, uses a name that exists or has an
+    effect that violates a law.
     """
     path = Path(path)
     if not path.is_file():
@@ -121,7 +121,7 @@ def load_effects(path: str | Path, catalogue: Catalogue = CATALOGUE) -> Catalogu
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # any exception of a user's file becomes one sentence
+    except Exception as error:  # report any exception of a user's file as one sentence
         raise EffectError(f"effects file {path} failed: {type(error).__name__}: {error}.") from error
     own = (v for v in vars(module).values() if _is_effect(v) and v.__module__ == module.__name__)
     kinds = list(dict.fromkeys(own))
@@ -129,7 +129,7 @@ def load_effects(path: str | Path, catalogue: Catalogue = CATALOGUE) -> Catalogu
     own_effects: dict[str, type[Effect]] = {}
     for kind in kinds:
         if kind in bases and not hasattr(kind, "name"):
-            continue  # what several effects of the file share
+            continue  # a common base class of effects in the file
         name = getattr(kind, "name", None)
         name = name if isinstance(name, str) else kind.__name__
         if name in catalogue or name in NUISANCES or name in own_effects:

@@ -1,4 +1,4 @@
-"""Command delay: the servo hears of a command some time after it was logged."""
+"""Command delay: the servo receives a command some time after it was logged."""
 
 import numba as nb
 import numpy as np
@@ -9,7 +9,7 @@ LONGEST = 0.25  # s
 
 
 class CommandDelay(SignalLaw):
-    """A pure delay of the command by a fraction of steps, on a line of past commands."""
+    """A pure delay of the command by a fractional number of steps, from a buffer of past commands."""
 
     name = "command_delay"
     family = "late_command"
@@ -21,14 +21,14 @@ class CommandDelay(SignalLaw):
 
     @staticmethod
     def start(signal, p, dt):
-        """The last k commands (B, n, k), the latest last; the delay's whole steps and the share of one more (B, n)."""
+        """The last k commands (B, n, k), the latest last; whole steps and fraction of a step of the delay (B, n)."""
         steps = np.array(np.broadcast_to(p.seconds / dt, signal.shape))
         whole = np.floor(steps).astype(np.intp)
         return np.repeat(signal[..., None], int(np.ceil(np.max(steps))) + 2, axis=-1), whole, steps - whole
 
     @staticmethod
     def law(signal, joint, memory, p):
-        """Linear interpolation between two neighbours on the line."""
+        """Linear interpolation between two neighbouring commands of the buffer."""
         line, whole, share = memory
         after, out = np.empty(line.shape), np.empty(signal.shape)
         recall(line, signal, whole, share, after, out)
@@ -37,7 +37,7 @@ class CommandDelay(SignalLaw):
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def recall(line, signal, whole, share, after, out):
-    """Add a signal to a line, in `after`, and read that one a delay back, in `out`: one call, for every step takes it."""
+    """Append a signal to a buffer, in `after`, and read the delayed signal, in `out`; one compiled call per step."""
     last = line.shape[2] - 1
     for b in range(line.shape[0]):
         for i in range(line.shape[1]):

@@ -1,4 +1,4 @@
-"""Command rate limit: the controller ramps to a new set point at a highest speed."""
+"""Command rate limit: the controller moves to a new set point at a limited speed."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class CommandRateLimit(SignalLaw):
-    """A highest slope of the command (the Cobot Magic ramps 0.01 rad per 40 Hz tick, 0.4 rad/s)."""
+    """A limit on the slope of the command (the Cobot Magic ramps 0.01 rad per 40 Hz tick, 0.4 rad/s)."""
 
     name = "command_rate_limit"
     family = "limit"
@@ -18,7 +18,7 @@ class CommandRateLimit(SignalLaw):
 
     @staticmethod
     def start(signal, p, dt):
-        """Where the ramp is, at rest at the first command, and its highest change in a step."""
+        """The state of the ramp, which rests at the first command, and its largest change in a step."""
         return signal.copy(), p.rate * dt
 
     @staticmethod

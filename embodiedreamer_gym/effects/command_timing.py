@@ -1,14 +1,14 @@
-"""Errors of the times at which commands act: not an effect to be named, but what intervals allow for."""
+"""Errors of the times at which commands act: never named as an effect, but taken into account in intervals."""
 
 from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class CommandTiming(SignalLaw):
-    """Commands that act a little later or, below zero, earlier than their log says, relative to its positions.
+    """Commands act a little later or, below zero, earlier than the log says, relative to its positions.
 
-    A servo works in ticks, of 1 ms or so: it acts on a command and on a position up to a tick after both, and holds its torque
-    until the next. A command that is logged at its tick is early by half a tick beside the position that the servo knows. The
-    typical size, half of 1 ms, is the standard deviation of the prior.
+    A servo works in ticks of about 1 ms: it acts on a command and on a position up to one tick after both, and holds
+    its torque until the next tick. A command that is logged at its tick is half a tick early relative to the position
+    that the servo uses. The typical size, half of 1 ms, is the standard deviation of the prior.
     """
 
     name = "command_timing"
@@ -24,6 +24,6 @@ class CommandTiming(SignalLaw):
 
     @staticmethod
     def law(signal, joint, memory, p):
-        """The line through the last two commands, that time ago."""
+        """The line through the last two commands, evaluated that time ago."""
         last, dt = memory
         return signal + p.seconds / dt * (last - signal), (signal, dt)

@@ -4,7 +4,7 @@ from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
 class CoulombFriction(TorqueBudget):
-    """Dry friction of constant size; the joint sticks while less torque than that acts on it."""
+    """Dry friction of constant size; the joint sticks while a smaller torque acts on it."""
 
     name = "coulomb_friction"
     family = "friction"

@@ -14,7 +14,7 @@ WORDS = {"symptom": "what it does to a motion", "reveals": "which motion shows i
 
 
 def faults(kind: type[Effect]) -> Iterator[str]:
-    """What is wrong with a class's name, words, stage, methods and parameters, each as the end of a sentence."""
+    """Faults of a class's name, texts, stage, methods and parameters, each as the end of a sentence."""
     name = getattr(kind, "name", None)
     if not isinstance(name, str) or not name.isidentifier():
         yield f"has as its name {name!r}; write one plain word, name = 'my_effect'"
@@ -65,7 +65,7 @@ def _parameter_faults(kind: type[Effect], base: type[Effect]) -> Iterator[str]:
 
 
 def _absurd(p: Parameter) -> Iterator[str]:
-    """What is wrong with one parameter."""
+    """Faults of one parameter."""
     bounds = f"{p.low:g} .. {p.high:g}"
     if not p.name.isidentifier() or p.name == "name":
         yield "whose name is no plain word, or is 'name'"

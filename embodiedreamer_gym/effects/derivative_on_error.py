@@ -1,10 +1,10 @@
-"""Derivative on error: the servo damps the error's speed, not the joint's alone."""
+"""Derivative on error: the servo damps the speed of the error, not only the speed of the joint."""
 
 from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class DerivativeOnError(SignalLaw):
-    """A share of the servo's damping that counts from the command's speed; one for a derivative of the error."""
+    """Share of the servo's damping that is relative to the command's speed; 1 is a full derivative of the error."""
 
     name = "derivative_on_error"
     family = "feed-forward"

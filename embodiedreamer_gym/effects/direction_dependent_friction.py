@@ -1,10 +1,10 @@
-"""Direction-dependent friction: another level forward than backward."""
+"""Direction-dependent friction: different levels forward and backward."""
 
 from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
 class DirectionDependentFriction(TorqueBudget):
-    """Dry friction with one level for positive and one for negative motion."""
+    """Dry friction with one level for positive and another for negative motion."""
 
     name = "direction_dependent_friction"
     family = "friction"

@@ -1,7 +1,7 @@
-"""What a physical effect is: a link of the chain command -> servo -> drive torque -> mechanics -> sensors.
+"""Classes of physical effects. An effect changes one stage of command -> servo -> drive torque -> mechanics -> sensors.
 
-There are three kinds and no more. Each is a class without state; its values live in the instance, its law is a
-static method written so that a leading axis of parameter sets `(B, n)` broadcasts.
+There are three kinds of effects. Each is a class without state: its values are in the instance, and its law is a static
+method written so that a leading axis of parameter sets `(B, n)` broadcasts.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from embodiedreamer_gym.errors import EffectError
 
 Array = np.ndarray
 STAGES = ("command", "servo", "torque", "drive", "load", "sensor", "effort", "clock")
-PER = {"clock": "arm"}  # whose signal a stage has: (B, arms), else that of the joints, (B, n)
+PER = {"clock": "arm"}  # owners of a stage's signal: (B, arms), else the joints, (B, n)
 
 
 @dataclass(frozen=True)
 class Parameter:
     """One number per joint (or per arm) of an effect.
 
-    off: the value at which the effect vanishes, inside [low, high]; typical: a size that is plainly visible.
-    A limit, whose off value is its upper bound, reaches the law as infinity when off.
+    off: the value at which the effect vanishes, inside [low, high]; typical: a size that is clearly visible.
+    A limit has its upper bound as off value; when it is off, the law receives infinity.
     scale: "torque" multiplies low, high and typical by a torque typical of the joint [N m], "1/torque" divides them by
-    it, "" takes them as they are, "urdf_..." multiplies by a standard deviation of the model's `urdf_error`; per: one value for
-    each joint or for each arm; starts: values of a shape parameter from which a fit has to begin to find the right one, where a
-    few sizes do not reach all; prior: whether fits hold it near its off value, by a normal prior whose standard deviation is its
-    typical size.
+    it, "" leaves them unchanged, "urdf_..." multiplies them by a standard deviation of the model's `urdf_error`; per:
+    whether there is one value for each joint or for each arm; starts: values of a shape parameter from which fits
+    start, if a few sizes do not reach the right one; prior: whether fits hold it near its off value, by a normal prior
+    whose standard deviation is its typical size.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Parameter:
     typical: float
     scale: Literal["", "torque", "1/torque", "urdf_mass", "urdf_centre", "urdf_stretch"] = ""
     per: Literal["joint", "arm"] = "joint"
-    shape: bool = False  # a shape parameter: has no influence while the effect's other parameters are off, or is a limit beside them
+    shape: bool = False  # has no influence while the other parameters are off, or is a second limit
     starts: tuple[float, ...] = ()
     prior: bool = False
 
@@ -57,11 +57,11 @@ class Parameter:
 
 @dataclass
 class JointState:
-    """What a law may know of the joints: arrays (B, n), generalised units (rad, m or 0..1 of a gripper), seconds.
+    """State of the joints that a law may use: arrays (B, n), generalised units (rad, m or 0..1 of a gripper), seconds.
 
-    torque: of the drive, N m; external: what gravity, centrifugal and Coriolis forces and the laws of the stage "load" exert
-    on the joint beside it, N m, with the sign of the joint; only for budgets that say `feels_external`, else None. dt and
-    time: numbers, or of each row, (B, 1).
+    torque: of the drive, N m; external: torque of gravity, centrifugal and Coriolis forces and of the laws of the stage
+    "load" on the joint, N m, with the sign of the joint; only for budgets that set `feels_external`, else None. dt and
+    time: numbers, or (B, 1) with one for each row.
     """
 
     position: Array
@@ -74,10 +74,10 @@ class JointState:
 
 @dataclass(kw_only=True)
 class ServoState(JointState):
-    """What a law of the stage "torque" may know beside: the joints as the servo sees them, of their motors.
+    """State that a law of the stage "torque" may use, with the motors' positions and speeds as the servo measures them.
 
     pull: stiffness times position error, N m; damping: of the servo, N m s/rad; command_velocity: of the command that
-    reaches the servo, rad/s; weigh: what `gravity_torque` asks, at positions (B, n).
+    reaches the servo, rad/s; weigh: function that computes `gravity_torque` at positions (B, n).
     """
 
     pull: Array
@@ -87,19 +87,19 @@ class ServoState(JointState):
 
     @property
     def gravity_torque(self) -> Array:
-        """Torque (B, n) N m that holds the URDF's links, without payload or tilt, at the measured positions."""
+        """Torque (B, n) in N m that holds the URDF's links, without payload or tilt, at the measured positions."""
         return self.weigh(self.position)
 
 
 @dataclass
 class Mechanics:
-    """The rigid bodies of a batch of robots, to be changed in place by a change of mechanics.
+    """The rigid bodies of a batch of robots, which a change of mechanics modifies in place.
 
-    mass (B, k) kg; first_moment (B, k, 3) kg m, mass times centre of mass in the body's frame; inertia (B, k, 3, 3)
-    kg m^2 about the body frame's origin; gravity (B, arms, 3) m/s^2; rotor_inertia (B, n) kg m^2 at the joint;
-    tip_body (arms,) body that carries each end effector, tip_point (arms, 3) its place in that body's frame, m.
-    What lies between motor and joint, each (B, n) or what broadcasts to it: compliance rad/(N m), the time in s in which
-    the damping of that spring lets it settle, and the gap of the gears' teeth, rad.
+    mass (B, k) kg; first_moment (B, k, 3) kg m, mass times centre of mass in the body's frame; inertia (B, k, 3, 3) kg
+    m^2 about the origin of the body's frame; gravity (B, arms, 3) m/s^2; rotor_inertia (B, n) kg m^2 at the joint;
+    tip_body (arms,) body that carries each end effector, tip_point (arms, 3) its position in that body's frame, m.
+    Between motor and joint, each (B, n) or broadcastable to it: compliance, rad/(N m); settling, the time in s in which
+    the damping of that spring lets it settle; gap of the gears' teeth, rad.
     """
 
     mass: Array
@@ -125,7 +125,7 @@ class Mechanics:
 class Effect:
     """A physical effect with its values; subclass one of SignalLaw, TorqueBudget or MechanicsChange.
 
-    values: parameter name -> joint (or arm) name -> number; what is not named is off.
+    values: parameter name -> joint (or arm) name -> number; parameters and joints that are not given are off.
     """
 
     name: ClassVar[str]
@@ -134,10 +134,10 @@ class Effect:
     reveals: ClassVar[str]
     confused_with: ClassVar[tuple[str, ...]] = ()
     generalises: ClassVar[tuple[str, ...]] = ()  # effects that are special cases of this one
-    family: ClassVar[str] = ""  # effects of one family are hard to tell apart: "friction", say
+    family: ClassVar[str] = ""  # effects of one family, such as "friction", are hard to distinguish
     kind: ClassVar[str]
     stage: ClassVar[str]
-    passive: ClassVar[bool] = False  # never adds energy, which the laws check
+    passive: ClassVar[bool] = False  # whether it never adds energy, which `check_laws` tests
 
     def __init__(self, **values: Mapping[str, float]) -> None:
         by_name = {p.name: p for p in self.parameters}
@@ -166,36 +166,37 @@ class Effect:
 class SignalLaw(Effect):
     """A pure function of a signal: (signal, joint, memory, p) -> (signal, memory).
 
-    stage "command": the commanded position; "servo": the position error; "torque": what the servo asks for, of which its
-    limits and damping are still to come off (the law gets a `ServoState`); "drive": the servo's torque, of which the law says what arrives at the joint (a log's effort is what goes in: a current says no more); "load": an extra
-    torque on the joint (the law adds to it); "sensor": the measured position. These signals are (B, n).
-    "effort": the drive's torque as a log's effort shows it; only comparisons of efforts pass through this stage.
-    "clock": the standard deviation of the errors of a log's time stamps, (B, arms), s. The robot does not feel it: only the
-    comparison of a run with a log passes through this stage.
+    stage "command": the commanded position; "servo": the position error; "torque": the torque that the servo commands,
+    before its limits and its damping (the law gets a `ServoState`); "drive": the servo's torque, of which the law
+    returns the part that reaches the joint (a log's effort is the torque before this stage, because a current shows no
+    more); "load": an extra torque on the joint (the law adds to it); "sensor": the measured position. These signals are
+    (B, n). "effort": the drive's torque as a log's effort shows it; only comparisons of efforts use this stage.
+    "clock": the standard deviation of the errors of a log's timestamps, (B, arms), s. It does not act on the robot:
+    only the comparison of a run with a log uses this stage.
     """
 
     kind = "signal"
 
     @staticmethod
     def start(signal: Array, p: SimpleNamespace, dt: float) -> Any:
-        """Memory at rest, given the signal (B, n) of the first instant.
+        """Memory at rest, given the signal (B, n) at the first instant.
 
-        Of a load, the torque left over at rest; of a torque, what the servo has to ask for beyond its pull and the laws
-        before to stay at rest.
+        For a load, the signal is the torque that remains at rest; for a torque, what the servo has to command beyond
+        its pull and the laws before to stay at rest.
         """
         return None
 
     @staticmethod
     def law(signal: Array, joint: Any, memory: Any, p: SimpleNamespace) -> tuple[Array, Any]:
-        """Return the changed signal and the new memory, both as new arrays: what is passed in stays as it is.
+        """Return the changed signal and the new memory, both as new arrays; the arguments must not be changed.
 
-        joint: a JointState, on the stage "torque" a ServoState.
+        joint: a JointState, or a ServoState on the stage "torque".
         """
         raise NotImplementedError
 
 
 class TorqueBudget(Effect):
-    """How much torque friction may take or the drive may give; all are solved together over the coupled joints."""
+    """Limits on the torque of friction or of the drive; all budgets are solved together over the coupled joints."""
 
     kind = "budget"
     stage = "mechanics"
@@ -204,23 +205,23 @@ class TorqueBudget(Effect):
 
     @staticmethod
     def friction(joint: JointState, p: SimpleNamespace) -> tuple[Array, Array] | None:
-        """Torque (B, n) N m, not negative, that friction may take of a forward and of a backward motion, or None."""
+        """Largest friction (B, n) in N m, not negative, against a forward and against a backward motion, or None."""
         return None
 
     @staticmethod
     def drive(
         joint: JointState, p: SimpleNamespace
     ) -> tuple[Array | float, Array | float, Array | float, Array | float, Array | float] | None:
-        """What the drive can give: five arrays (B, n) or numbers, np.inf where there is no limit, or None.
+        """Limits of the drive: five arrays (B, n) or numbers, np.inf without a limit; or None.
 
-        Highest torque forward and backward, N m; speeds forward and backward, rad/s, at which the torque of a motor
-        on a fixed voltage fades to nothing; that motor's torque at rest (stall torque), N m.
+        They are the highest torque forward and backward, N m; the speeds forward and backward, rad/s, at which the
+        torque of a motor on a fixed voltage falls to zero; and the torque of that motor at rest (stall torque), N m.
         """
         return None
 
 
 class MechanicsChange(Effect):
-    """A change of masses, gravity, rotor inertia or the gears' give, made once per parameter set."""
+    """A change of masses, gravity, rotor inertia or the gears' compliance and gap, made once per parameter set."""
 
     kind = "mechanics"
     stage = "mechanics"

@@ -1,4 +1,4 @@
-"""Effort sensor: what a log's effort reads for a torque. Not an effect to be named, but a property of the log."""
+"""Effort sensor: how a log's effort depends on the torque. As a property of the log, it is never named as an effect."""
 
 import numpy as np
 
@@ -8,9 +8,9 @@ from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 class EffortSensor(SignalLaw):
     """The logged effort is the drive's torque times a scale, plus an offset, and may be later than the logged position.
 
-    The scale is one over the torque constant and the gear ratio where a log holds currents; the offset is the sensor's
-    zero, and whatever balances the joint with a constant torque. The delay is that of the drive's current filter and of the
-    bus, negative where the position is the later one.
+    If a log contains currents, the scale is one over the torque constant and the gear ratio; the offset is the sensor's
+    zero, and a constant torque that balances the joint. The delay is that of the drive's current filter and of the bus;
+    it is negative if the position is later.
     """
 
     name = "effort_sensor"
@@ -25,12 +25,12 @@ class EffortSensor(SignalLaw):
 
     @staticmethod
     def law(signal, joint, memory, p):
-        """Scale the torque (..., T, n) N m of T samples, delay it (p.delay (..., n), s), and add the offset."""
+        """Scale the torque (..., T, n) in N m of T samples, delay it (p.delay (..., n), s), and add the offset."""
         return p.scale * later(signal, p.delay / joint.dt) + p.offset, memory
 
 
 def later(signal: np.ndarray, samples: np.ndarray) -> np.ndarray:
-    """A signal (P, T, n) delayed by a number of samples (P, 1, n), not necessarily whole; its ends are held."""
+    """A signal (P, T, n) delayed by a number of samples (P, 1, n), which may be fractional; its end values are held."""
     if not samples.any():
         return signal
     whole = np.floor(samples)

@@ -4,7 +4,7 @@ from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class EncoderOffset(SignalLaw):
-    """A constant added to the measured angle; the servo steers by it too."""
+    """A constant added to the measured angle; the servo uses the measured angle too."""
 
     name = "encoder_offset"
     family = "gravity"

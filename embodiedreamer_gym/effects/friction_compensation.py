@@ -1,14 +1,14 @@
-"""Friction compensation: the controller adds what it takes the friction of the commanded motion to be."""
+"""Friction compensation: the controller adds its estimate of the friction of the commanded motion."""
 
 import numpy as np
 
 from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
-SLOW = 0.01  # rad/s, of a command below which the dry part is taken in proportion
+SLOW = 0.01  # rad/s, command speed below which the dry part is proportional to it
 
 
 class FrictionCompensation(SignalLaw):
-    """A torque along the commanded velocity: a constant one, and one in proportion. It overcomes friction, or more."""
+    """A torque in the direction of the commanded velocity, constant plus proportional. It may exceed the friction."""
 
     name = "friction_compensation"
     family = "feed-forward"

@@ -1,10 +1,10 @@
-"""Gravity compensation: the controller carries a share of the arm's weight, as its own model knows it."""
+"""Gravity compensation: the controller carries a share of the arm's weight, computed with its own model."""
 
 from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class GravityCompensation(SignalLaw):
-    """A share of the URDF's weight that the servo carries beyond what the model's file states, or short of it."""
+    """Share of the URDF's weight that the servo carries beyond what the model's file states, or less if negative."""
 
     name = "gravity_compensation"
     family = "gravity"
@@ -16,5 +16,5 @@ class GravityCompensation(SignalLaw):
 
     @staticmethod
     def law(signal, joint, memory, p):
-        """Add a share of the torque (B, n) N m that holds the nominal links where the encoders see them."""
+        """Add a share of the torque (B, n) in N m that holds the nominal links at the measured positions."""
         return signal + p.share * joint.gravity_torque, memory

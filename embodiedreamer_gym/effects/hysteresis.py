@@ -1,4 +1,4 @@
-"""Hysteresis: before friction slips, what carries it gives way like a spring."""
+"""Hysteresis: before friction slips, its contacts yield like a spring."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class Hysteresis(SignalLaw):
-    """Presliding friction: a torque that builds up over a small travel after each reversal and never sticks hard."""
+    """Presliding friction: a torque that builds up over a small travel after each reversal, without hard sticking."""
 
     name = "hysteresis"
     family = "friction"
@@ -23,12 +23,12 @@ class Hysteresis(SignalLaw):
 
     @staticmethod
     def start(signal, p, dt):
-        """The torque of friction, which takes up what is left over at rest, and the place where it was so."""
+        """The friction torque, which balances the torque that remains at rest; there is no last position yet."""
         return np.clip(signal, -p.torque, p.torque), None
 
     @staticmethod
     def law(signal, joint, memory, p):
-        """Take friction F (B, n) N m off, dF = (level sign(dq) - F) |dq| / travel, exact for any step (Dahl 1968)."""
+        """Subtract friction F (B, n) N m, dF = (level sign(dq) - F) |dq| / travel, exact for any step (Dahl 1968)."""
         friction, last = memory
         moved = joint.position - (joint.position if last is None else last)
         level = p.torque * np.sign(moved)

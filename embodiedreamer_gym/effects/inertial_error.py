@@ -1,4 +1,4 @@
-"""Errors of the URDF's masses: not an effect to be named, but what a fit estimates beside the effects."""
+"""Errors of the URDF's masses: never named as an effect, but estimated by fits together with the effects."""
 
 import numpy as np
 
@@ -6,11 +6,11 @@ from embodiedreamer_gym.effects.effect import MechanicsChange, Parameter
 
 
 class InertialError(MechanicsChange):
-    """Errors of each moving body's mass, centre of mass and inertia; joint names stand for bodies.
+    """Errors of each moving body's mass, centre of mass and inertia; a body has the name of its joint.
 
-    Every value of these parameters is a body that can exist: the mass is multiplied by exp(mass), and the second moments
-    about the centre of mass are those of the body stretched along its axes by exp(stretch), so that they stay positive
-    definite and the principal inertias keep the triangle inequality.
+    Every value of these parameters gives a body that can exist: the mass is multiplied by exp(mass), and the second
+    moments about the centre of mass are those of the body stretched along its axes by exp(stretch), so that they stay
+    positive definite and the principal inertias satisfy the triangle inequality.
     Source: Rucker and Wensing, IEEE Robotics and Automation Letters 7(2), 2022 (the log-Cholesky form, without shear).
     """
 
@@ -26,7 +26,7 @@ class InertialError(MechanicsChange):
 
     @staticmethod
     def change(mechanics, p):
-        """Change mass, centre and inertia of body j by column j of the parameters (B, n); the first n bodies are meant."""
+        """Change mass, centre and inertia of body j by column j of the parameters (B, n), for the first n bodies."""
         stretch = np.exp(np.stack([p.stretch_x, p.stretch_y, p.stretch_z], axis=-1))
         shift = np.stack([p.x, p.y, p.z], axis=-1)
         for j in range(p.mass.shape[1]):

@@ -4,11 +4,11 @@ import numpy as np
 
 from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
-HELD = 60.0  # s, for which the arm has stood still when a motion begins
+HELD = 60.0  # s for which the arm has stood still before a motion
 
 
 class IntegralAction(SignalLaw):
-    """The integral of the position error times stiffness and rate, clamped; when a motion begins it holds the arm still."""
+    """The integral of the position error times stiffness and rate, clamped; at the start it holds the arm still."""
 
     name = "integral_action"
     family = "integral"
@@ -23,7 +23,7 @@ class IntegralAction(SignalLaw):
 
     @staticmethod
     def start(signal, p, dt):
-        """The integral (B, n) N m that carries what else is not carried, and the last pull."""
+        """The integral (B, n) in N m that balances the remaining torque at rest; there is no last pull yet."""
         return np.clip(signal * (1.0 - np.exp(-p.rate * HELD)), -p.limit, p.limit), None
 
     @staticmethod

@@ -1,10 +1,10 @@
-"""Joint elasticity: the gear between motor and joint gives way like a spring."""
+"""Joint elasticity: the gear between motor and joint yields like a spring."""
 
 from embodiedreamer_gym.effects.effect import MechanicsChange, Parameter
 
 
 class JointElasticity(MechanicsChange):
-    """A spring and damper between the motor, which servo and encoder see, and the joint."""
+    """A spring and damper between the joint and the motor, at which servo and encoder measure."""
 
     name = "joint_elasticity"
     family = "gear"
@@ -20,6 +20,6 @@ class JointElasticity(MechanicsChange):
 
     @staticmethod
     def change(mechanics, p):
-        """Add compliance (B, n) rad/(N m); its damping is that times compliance, of the time in which it settles."""
+        """Add compliance (B, n) in rad/(N m); the spring's damping is the settling time divided by the compliance."""
         mechanics.compliance = mechanics.compliance + p.compliance
         mechanics.settling = mechanics.settling + p.settling

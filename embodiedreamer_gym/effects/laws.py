@@ -1,4 +1,4 @@
-"""Checks of the laws that every effect must keep, on seeded motions in a few milliseconds; a user's file must pass them."""
+"""Tests of the laws that every effect must obey, on seeded motions in milliseconds; a user's file must pass them."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ from embodiedreamer_gym.errors import EffectError
 
 CYCLES = (40, 240)  # steps of a cycle: 6 and 1 Hz
 AMPLITUDES = (0.01, 0.1, 1.0)  # rad
-RETURNED = 1e-3  # of the work done to and fro over a cycle: rounding
-UNLIMITED = 1e6  # N m or rad/s: no drive reaches it
+RETURNED = 1e-3  # tolerance relative to the total work over a cycle, for rounding errors
+UNLIMITED = 1e6  # N m or rad/s; beyond any drive
 CLOSE = 1e-9
 
 
 def check_laws(kind: type[Effect]) -> None:
     """Check an effect against the laws: declaration, shape, finite, off, passive, pure, batch, rest, memory, mechanics.
 
-    Raises: EffectError, one sentence that names the effect and the first law it breaks.
+    Raises: EffectError, one sentence that names the effect and the first law that it violates.
     """
     try:
         for fault in faults(kind):
@@ -56,7 +56,7 @@ def check_laws(kind: type[Effect]) -> None:
                 _check_mechanics(effect, sets)
     except EffectError:
         raise
-    except Exception as error:  # any exception of a user's law becomes one sentence
+    except Exception as error:  # report any exception of a user's law as one sentence
         text = " ".join(str(error).split()).rstrip(".")
         if "read-only" in text:
             _refuse(kind, "changes its input in place; return a new array", "pure")
@@ -104,7 +104,7 @@ def _check_signal(effect: SignalLaw, sets: Sets, motion: Motion) -> None:
 
 
 def _play(effect: SignalLaw, motion: Motion, sets: Sets, rows: slice = EVERY) -> Array:
-    """Return the law's output (S, B, n) for a motion's signal, step by step; raises for what a step may not do."""
+    """Return the law's output (S, B, n) for a motion's signal, step by step; raises EffectError for a bad step."""
     p = given(sets, rows)
     parameters = dict(vars(p))
     memory = effect.start(locked(motion.signal[0, rows]), p, DT)
@@ -129,7 +129,7 @@ def _play(effect: SignalLaw, motion: Motion, sets: Sets, rows: slice = EVERY) ->
 
 
 def _check_memory(effect: SignalLaw, memory: Any, batch: int) -> None:
-    """Check that a simulation can cut a memory to fewer rows."""
+    """Check that a simulation can reduce a memory to fewer rows."""
     if isinstance(memory, tuple | dict):
         for part in memory.values() if isinstance(memory, dict) else memory:
             _check_memory(effect, part, batch)
@@ -151,7 +151,7 @@ def _equal(a: Any, b: Any) -> bool:
 
 
 def _check_rest(effect: SignalLaw, sets: Sets, motion: Motion) -> None:
-    """Under a command that stands still, a memory stays as it started."""
+    """Check that the memory stays as it started while the command stands still."""
     p, signal, still = given(sets), locked(motion.signal[0]), locked(0 * motion.signal[0])
     memory = effect.start(signal, p, DT)
     first = None
@@ -163,7 +163,7 @@ def _check_rest(effect: SignalLaw, sets: Sets, motion: Motion) -> None:
 
 
 def _check_cycle(effect: SignalLaw, sets: Sets, steps: int) -> None:
-    """Check the work over the second of two equal cycles of motion: at most what a spring has stored is returned."""
+    """Check the work over the second of two equal cycles of motion: only energy stored in a spring is returned."""
     count = SETS * len(AMPLITUDES)
     p = given({name: np.repeat(values, len(AMPLITUDES), axis=0) for name, values in sets.items()})
     size = np.tile(AMPLITUDES, SETS)[:, None]
@@ -207,7 +207,7 @@ def _check_budget(effect: TorqueBudget, sets: Sets, motion: Motion) -> None:
 
 
 def _budgets(effect: TorqueBudget, motion: Motion, sets: Sets, k: int, rows: slice = EVERY) -> Array:
-    """Friction forward and backward, then the five limits of the drive, at a step of the motion (7, B, n)."""
+    """Friction forward and backward, then the five limits of the drive (7, B, n), at a step of the motion."""
     p, joint = given(sets, rows), motion.joint(k, rows)
     state, parameters, shape = dict(vars(joint)), dict(vars(p)), joint.position.shape
     parts: list[Array] = []

@@ -1,4 +1,4 @@
-"""Load-dependent friction: gears rub in proportion to the torque that they transmit."""
+"""Load-dependent friction: the friction of gears is proportional to the torque that they transmit."""
 
 import numpy as np
 
@@ -6,14 +6,14 @@ from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
 class LoadFriction(TorqueBudget):
-    """Gear friction |coefficient * drive - external * load|, and more near standstill: static * |drive - load| there.
+    """Gear friction |coefficient * drive - external * load|, plus static * |drive - load| near standstill.
 
-    drive is the drive's torque, load the one on the joint beside it: a drive that holds a load has the other sign, so both
-    shares add up. They are equal where gears lose as much driving as being driven back; external is zero where only the
-    drive's torque counts.
+    drive is the drive's torque, load the other torque on the joint: a drive that holds a load has the opposite sign, so
+    both shares add up. The shares are equal if gears lose as much when they drive as when they are driven back;
+    external is zero if only the drive's torque counts.
 
-    Source: Duclusaud, Passault, Padois and Ly, "Extended Friction Models for the Physics Simulation of Servo Actuators",
-    arXiv 2410.08650, models M3 (equal shares), M4 (static friction) and M5 (a share for each side).
+    Source: Duclusaud, Passault, Padois and Ly, "Extended Friction Models for the Physics Simulation of Servo
+    Actuators", arXiv 2410.08650, models M3 (equal shares), M4 (static friction) and M5 (a share for each side).
     """
 
     name = "load_friction"
@@ -31,7 +31,7 @@ class LoadFriction(TorqueBudget):
 
     @staticmethod
     def friction(joint, p):
-        """Share of the torque (B, n) N m that passes the gears; static friction falls with speed as in `StribeckFriction`."""
+        """Share of the gears' torque (B, n) in N m; the static part falls with speed as in `StribeckFriction`."""
         torque = np.abs(p.coefficient * joint.torque - p.external * joint.external)
         torque = torque + p.static * np.abs(joint.torque - joint.external) * np.exp(-((joint.velocity / p.speed) ** 2))
         return torque, torque

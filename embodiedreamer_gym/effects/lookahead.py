@@ -1,4 +1,4 @@
-"""Lookahead: the controller steers its set point by where it would be some time ahead."""
+"""Lookahead: the controller steers its set point with the position predicted for some time ahead."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class Lookahead(SignalLaw):
-    """A second-order filter of the command, x'' = gain (command - x - seconds x'), as of a servoj command."""
+    """A second-order filter of the command, x'' = gain (command - x - seconds x'), as in a servoj command."""
 
     name = "lookahead"
     family = "late_command"
@@ -33,7 +33,7 @@ class Lookahead(SignalLaw):
         spread = np.sqrt(1.0 - 4.0 * p.inverse_gain + 0j)
         spread = np.where(np.abs(spread) < 1e-4, 1e-4, spread)  # two equal roots
         roots = [(-1.0 + sign * spread) / (2.0 * p.inverse_gain * ahead) for sign in (1.0, -1.0)]
-        away, drift = place - (last - slope * ahead), speed - slope  # from the command's ramp, some time late
+        away, drift = place - (last - slope * ahead), speed - slope  # relative to the delayed ramp of the command
         first = (drift - roots[1] * away) / (roots[0] - roots[1])
         parts = [first * np.exp(roots[0] * joint.dt), (away - first) * np.exp(roots[1] * joint.dt)]
         place = signal - slope * ahead + np.real(parts[0] + parts[1])

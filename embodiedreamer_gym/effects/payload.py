@@ -6,10 +6,11 @@ from embodiedreamer_gym.effects.effect import MechanicsChange, Parameter
 
 
 class Payload(MechanicsChange):
-    """A point mass at the end effector, or a few centimetres beside it.
+    """A point mass at the end effector, or a few centimetres away from it.
 
-    x, y, z: from the end effector to the mass, along the axes of the last moving link. Most loads lie within 5 cm of the
-    end effector, which their prior says, so that a motion that shows no more still gives a mass.
+    x, y, z: from the end effector to the mass, along the axes of the last moving link. Most loads are within 5 cm of
+    the end effector. The prior states this, so that a motion that does not determine the position still determines a
+    mass.
     """
 
     name = "payload"
@@ -26,7 +27,7 @@ class Payload(MechanicsChange):
 
     @staticmethod
     def change(mechanics, p):
-        """Add the mass (B, arms) kg at each arm's tip, moved by x, y, z (B, arms) m."""
+        """Add the mass (B, arms) kg at each arm's tip, offset by x, y, z (B, arms) m."""
         offset = np.stack([p.x, p.y, p.z], axis=-1)
         for arm, body in enumerate(mechanics.tip_body):
             mechanics.add_point_mass(int(body), p.mass[:, arm], mechanics.tip_point[arm] + offset[:, arm])

@@ -1,14 +1,14 @@
-"""Profile: the firmware moves its set point with a highest speed and acceleration."""
+"""Profile: the firmware moves its set point with limited speed and acceleration."""
 
 import numpy as np
 
 from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
-PARTS = 6  # of a step, in which the plan is made anew: when it brakes has to be known better than by steps of the plant
+PARTS = 6  # parts of a step in which the plan is updated; a whole step would place the start of braking too coarsely
 
 
 class Profile(SignalLaw):
-    """A trapezoidal profile that is planned anew towards each command: it never passes a command that stays."""
+    """A trapezoidal profile that is planned again towards each command; it never overshoots a constant command."""
 
     name = "profile"
     family = "late_command"
@@ -24,14 +24,15 @@ class Profile(SignalLaw):
 
     @staticmethod
     def start(signal, p, dt):
-        """The set point (B, n), its speed (B, n) and the last command: it rests at the first one."""
+        """The set point (B, n), its speed (B, n) and the last command; it rests at the first command."""
         return signal.copy(), np.zeros_like(signal), signal.copy()
 
     @staticmethod
     def law(signal, joint, memory, p):
         """Move at the speed v from which the set point can just stop at the command: v dt + u^2 / (2 a) = distance.
 
-        v is that of the middle of a part of the step, u the one of its end, as extrapolated from v and the one before.
+        v is the speed in the middle of a part of the step; u is the speed at its end, extrapolated from v and the
+        previous one.
         """
         place, speed, last = memory
         dt = joint.dt / PARTS

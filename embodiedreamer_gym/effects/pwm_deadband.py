@@ -1,4 +1,4 @@
-"""Dead band of the servo's output: weak outputs are left out, stronger ones begin with a starting force."""
+"""Dead band of the servo's output: weak outputs are suppressed, stronger ones begin with a starting force."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class PwmDeadband(SignalLaw):
-    """No torque below a level of what the servo asks for; above it the excess, and a starting force."""
+    """No torque if the servo commands less than a level; above it, the excess and a starting force."""
 
     name = "pwm_deadband"
     family = "dead_zone"
@@ -21,7 +21,7 @@ class PwmDeadband(SignalLaw):
 
     @staticmethod
     def law(signal, joint, memory, p):
-        """Change what is asked for (B, n) N m, damping included."""
+        """Change the commanded torque (B, n) in N m, including damping."""
         asked = signal - joint.damping * joint.velocity
         size = np.abs(asked)
         given = np.where(size > p.level, size - p.level + p.start, 0.0)

@@ -4,7 +4,7 @@ from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
 class QuadraticDrag(TorqueBudget):
-    """Drag c v|v|, as of churned grease or air; a budget, so that it brakes at any size and never turns a motion."""
+    """Drag c v|v|, as in grease or air. It is a budget, so it brakes at any size and never reverses a motion."""
 
     name = "quadratic_drag"
     family = "friction"
@@ -15,6 +15,6 @@ class QuadraticDrag(TorqueBudget):
 
     @staticmethod
     def friction(joint, p):
-        """Torque (B, n) N m by the square of the speed."""
+        """Torque (B, n) in N m, proportional to the square of the speed."""
         torque = p.coefficient * joint.velocity**2
         return torque, torque

@@ -4,7 +4,7 @@ from embodiedreamer_gym.effects.effect import MechanicsChange, Parameter
 
 
 class RotorInertia(MechanicsChange):
-    """Inertia of motor and gear, as felt at the joint, beyond the model's own."""
+    """Inertia of motor and gear at the joint, in addition to the model's own."""
 
     name = "rotor_inertia"
     parameters = (Parameter("inertia", "kg m^2", off=0.0, low=0.0, high=1.5, typical=0.005, scale="torque"),)

@@ -6,10 +6,10 @@ from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class ServoDeadzone(SignalLaw):
-    """A dead zone of half-width `width` on the position error, from whose edge or from zero the error counts beyond it.
+    """A dead zone of half-width `width` on the position error; `jump` sets how much of a larger error counts.
 
-    jump: share of the width by which the error jumps at the edge. 0: the width is subtracted from every error, as with the
-    compliance margin of Dynamixel AX servos; 1: an error beyond it counts in full.
+    jump: share of the width by which the error jumps at the edge. 0: the width is subtracted from every error, as with
+    the compliance margin of Dynamixel AX servos; 1: an error beyond the width counts in full.
     """
 
     name = "servo_deadzone"
@@ -25,6 +25,6 @@ class ServoDeadzone(SignalLaw):
 
     @staticmethod
     def law(signal, joint, memory, p):
-        """Shrink the error (B, n) towards zero by the width, or by less beyond it."""
+        """Reduce the error (B, n) towards zero by the width, or by a smaller amount beyond the width."""
         within = np.clip(signal, -p.width, p.width)
         return signal - np.where(np.abs(signal) > p.width, 1.0 - p.jump, 1.0) * within, memory

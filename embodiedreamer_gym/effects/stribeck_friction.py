@@ -22,6 +22,6 @@ class StribeckFriction(TorqueBudget):
 
     @staticmethod
     def friction(joint, p):
-        """Torque (B, n) N m; Stribeck's curve with a Gaussian fall (Armstrong-Helouvry et al. 1994, eq. 12)."""
+        """Torque (B, n) in N m; Stribeck's curve with a Gaussian decay (Armstrong-Helouvry et al. 1994, eq. 12)."""
         torque = p.sliding + p.extra_static * np.exp(-((joint.velocity / p.speed) ** 2))
         return torque, torque

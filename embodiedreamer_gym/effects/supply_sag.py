@@ -1,4 +1,4 @@
-"""Supply sag: the voltage at the drive falls with the current that the motor draws."""
+"""Supply sag: the drive's supply voltage falls with the current of the motor."""
 
 import numpy as np
 
@@ -6,11 +6,12 @@ from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class SupplySag(SignalLaw):
-    """A motor on PWM whose supply and cables have a resistance: torque (asked - damping * speed) / (1 + sag * |asked|).
+    """A PWM motor whose supply and cables have a resistance: torque (asked - damping * speed) / (1 + sag * |asked|).
 
-    While the PWM is on, for a share d of the time, the motor's current I passes the supply's resistance r, and always its
-    winding's R: d (V - r I) = R I + back-EMF, or I = (d V - back-EMF) / (R + r d). What is asked for stands for d V, the servo's
-    damping for the back-EMF; sag is r / R over the stall torque at r = 0.
+    While the PWM is on, for a share d of the time, the motor's current I flows through the supply's resistance r; it
+    always flows through the winding's R: d (V - r I) = R I + back-EMF, or I = (d V - back-EMF) / (R + r d). The
+    commanded torque corresponds to d V, the servo's damping to the back-EMF; sag is r / R over the stall torque at r =
+    0.
     """
 
     name = "supply_sag"
@@ -23,6 +24,6 @@ class SupplySag(SignalLaw):
 
     @staticmethod
     def law(signal, joint, memory, p):
-        """Divide what is asked for (B, n) N m, less what damping takes of it."""
+        """Divide the commanded torque (B, n) in N m, minus the damping, by 1 + sag * |asked|."""
         drag = joint.damping * joint.velocity
         return (signal - drag) / (1.0 + p.sag * np.abs(signal)) + drag, memory

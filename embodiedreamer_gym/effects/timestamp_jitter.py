@@ -1,4 +1,4 @@
-"""Timestamp jitter: each row of a log bears a time that is a little early or late."""
+"""Timestamp jitter: the time of each row of a log is slightly early or late."""
 
 import numpy as np
 
@@ -6,10 +6,11 @@ from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class TimestampJitter(SignalLaw):
-    """White errors of a log's time stamps, common to an arm's joints; `seconds` is their standard deviation.
+    """White errors of a log's timestamps, common to an arm's joints; `seconds` is their standard deviation.
 
-    A property of the log: in the plant, of a free run as of an environment, it does nothing. A model that has it is
-    compared with a log as its clock would have stamped the run, each stamp's own error is estimated from the log alone.
+    This is a property of the log: it changes nothing in a free run or in an environment. When a model with this effect
+    is compared with a log, its run gets the timestamps of the log's clock; the error of each timestamp is estimated
+    from the log alone.
     """
 
     name = "timestamp_jitter"
@@ -21,5 +22,5 @@ class TimestampJitter(SignalLaw):
 
     @staticmethod
     def law(signal, joint, memory, p):
-        """Add the jitter in quadrature: errors of independent causes; (B, arms) s."""
+        """Add the jitter (B, arms) in s in quadrature, because its errors have independent causes."""
         return np.hypot(signal, p.seconds), memory

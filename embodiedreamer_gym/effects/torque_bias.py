@@ -1,4 +1,4 @@
-"""Torque bias: a constant torque, as from a current offset or a wrong gravity compensation."""
+"""Torque bias: a constant torque, for example from a current offset or a wrong gravity compensation."""
 
 from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 

@@ -1,4 +1,4 @@
-"""Torque constant: the motor gives another torque than its drive believes."""
+"""Torque constant: the motor's torque differs from the torque that its drive assumes."""
 
 from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
@@ -6,8 +6,9 @@ from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 class TorqueConstant(SignalLaw):
     """A gain of the drive's torque (the Piper's firmware multiplies that of joints 1 to 3 by four).
 
-    A log's effort comes from the motor's current, so it is the torque before this gain. In the motion the gain is one
-    with the servo's stiffness and damping, which a fit scales to match: positions alone never show it.
+    A log's effort comes from the motor's current, so it is the torque before this gain. In the motion, the gain cannot
+    be distinguished from the servo's stiffness and damping, which a fit scales accordingly: positions alone never show
+    it.
     """
 
     name = "torque_constant"

@@ -1,4 +1,4 @@
-"""Torque fade: the drive weakens as it warms up."""
+"""Torque fade: the drive becomes weaker as it warms up."""
 
 import numpy as np
 
@@ -6,10 +6,10 @@ from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class TorqueFade(SignalLaw):
-    """A share of the drive's torque that is lost with time, 1 - loss (1 - exp(-t / time)).
+    """Share of the drive's torque that is lost with time, 1 - loss (1 - exp(-t / time)).
 
-    Heat follows the mean power over minutes, and no log carries a temperature: within one log its course is a function
-    of the time since the log began, when the drive is taken to be cool.
+    Heat follows the mean power over minutes, and no log contains a temperature. Within one log, the loss is therefore a
+    function of the time since the log began, and the drive is assumed to be cool at the start.
     """
 
     name = "torque_fade"

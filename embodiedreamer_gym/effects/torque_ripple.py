@@ -1,4 +1,4 @@
-"""Torque ripple: cogging of the motor or a turn of the gear that shows at certain angles."""
+"""Torque ripple: cogging of the motor, or a periodic error of the gear at certain angles."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from embodiedreamer_gym.effects.effect import Parameter, SignalLaw
 
 
 class TorqueRipple(SignalLaw):
-    """A torque that wavers with the angle, A sin(N q + phase)."""
+    """A torque that varies periodically with the angle, A sin(N q + phase)."""
 
     name = "torque_ripple"
     stage = "load"
@@ -20,7 +20,7 @@ class TorqueRipple(SignalLaw):
     symptom = "the error oscillates with the angle of the joint, at the same angles for every speed"
     reveals = "a slow sweep at constant speed"
     confused_with = ("joint_spring",)
-    generalises = ("torque_bias", "joint_spring")  # a long wave is a spring
+    generalises = ("torque_bias", "joint_spring")  # a ripple of low frequency acts like a spring
 
     @staticmethod
     def law(signal, joint, memory, p):

@@ -1,4 +1,4 @@
-"""Torque saturation: the drive gives no more than its highest torque."""
+"""Torque saturation: the drive's torque is limited."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
 class TorqueSaturation(TorqueBudget):
-    """A highest torque of the drive, the same in both directions and at every speed."""
+    """A torque limit of the drive, the same in both directions and at every speed."""
 
     name = "torque_saturation"
     family = "limit"
@@ -17,5 +17,5 @@ class TorqueSaturation(TorqueBudget):
 
     @staticmethod
     def drive(joint, p):
-        """Highest torque (B, n) N m; no limit of speed."""
+        """Highest torque (B, n) in N m; no limit of speed."""
         return p.limit, p.limit, np.inf, np.inf, np.inf

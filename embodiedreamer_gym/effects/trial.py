@@ -1,4 +1,4 @@
-"""What effects are tried on to see whether they keep the laws: seeded parameter sets, motions and bodies."""
+"""Inputs for the tests of effects' laws: seeded parameter sets, motions and bodies."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from embodiedreamer_gym.effects.effect import PER, Array, Effect, JointState, Mechanics, ServoState
 
 N, ARMS, BODIES = 3, 2, 5
-SETS, OFF, TYPICAL = 7, slice(0, 2), 4  # parameter sets: off, off but for shapes, low, high, typical, two at random
+SETS, OFF, TYPICAL = 7, slice(0, 2), 4  # sets: off, off except for shapes, low, high, typical, two at random
 EVERY = slice(None)
 STEPS, DT = 24, 1 / 240  # s
-BY_JOINT = ("compliance", "settling", "gap")  # of a Mechanics, which broadcast
+BY_JOINT = ("compliance", "settling", "gap")  # fields of a Mechanics that broadcast
 Sets = dict[str, Array]  # parameter -> (B, joints or arms)
 
 
@@ -31,22 +31,22 @@ def parameter_sets(kind: type[Effect], rng: np.random.Generator) -> Sets:
 
 
 def given(sets: Sets, rows: slice = EVERY) -> SimpleNamespace:
-    """Rows of parameter sets as a law gets them; it cannot write to them."""
+    """Rows of parameter sets in the form that a law receives; they are read-only."""
     return SimpleNamespace(**{name: locked(values[rows]) for name, values in sets.items()})
 
 
 def locked(array: Array) -> Array:
-    """A copy that nobody can write to."""
+    """A read-only copy."""
     array = np.array(array)
     array.setflags(write=False)
     return array
 
 
 class Motion:
-    """Sines of joints and signal: arrays (S, B, n), of up to about 10 rad/s and 3 N m.
+    """Sinusoidal motion of the joints and signal: arrays (S, B, n), up to about 10 rad/s and 3 N m.
 
-    Where a stage's signal belongs to the arms, it is the size of an error: (S, B, arms), not negative. external: whether
-    the joints feel an external torque.
+    If a stage's signal is per arm, it is the size of an error: (S, B, arms), not negative. external: whether there is
+    an external torque on the joints.
     """
 
     def __init__(self, rng: np.random.Generator, stage: str = "", external: bool = False) -> None:
@@ -63,7 +63,7 @@ class Motion:
             self.signal = np.abs(self.signal[..., :ARMS])
 
     def joint(self, k: int, rows: slice = EVERY) -> JointState:
-        """The joints at a step."""
+        """State of the joints at a step."""
         position, velocity, torque = (locked(x[k, rows]) for x in (self.position, self.velocity, self.torque))
         external = None if self.external is None else locked(self.external[k, rows])
         if self.stage != "torque":
@@ -75,7 +75,7 @@ class Motion:
 
 
 def ordinary_bodies(batch: int) -> Mechanics:
-    """Two arms of ordinary links with rotors, all robots of a batch the same."""
+    """Two arms of ordinary links with rotors; all robots of a batch are equal."""
     rng = np.random.default_rng(1)
     mass, centre = rng.uniform(0.5, 2.0, (1, BODIES)), rng.uniform(-0.1, 0.1, (1, BODIES, 3))
     square = np.einsum("bki,bki->bk", centre, centre)[..., None, None] * np.eye(3)
@@ -86,7 +86,7 @@ def ordinary_bodies(batch: int) -> Mechanics:
 
 
 def arrays(mechanics: Mechanics, batch: int) -> dict[str, Array]:
-    """Field -> array with the robots first; what broadcasts is spread."""
+    """Field -> array with the robots first; fields that broadcast are expanded."""
     fields_by_name = {
         f.name: np.asarray(getattr(mechanics, f.name), float) for f in fields(Mechanics) if f.name[:3] != "tip"
     }
@@ -97,7 +97,7 @@ def arrays(mechanics: Mechanics, batch: int) -> dict[str, Array]:
 
 
 def spatial_inertia(fields_by_name: dict[str, Array]) -> Array:
-    """Mass, centre and inertia of bodies as one matrix (B, k, 6, 6): positive wherever it belongs to matter."""
+    """Mass, centre and inertia of bodies as one matrix (B, k, 6, 6), which is positive for every real body."""
     mass, moment = fields_by_name["mass"], fields_by_name["first_moment"]
     cross = np.zeros((*mass.shape, 3, 3))
     cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -moment[..., 2], moment[..., 1], -moment[..., 0]

@@ -1,4 +1,4 @@
-"""Velocity cascade: position error sets a speed, and a PI controller of that speed the torque."""
+"""Velocity cascade: the position error sets a speed, and a PI controller of that speed sets the torque."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from embodiedreamer_gym.effects.integral_action import HELD
 class VelocityCascade(SignalLaw):
     """A speed loop inside the position loop: torque = damping (w + rate integral of w), w = kp error - speed.
 
-    kp error, whose kp is stiffness over damping, is limited; without limit and integral this is the servo's own law.
+    kp is stiffness over damping, and kp error is limited. Without limit and integral, this is the servo's own law.
     """
 
     name = "velocity_cascade"
@@ -25,7 +25,7 @@ class VelocityCascade(SignalLaw):
 
     @staticmethod
     def start(signal, p, dt):
-        """The integral (B, n) N m that carries what else is not carried, and the last error of the speed as a torque."""
+        """The integral (B, n) in N m that balances the remaining torque at rest; there is no last speed error yet."""
         return signal * (1.0 - np.exp(-p.rate * HELD)), None
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Voltage limit: what the supply leaves above the back-EMF drives the current, less at every speed, in each direction."""
+"""Voltage limit: only the voltage above the back-EMF drives the current, so the torque falls with the speed."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from embodiedreamer_gym.effects.effect import Parameter, TorqueBudget
 
 
 class VoltageLimit(TorqueBudget):
-    """The torque-speed line of a motor on a fixed voltage or goal PWM: stall torque at rest, nothing at the highest speed."""
+    """Torque-speed line of a motor on a fixed voltage or goal PWM: stall torque at rest, zero at the highest speed."""
 
     name = "voltage_limit"
     family = "limit"
@@ -22,5 +22,5 @@ class VoltageLimit(TorqueBudget):
 
     @staticmethod
     def drive(joint, p):
-        """A line from the stall torque (B, n) N m at rest to nothing at the highest speed of each direction."""
+        """A line from the stall torque (B, n) in N m at rest to zero at the highest speed of each direction."""
         return np.inf, np.inf, p.forward, p.backward, p.stall_torque

@@ -1,4 +1,4 @@
-"""Physics engines behind one interface: PyBullet where it installs, MuJoCo everywhere."""
+"""Physics engines behind one interface: PyBullet where it can be installed, MuJoCo everywhere."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def has_pybullet() -> bool:
 def engine_factory(engine: str | EngineFactory) -> EngineFactory:
     """The class of an engine: "bullet", "mujoco", or "auto" for PyBullet where it is installed, else MuJoCo.
 
-    A factory of the caller's own is returned as it is.
+    A factory given by the caller is returned unchanged.
     Raises: SimulationError for another name.
     """
     if callable(engine):

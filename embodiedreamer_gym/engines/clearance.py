@@ -1,4 +1,4 @@
-"""How much room a motion leaves: between the arms, within an arm, and above a table."""
+"""Clearance of a motion: between the arms, within an arm, and above a table."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from embodiedreamer_gym.engines.mujoco.library import mujoco
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation.drive import TIME_STEP
 
-LARGEST = 0.3  # m; what is further apart counts as this far
+LARGEST = 0.3  # m; larger distances count as this
 NEIGHBOURS = 2  # joints between two links of an arm that may touch by design
 TABLE = (4.0, 4.0, 0.5)  # m
 Chain = list[tuple[int, int]]  # geoms of an arm that move, each with the number of joints between it and the base
 
 
 def clearance(model: RobotModel, positions: np.ndarray, table: float | None = None) -> np.ndarray:
-    """Least distance (K,), m, between parts that must not touch, at joint positions (K, n); at most 0.3.
+    """Smallest distance (K,), m, between parts that must not touch, at joint positions (K, n); at most 0.3.
 
-    Parts: links of different arms, links of one arm with two joints or more between them, and a table and what moves.
-    Links without a collision shape are left out.
+    Parts: links of different arms, links of one arm with more than two joints between them, and a table and moving
+    links. Links without a collision shape are left out.
 
     positions: (K, n) in the joints' units.
     table: its height in the frame of the URDF's root, m; None for no table.
@@ -50,7 +50,7 @@ def clearance(model: RobotModel, positions: np.ndarray, table: float | None = No
 
 
 def _chains(model: Any) -> list[Chain]:
-    """The shapes of each arm that touch and move."""
+    """The moving collision shapes of each arm."""
     depth = np.zeros(model.nbody, int)
     for body in range(1, model.nbody):
         depth[body] = depth[model.body_parentid[body]] + model.body_jntnum[body]
@@ -63,7 +63,7 @@ def _chains(model: Any) -> list[Chain]:
 
 
 def _pairs(chains: list[Chain]) -> list[tuple[int, int]]:
-    """The shapes that must not touch."""
+    """Pairs of shapes that must not touch."""
     pairs = [(a, b) for one, other in combinations(chains, 2) for a, _ in one for b, _ in other]
     for chain in chains:
         pairs += [(a, b) for (a, d), (b, e) in combinations(chain, 2) if abs(d - e) > NEIGHBOURS]

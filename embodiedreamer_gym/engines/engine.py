@@ -1,4 +1,4 @@
-"""What a physics engine offers to the environment: a robot, a table and a task's props in one world."""
+"""The interface of a physics engine for the environments: a robot, a table and a task's props in one world."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation.drive import Sets
 
 CLASSES = ("background", "table", "robot")
-SETTLED = 2.0  # s, in which arms come to rest
+SETTLED = 2.0  # s, after which arms are at rest
 STEPS_PER_SECOND = {
     50: 250,
     40: 240,
@@ -31,7 +31,7 @@ FINGER_FRICTION, TIP_SPIN, TIP_ROLL = 1.0, 0.002, 0.0001  # lateral; m, spinning
 
 @dataclass(frozen=True)
 class EngineSettings:
-    """What an environment asks of an engine."""
+    """Settings of an engine, from the environment."""
 
     model: RobotModel
     """The robot."""
@@ -42,9 +42,9 @@ class EngineSettings:
     collisions: bool = True
     """False lets the arms pass through everything."""
     renderer: str = "auto"
-    """Which renderer draws the pictures; the engine says which there are."""
+    """Renderer of the pictures; the choices depend on the engine."""
     picture_size: tuple[int, int] = (128, 96)
-    """Width and height of the largest pictures to be drawn often, pixels."""
+    """Width and height of the largest pictures that are drawn often, pixels."""
     table: bool = True
     """Whether there is a table."""
 
@@ -53,11 +53,11 @@ class Engine(ABC):
     """One world: the robot's arms, a table, and the props of a task.
 
     name: of the engine.
-    light: constants of the renderer's light, fit for JSON.
-    class_names: what the numbers of a segmentation mean.
-    part_names: names of what is rigid and may move, links then props, in the order of `Frame.projections`.
-    bases: for each arm the position (3,), m, of its first joint.
-    fingers: for each arm the names of the links that close on things.
+    light: constants of the renderer's light, JSON-compatible.
+    class_names: names of the class numbers of a segmentation.
+    part_names: names of the rigid parts, links then props, in the order of `Frame.projections`.
+    bases: for each arm, the position (3,), m, of its first joint.
+    fingers: for each arm, the names of the links that grip objects.
     """
 
     name: str
@@ -73,7 +73,7 @@ class Engine(ABC):
         self.fingers: list[list[str]] = []
 
     def finger_joints(self) -> list[list[str]]:
-        """For each arm, the joints that its gripper moves: the sliding ones."""
+        """For each arm, the joints of its gripper, which are the prismatic ones."""
         tree = self.model.tree
         sliding = [b for b in range(tree.bodies) if tree.prismatic[b]]
         return [[tree.joint_names[b] for b in sliding if tree.arm[tree.coordinate[b]] == arm]
@@ -82,7 +82,7 @@ class Engine(ABC):
     @abstractmethod
     def reset(self, position: np.ndarray, velocity: np.ndarray, command: np.ndarray, poses: Mapping[str, Pose],
               sets: Sets | None = None, rng: np.random.Generator | None = None) -> None:  # fmt: skip
-        """Put robot and props in place; the same call gives the same episode whatever went before.
+        """Place robot and props; the same call gives the same episode, independently of the past.
 
         position, velocity, command: (n,) as the encoders read them; the command is the one before the first action.
         poses: of the props, by name.
@@ -92,26 +92,26 @@ class Engine(ABC):
 
     @abstractmethod
     def advance(self, target: np.ndarray) -> None:
-        """Play one control period in which the controller goes to a target (n,)."""
+        """Simulate one control period in which the controller moves to a target (n,)."""
 
     @abstractmethod
     def settle(self, command: np.ndarray) -> np.ndarray:
-        """What the encoders (n,) read where the arms rest under a command (n,), nothing on the table.
+        """Encoder readings (n,) of the arms at rest under a command (n,), with an empty table.
 
         Raises: SimulationError where the arms do not come to rest.
         """
 
     @abstractmethod
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the encoders (n,) read now, and the joints' speed (n,)."""
+        """Present encoder readings (n,) and joint speeds (n,)."""
 
     @abstractmethod
     def pose(self, prop: str) -> Pose:
-        """Where a prop is."""
+        """Pose of a prop."""
 
     @abstractmethod
     def link_pose(self, link: str) -> Pose:
-        """Where the frame of a robot's link is."""
+        """Pose of the frame of a robot's link."""
 
     @abstractmethod
     def links(self) -> Sequence[str]:
@@ -135,21 +135,21 @@ class Engine(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Free the world; twice does no harm."""
+        """Close the world; safe to call twice."""
 
     def tip(self, arm: int) -> Pose:
-        """Where the end effector of an arm is."""
+        """Pose of an arm's end effector."""
         return self.link_pose(self.model.arms[arm])
 
     def around(self, frame: Frame, camera: Camera, size: tuple[int, int]) -> Frame:
-        """A frame in which table and background are parts too where the camera moves."""
+        """The frame; if the camera moves, with table and background as parts too."""
         if camera.link is None:
             return frame
         links = len(self.part_names) - len(self.settings.props)
         return with_surroundings(frame, links, camera.matrix(size), *camera.pose(self.mount(camera)))
 
     def mount(self, camera: Camera) -> tuple[np.ndarray, np.ndarray] | None:
-        """Position and quaternion of the link that carries a camera; None for one that stands in the world."""
+        """Position and quaternion of the link that carries a camera; None for a camera fixed in the world."""
         if camera.link is None:
             return None
         pose = self.link_pose(camera.link)
@@ -160,7 +160,7 @@ EngineFactory = Callable[[EngineSettings], Engine]
 
 
 class PlantEngine(Engine):
-    """An engine that moves the robot by the drive of its model: what was calibrated is what runs."""
+    """An engine that moves the robot with the drive of its model, so that the calibrated dynamics are simulated."""
 
     plant: Plant
 
@@ -168,7 +168,7 @@ class PlantEngine(Engine):
         super().__init__(settings)
         per_second = STEPS_PER_SECOND[settings.control_hz]
         self.dt, steps = 1.0 / per_second, per_second // settings.control_hz
-        if self.model.command_hold == "hold":  # the edge lies on the first step, whose mean is half old and half new
+        if self.model.command_hold == "hold":  # the first step is half old, half new
             self._shares = np.ones((steps, 1))
             self._shares[0] = 0.5
         else:
@@ -176,19 +176,19 @@ class PlantEngine(Engine):
         self._command = np.zeros(self.model.n)
 
     def advance(self, target: np.ndarray) -> None:
-        """Play one control period; the controller ramps to the target or holds it, as the robot model says."""
+        """Simulate one control period; the controller ramps to the target or holds it, as set in the robot model."""
         step = self.plant.step
         for command in self._command + self._shares * (target - self._command):
             step(command)
         self._command = target
 
     def settle(self, command: np.ndarray) -> np.ndarray:
-        """What the encoders (n,) read where the arms rest under a command (n,), nothing on the table.
+        """Encoder readings (n,) of the arms at rest under a command (n,), with an empty table.
 
         Raises: SimulationError where the robot model diverges.
         """
         self.clear()
-        self.plant.reset(command, np.zeros_like(command), command, {})  # the model as it is, whatever was drawn
+        self.plant.reset(command, np.zeros_like(command), command, {})  # the model's own parameters, not drawn ones
         for _ in range(round(SETTLED / self.plant.dt)):
             self.plant.step(command)
         position = self.plant.observe()[0]
@@ -197,7 +197,7 @@ class PlantEngine(Engine):
         return position
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the encoders (n,) read now, and the joints' speed (n,)."""
+        """Present encoder readings (n,) and joint speeds (n,)."""
         return self.plant.observe()
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""What a camera of a simulated world sees."""
+"""Pictures of a simulated camera, with their ground truth."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ class Frame:
     """One picture with its ground truth.
 
     rgb: (H, W, 3) uint8.
-    depth: (H, W) float32, m along the optical axis; the camera's `far` where nothing is.
+    depth: (H, W) float32, m along the optical axis; the camera's `far` where there is nothing.
     segmentation: (H, W) uint8, class numbers; 0 is the background.
-    parts: (H, W) uint8, number of the rigid part, from 1; 0 elsewhere. To a camera that moves with a link, table and background
-    are two parts more, after the robot's links and before the props.
+    parts: (H, W) uint8, number of the rigid part, from 1; 0 elsewhere. For a camera that moves with a link, table and
+    background are two further parts, after the robot's links and before the props.
     projections: (L, 3, 4) float32 of the L parts: (u, v, 1) depth = projection (x, y, z, 1), from m in the part's frame
     to pixels.
-    hulls: (L, P, 3) float32, points of each part's convex hull, m in its frame; all zero for a part without a shape; none
-    (0, 0, 3) where they are not known.
+    hulls: (L, P, 3) float32, points of each part's convex hull, m in its frame; all zero for a part without a shape;
+    none (0, 0, 3) where they are not known.
     """
 
     rgb: np.ndarray
@@ -40,8 +40,9 @@ class Frame:
 
 
 def stacked(frames: Sequence[Frame]) -> dict[str, np.ndarray]:
-    """Stack frames (at least one) of one world: arrays (T, ...) by the names of `Frame.as_dict`, the hulls (L, P, 3) once,
-    or not at all where they are not known.
+    """Stack frames (at least one) of one world: arrays (T, ...) by the names of `Frame.as_dict`.
+
+    The hulls (L, P, 3) are not stacked; they are left out if they are not known.
     """
     rows = [frame.as_dict() for frame in frames]
     data = {key: np.stack([row[key] for row in rows]) for key in rows[0] if key != "hulls"}
@@ -50,10 +51,10 @@ def stacked(frames: Sequence[Frame]) -> dict[str, np.ndarray]:
 
 def with_surroundings(frame: Frame, links: int, matrix: np.ndarray, camera_position: np.ndarray,
                       camera_axes: np.ndarray) -> Frame:  # fmt: skip
-    """A frame of a camera that moves, to which table and background are parts too: they follow the first `links` parts.
+    """A frame of a moving camera with table and background as further parts, after the first `links` parts.
 
-    The background counts as infinitely far, so that turning the camera moves it in the picture and carrying it does not.
-    Arguments as of `projections`.
+    The background is treated as infinitely far, so only the camera's rotation moves it in the picture, not its
+    translation. For the other arguments see `projections`.
     """
     world = projections(matrix, camera_position, camera_axes, [(np.zeros(3), np.eye(3))])
     far = world * np.array([1, 1, 1, 0], np.float32)

@@ -1,4 +1,4 @@
-"""Convex hulls of what casts shadows: the robot's links and the props."""
+"""Convex hulls of the robot's links and the props, which cast shadows."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def part_hulls(model: RobotModel, props: Sequence[Prop], names: Sequence[str],
                origins: Mapping[str, Sequence[float]] | None = None) -> np.ndarray:  # fmt: skip
     """Hulls (L, 48, 3) float32, m, of links and props by name, each in its own frame; all zero for a link without a shape.
 
-    origins: prop -> where the frame that is used has its origin, m in the prop's own.
+    origins: prop -> origin of the frame of its hull, m in the prop's own frame.
     """
     body, placed = Surface.of_model(model, skeleton=True).body, origins or {}
     found = np.zeros((len(names), POINTS, 3), np.float32)

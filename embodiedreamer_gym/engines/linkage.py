@@ -1,4 +1,4 @@
-"""From an engine's joints to the driven joints of a robot model and back, compiled."""
+"""Compiled conversions between an engine's joints and the driven joints of a robot model."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from embodiedreamer_gym.robot.dynamics import COORDINATE, run_dynamics
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def read_joints(position, velocity, to_position, to_velocity, shift, motion, linkage):
-    """Driven joints and linkage forces, as the rows of two matrices say them of the engine's joints (k,).
+    """Driven joints and linkage forces, which are linear in the engine's joints (k,).
 
     Args:
         position, velocity: of the engine's joints (k,).
         to_position, to_velocity: matrices (n + k, k).
-        shift: what is taken from the first one's product (n + k,).
+        shift: subtracted from the product of to_position and position (n + k,).
         motion: out, position and velocity of the driven joints (2, 1, n).
         linkage: out, forces (k,) that hold linked joints together.
     """
@@ -36,10 +36,10 @@ def read_joints(position, velocity, to_position, to_velocity, shift, motion, lin
 def joint_forces(
     lanes, position, velocity, acceleration, links, frames, masses, gravity, armature, linkage, order, out
 ):
-    """Forces (k,) of the engine's joints, in its order, under which the driven joints accelerate by (1, n).
+    """Forces (k,) on the engine's joints, in its order, that give the driven joints an acceleration (1, n).
 
-    Inverse dynamics of the engine's own masses, plus the armature's inertia (k,), less the linkage's forces (k,).
-    lanes: ONE, an argument because its type as a constant would be another, for which all is compiled again.
+    Inverse dynamics of the engine's own masses, plus the armature's inertia (k,), minus the linkage's forces (k,).
+    lanes: ONE; it is an argument because a constant would have another type, for which numba would compile again.
     """
     torque, force, none = np.empty_like(position), np.empty((1, len(links))), np.empty((0, 0, 0))
     run_dynamics(lanes, position, velocity, acceleration, links, frames, masses, gravity, none, torque, force)

@@ -1,4 +1,4 @@
-"""The robot's plant in a physics engine: the drive of the fits, run by the engine's bodies, contacts and clock."""
+"""The robot's plant in a physics engine: the drive used in fits, with the engine's bodies, contacts and clock."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from embodiedreamer_gym.simulation.rollout import (
     plant_commands,
 )
 
-LINKAGE = 60.0  # rad/s at which joints that move as one (the fingers of a gripper) are drawn together again
+LINKAGE = 60.0  # rad/s: natural frequency of the springs between joints that move together (fingers of a gripper)
 
 
 class Bodies(Protocol):
-    """The moving bodies of a robot in an engine, k of them, in an order of the engine's own.
+    """The k moving bodies of a robot in an engine, in the engine's order.
 
-    order: (k,) the tree's bodies as the engine orders them.
-    force: (k,) what acts on the joints in the next step, N m or N.
+    order: (k,) the tree's bodies in the engine's order.
+    force: (k,) forces on the joints in the next step, N m or N.
     mechanics: masses and inertias that the engine simulates, a batch of one.
-    armature: (k,) rotor inertia beside them, in the tree's order, kg m^2 or kg.
+    armature: (k,) rotor inertia in addition to them, in the tree's order, kg m^2 or kg.
     """
 
     order: np.ndarray
@@ -55,25 +55,26 @@ class Bodies(Protocol):
 class Plant:
     """A robot model whose bodies an engine moves, under torque control.
 
-    Each step gets the joint torques that make the engine's bodies accelerate as the model's drive says (inverse dynamics of
-    the engine's own masses); payload, tilt and rotor inertia come in this way. Joints that one coordinate moves get the
-    same acceleration; a spring and a damper hold them together in contact.
+    Each step applies the joint torques that give the engine's bodies the acceleration of the model's drive (by inverse
+    dynamics of the engine's own masses). This includes the effects of payload, tilt and rotor inertia. Joints moved by
+    one coordinate get the same acceleration; a spring and a damper hold them together in contact.
     """
 
     def __init__(self, model: RobotModel, bodies: Bodies, dt: float = TIME_STEP) -> None:
         self.model, self.dt, self._bodies = model, dt, bodies
         self._matrices = self._linkage()
         self._shape = 2, 1, model.n  # of positions and velocities
-        self._linked = np.empty(model.tree.bodies)  # that hold linked joints together
+        self._linked = np.empty(model.tree.bodies)  # forces that hold linked joints together
         rigid, masses = model.bodies, model.bodies.pack(bodies.mechanics)
         self._rigid = rigid.links, rigid.frames, *masses, bodies.armature * model.tree.gain
         self.drive = Drive(model, dt=dt)
 
     def _linkage(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Matrices (n + k, k) and a shift (n + k,): driven joints, and the forces that hold linked joints together.
+        """Matrices (n + k, k) and a shift (n + k,) for the driven joints and the forces between linked joints.
 
-        From the engine's joints q: the first times q, less the shift, gives the n driven joints (a mean over those that
-        move as one) and each body's spring force; the second times v their speeds and each body's damper force.
+        With the engine's joints q and speeds v: the first matrix times q, minus the shift, gives the n driven joints
+        (the mean of joints that move together) and each body's spring force; the second times v gives their speeds and
+        each body's damper force.
         """
         tree, n, k = self.model.tree, self.model.n, self.model.tree.bodies
         count = np.bincount(tree.coordinate, minlength=n)[tree.coordinate]
@@ -88,7 +89,7 @@ class Plant:
         return springs, dampers, shift
 
     def reset(self, measured: np.ndarray, velocity: np.ndarray, command: np.ndarray, sets: Sets | None = None) -> None:
-        """Put the joints (n,) where the sensors saw them; memories rest at the first command (n,).
+        """Place the joints at measured positions (n,); internal states are at rest at the first command (n,).
 
         sets: parameters that replace the model's own from now on, see `Drive`.
         """
@@ -101,7 +102,7 @@ class Plant:
         self._bodies.place(q[order], v[order])
 
     def step(self, command: np.ndarray) -> np.ndarray:
-        """Advance by one step under the command (n,); return the acceleration (n,) that the drive asked for."""
+        """Advance by one step under the command (n,); return the acceleration (n,) from the drive."""
         drive, bodies = self.drive, self._bodies
         self._read()
         acceleration = drive.accelerate(command[None])
@@ -112,31 +113,31 @@ class Plant:
         return acceleration[0]
 
     def _read(self) -> None:
-        """Take the engine's joints over into the drive."""
+        """Copy the engine's joint states to the drive."""
         motion = np.empty(self._shape)
         read_joints(*self._bodies.read(), *self._matrices, motion, self._linked)
         self.drive.position, self.drive.velocity = motion
 
     @property
     def measured(self) -> np.ndarray:
-        """What the encoders (n,) read at the last step's start, in the joints' units."""
+        """Encoder readings (n,) at the start of the last step, in the joints' units."""
         return self.drive.measured[0]
 
     def observe(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the encoders (n,) read now, and the joints' speed (n,), without a step."""
+        """Present encoder readings (n,) and joint speeds (n,), without a step."""
         self._read()
         return self.drive.read()[0], self.drive.velocity[0].copy()
 
 
 def rotor_shares(model: RobotModel) -> np.ndarray:
-    """Share (k,) of the rotor inertia that each moving body carries, kg m^2 or, sliding, kg."""
+    """Rotor inertia (k,) of each moving body, kg m^2, or kg for prismatic joints; linked bodies share a rotor."""
     tree = model.tree
     whole = np.bincount(tree.coordinate, tree.gain**2, minlength=model.n)
     return model.rotor_inertia[tree.coordinate] / whole[tree.coordinate]
 
 
 def replay(plant: Plant, recording: Recording, hold: str | None = None) -> Rollout:
-    """Free-run a recording in an engine; arrays (T, n) as `simulate` returns them.
+    """Simulate a recording in an engine without feedback from it; arrays (T, n) as `simulate` returns them.
 
     Raises: SimulationError when the recording is not of this robot or the simulation diverges.
     """

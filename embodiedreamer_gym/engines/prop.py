@@ -1,4 +1,4 @@
-"""Things on the table."""
+"""Props: objects on the table."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from embodiedreamer_gym.engines.shapes import Colour, Shape, Vector, numbers
 
 @dataclass(frozen=True)
 class Prop:
-    """A thing on the table; its origin is the centre of the face it stands on.
+    """An object on the table; its origin is the centre of its bottom face.
 
-    size: depth, width and height, m; mass kg; rgba: its colour; shapes: what is drawn; hull: what touches, the drawn
-    shapes when empty; friction: lateral; fixed: it cannot be moved.
+    size: depth, width and height, m; mass: kg; rgba: its colour; shapes: visual shapes; hull: collision shapes, the
+    visual shapes if empty; friction: lateral; fixed: whether it cannot move.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Prop:
         return 0.0, 0.0, 0.5 * self.size[2]
 
     def files(self) -> dict[str, str]:
-        """The prop as files by name: a URDF and the meshes it names."""
+        """The prop as files by name: a URDF and the meshes that it refers to."""
         meshes = {shape.file: shape.mesh() for shape in (*self.shapes, *self._touching) if shape.kind == "turned"}
         return {f"{self.name}.urdf": self.urdf(), **meshes}
 
@@ -59,5 +59,5 @@ class Prop:
         return tuple(shape.core for shape in self.hull or self.shapes)
 
     def _material(self, number: int, shape: Shape) -> str:
-        """Colour of one of the shapes; materials of one name would share theirs."""
+        """Material of one of the shapes; each has its own name, because materials with one name share a colour."""
         return f'<material name="{number}"><color rgba="{numbers(shape.rgba or self.rgba)}"/></material>'

@@ -1,4 +1,4 @@
-"""What a camera would see of a robot in the joint positions of a log: nothing but the robot, as the paper renders it."""
+"""Renders a robot alone at the joint positions of a log, as in the paper."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from embodiedreamer_gym.robot import RobotModel
 
 
 class RobotView:
-    """A robot model before a camera; close it when done, or use it in a `with`.
+    """A robot model in front of a camera; close it when done, or use it in a `with` statement.
 
-    camera: one that stands in the world.
+    camera: fixed in the world.
     size: width and height of the pictures, pixels.
     engine: auto, bullet or mujoco.
     Raises: ModelError or SimulationError where model or camera cannot be used.
@@ -37,7 +37,7 @@ class RobotView:
         self.close()
 
     def close(self) -> None:
-        """Close the physics."""
+        """Close the engine."""
         self._engine.close()
 
     def at(self, position: np.ndarray) -> Frame:

@@ -1,4 +1,4 @@
-"""Boxes, cylinders and turned shapes, of which props are built."""
+"""Boxes, cylinders and solids of revolution, of which props consist."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-EDGES = 24  # around a turned shape
-MARGIN = 0.001  # m that PyBullet adds around a mesh that touches
+EDGES = 24  # around a solid of revolution
+MARGIN = 0.001  # m that PyBullet adds around a collision mesh
 
 Vector = tuple[float, float, float]
 Colour = tuple[float, float, float, float]
@@ -18,11 +18,11 @@ Colour = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Shape:
-    """A box, an upright cylinder or an upright turned shape in a prop's frame, m.
+    """A box, an upright cylinder or an upright solid of revolution ("turned") in a prop's frame, m.
 
     size: a box's three edges; a cylinder's radius and length; a turned shape's outline from axis to axis, as pairs of
-    radius and height. position: of its centre (of the point at height 0 of a turned shape); rpy: how it is turned, rad;
-    rgba: its colour, the prop's own where None. What touches a turned shape feels its convex hull.
+    radius and height. position: of its centre (of a turned shape, the point at height 0); rpy: its rotation, rad; rgba:
+    its colour, None for the prop's. In contacts, a turned shape is its convex hull.
     """
 
     kind: str
@@ -32,7 +32,7 @@ class Shape:
     rgba: Colour | None = None
 
     def urdf(self) -> str:
-        """The shape's origin and geometry."""
+        """The shape's origin and geometry as URDF elements."""
         origin = f'<origin xyz="{numbers(self.position)}" rpy="{numbers(self.rpy)}"/>'
         if self.kind == "box":
             geometry = f'<box size="{numbers(self.size)}"/>'
@@ -44,7 +44,7 @@ class Shape:
 
     @property
     def outline(self) -> list[tuple[float, float]]:
-        """Radius and height, m, from axis to axis, of a shape that is round."""
+        """Radius and height, m, from axis to axis, of a cylinder or turned shape."""
         if self.kind == "cylinder":
             radius, half = self.size[0], self.size[1] / 2
             return [(0.0, -half), (radius, -half), (radius, half), (0.0, half)]
@@ -52,7 +52,7 @@ class Shape:
 
     @property
     def core(self) -> Shape:
-        """What PyBullet is to get of a shape that touches, so that it touches where it ends."""
+        """The collision shape for PyBullet, smaller by the margin that PyBullet adds around meshes."""
         if self.kind != "turned":
             return self
         radii, heights = np.array(self.size[::2]), np.array(self.size[1::2])
@@ -66,7 +66,7 @@ class Shape:
         return "turned-" + "-".join(f"{1e6 * x:.0f}" for x in self.size) + ".obj"
 
     def corners(self) -> np.ndarray:
-        """Points (k, 3) in the prop's frame, m, whose convex hull is the shape's."""
+        """Points (k, 3), m in the prop's frame, with the same convex hull as the shape."""
         if self.kind == "box":
             points = 0.5 * np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * self.size
         else:
@@ -76,7 +76,7 @@ class Shape:
         return points @ Rotation.from_euler("xyz", self.rpy).as_matrix().T + self.position
 
     def mesh(self) -> str:
-        """A turned shape as Wavefront OBJ, its faces seen from outside."""
+        """A turned shape as Wavefront OBJ, with faces oriented outwards."""
         outline = list(zip(self.size[::2], self.size[1::2], strict=True))
         angles = np.arange(EDGES) * 2 * np.pi / EDGES
         rows = [(r * np.cos(a), r * np.sin(a), z) for r, z in outline for a in angles]
@@ -93,7 +93,7 @@ class Shape:
 
 
 def frustum(bottom: float, top: float, length: float, **fields) -> Shape:
-    """A cone cut off, standing on its lower face: radii and length, m."""
+    """A truncated cone on its bottom face: radii and length, m."""
     return Shape("turned", (0.0, 0.0, bottom, 0.0, top, length, 0.0, length), **fields)
 
 
@@ -104,7 +104,7 @@ def beaker(bottom: float, top: float, height: float, wall: float, **fields) -> S
 
 
 def staves(radius: float, height: float, wall: float, count: int = 12) -> tuple[Shape, ...]:
-    """Flat pieces of an upright round wall of that outer radius, m: what touches a thing that is hollow."""
+    """Flat pieces of an upright round wall with an outer radius, m: collision shapes of a hollow object."""
     width = 2 * radius * np.tan(np.pi / count)
     pieces = []
     for angle in np.arange(count) * 2 * np.pi / count:
@@ -124,5 +124,5 @@ def open_box(depth: float, width: float, height: float, wall: float) -> tuple[Sh
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers as URDF and OBJ want them."""
+    """Numbers as text for URDF and OBJ files."""
     return " ".join(f"{v:.9g}" for v in values)

@@ -1,4 +1,4 @@
-"""The table that every task is played on."""
+"""The table of all tasks."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ STEPS = 300
 
 
 def register_envs() -> None:
-    """Tell Gymnasium the ids, EmbodieDreamer/<task>-v0 and EmbodieDreamer/<task>Goal-v0; nothing is loaded yet."""
+    """Register EmbodieDreamer/<task>-v0 and EmbodieDreamer/<task>Goal-v0 with Gymnasium; nothing is imported yet."""
     for name in NAMES:
         for suffix, entry in (("", "aloha:AlohaEnv"), ("Goal", "goal:AlohaGoalEnv")):
             gym.register(f"EmbodieDreamer/{name}{suffix}-v0", f"embodiedreamer_gym.envs.{entry}",
@@ -19,14 +19,14 @@ def register_envs() -> None:
 
 
 def task_name(text: str) -> str:
-    """A task's name, given by that or by Gymnasium's id."""
+    """A task's name, from its name or Gymnasium id."""
     return text.removeprefix("EmbodieDreamer/").removesuffix("-v0")
 
 
 def task_id(text: str) -> str:
-    """Gymnasium's id of a task, given by id or by name.
+    """A task's Gymnasium id, from its id or name.
 
-    Raises: EmbodieDreamerError for a task that there is not.
+    Raises: EmbodieDreamerError for an unknown task.
     """
     name = task_name(text)
     if name not in NAMES:

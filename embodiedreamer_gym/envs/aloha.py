@@ -37,21 +37,21 @@ RENDER_SIZE = (640, 480)
 class AlohaEnv(gym.Env, EzPickle):
     """Two six-joint arms with grippers at a table, run by a calibrated robot model.
 
-    Action (14,): joint targets, left arm's six (rad) and gripper (0 closed .. 1 open), then the right arm's. Between two
-    actions the controller does what the robot model says: it ramps to the action (`linear`) or holds it (`hold`).
-    Reward: minus the distance of the acting arm's end effector to the task's target, m. An episode never ends by itself;
-    `gym.make` cuts it after 300 steps.
+    Action (14,): joint targets, left arm's six (rad) and gripper (0 closed .. 1 open), then the right arm's.
+    Between two actions the controller ramps to the action (`linear`) or holds it (`hold`), as the robot model says.
+    Reward: minus the distance of the acting arm's end effector to the task's target, m.
+    An episode never ends by itself; `gym.make` truncates it after 300 steps.
 
     task: a name in TASKS.
     robot: a built-in robot or a model file.
     obs_type: state, pixels or pixels_agent_pos.
-    cameras: names, of the file `camera_file` where given.
+    cameras: names of cameras, from the file `camera_file` if given.
     image_size: width, height, pixels.
     control_hz: 50, 40, 30 or 20.
     renderer: auto, or tiny or egl of PyBullet, egl or osmesa of MuJoCo.
     randomize: None, or "calibration" to draw the robot's parameters from its calibration's intervals at each reset.
     collisions: False lets the arms pass through everything, to replay logs of free motion.
-    engine: auto (PyBullet where it is installed, else MuJoCo), bullet, mujoco, or a factory that takes `EngineSettings`.
+    engine: auto (PyBullet if it is installed, else MuJoCo), bullet, mujoco, or a factory that takes `EngineSettings`.
     Raises: ModelError, SimulationError or ValueError that names what is allowed.
     """
 
@@ -111,13 +111,13 @@ class AlohaEnv(gym.Env, EzPickle):
     # ---- gymnasium ---------------------------------------------------------------------------------------------
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode: props at random, arms at rest where the command `home` holds them, or as the options say.
+        """Start an episode: props at random, arms at rest under the command `home`, or as the options say.
 
-        options: joint_positions (14,) that the encoders read, joint_velocities (14,), command (14,) heard before the
-        first action; units of the action. object_poses: prop -> position m and quaternion xyzw (7,); the arm on the
-        object's side then acts.
-        Raises: ValueError for another option, or one of another shape or outside what the joints can do; SimulationError
-        where the robot model diverges.
+        options: joint_positions (14,) that the encoders read, joint_velocities (14,), command (14,) before the first
+        action; units of the action. object_poses: prop -> position m and quaternion xyzw (7,); the arm on the object's
+        side then acts.
+        Raises: ValueError for an unknown option, or one of another shape or beyond what the joints can do;
+        SimulationError if the robot model diverges.
         """
         self._check_open()
         options = dict(check_mapping("options", options))
@@ -127,7 +127,7 @@ class AlohaEnv(gym.Env, EzPickle):
         self._side, poses = placed(self._side, poses, options.get("object_poses"), self.task.object.name)
         sets = draw_parameters(self.robot, self.np_random) if self.randomize else None
         position, velocity, command = self._at_rest() if given is None else given
-        if options:  # arms may begin where they touch the table, of which PyBullet still knows: away from it first
+        if options:  # PyBullet keeps contacts of arms that start touching the table: move them away first
             self.engine.reset(*self._at_rest(), poses)
         self.engine.reset(position, velocity, command, poses, sets, self.np_random)
         self._command = command
@@ -139,7 +139,7 @@ class AlohaEnv(gym.Env, EzPickle):
     def step(self, action: np.ndarray, *, render: bool = True) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Drive the joints to their targets (14,) for one control period.
 
-        render: False skips the drawing of pictures; the observation repeats those drawn last.
+        render: False skips rendering; the observation repeats the last pictures.
         Raises: ValueError for an action of another shape, or one that is not finite.
         """
         self._check_started()
@@ -162,7 +162,7 @@ class AlohaEnv(gym.Env, EzPickle):
         return self.engine.rgb(self._render_camera, RENDER_SIZE)
 
     def close(self) -> None:
-        """Close the physics; twice does no harm."""
+        """Close the physics engine; it may be called twice."""
         self._closed = True
         self.engine.close()
 
@@ -170,7 +170,7 @@ class AlohaEnv(gym.Env, EzPickle):
 
     @property
     def task_description(self) -> str:
-        """The task in words, as language-conditioned policies want it."""
+        """The task in words, for language-conditioned policies."""
         return self.task.description
 
     @property
@@ -181,7 +181,7 @@ class AlohaEnv(gym.Env, EzPickle):
 
     @property
     def command(self) -> np.ndarray:
-        """The joint targets (14,) that the controller heard last; under their weight the arms hang a little lower.
+        """The last joint targets (14,) that the controller received; the arms hang slightly lower under their weight.
 
         Raises: ResetNeeded before the first episode.
         """
@@ -189,12 +189,12 @@ class AlohaEnv(gym.Env, EzPickle):
 
     @property
     def segmentation_classes(self) -> tuple[str, ...]:
-        """What the numbers of a segmentation mean."""
+        """Names of the classes, by their number in a segmentation."""
         return self.engine.class_names
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the numbers in the state vector."""
+        """Names of the entries of the state vector."""
         return observe.state_names(self.robot)
 
     def capture(self, camera: str = "head", size: tuple[int, int] | None = None) -> Frame:
@@ -208,27 +208,27 @@ class AlohaEnv(gym.Env, EzPickle):
         return self.engine.capture(known[check_choice("camera", camera, known)], size)
 
     def observe(self) -> Any:
-        """The observation of this instant, as the last `reset` or `step` gave it, with new pictures."""
+        """The current observation, as returned by the last `reset` or `step`, with new pictures."""
         self._check_started()
         return self._observe(render=True)[0]
 
     def joint_positions(self) -> np.ndarray:
-        """What the encoders (14,) read at this instant, in the units of the action."""
+        """Current encoder readings (14,), in the units of the action."""
         self._check_started()
         return self.engine.joints()[0]
 
     def joint_velocities(self) -> np.ndarray:
-        """Speed of the joints (14,) at this instant, in the units of the action per second."""
+        """Current speeds of the joints (14,), in the units of the action per second."""
         self._check_started()
         return self.engine.joints()[1]
 
     def object_pose(self, prop: str) -> Pose:
-        """Where a prop of the task is."""
+        """Current pose of a prop of the task."""
         self._check_started()
         return self.engine.pose(check_choice("prop", prop, [one.name for one in self.task.props]))
 
     def situation(self) -> Situation:
-        """The world at this instant, as the task judges it."""
+        """The current state of the world, from which the task is judged."""
         self._check_started()
         engine, task, arm = self.engine, self.task, SIDES.index(self._side)
         thing, goal = task.object.name, (task.goal or task.object).name
@@ -258,7 +258,7 @@ class AlohaEnv(gym.Env, EzPickle):
     def _at_rest(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Joint positions, joint velocities and command (14,) of arms that rest at home.
 
-        Found once, for the robot model as it is: one that is drawn from its intervals begins within milliradians of its rest.
+        Found once, for the robot model as given; a model drawn from its intervals starts within milliradians of rest.
         """
         rest = home(self.robot)
         if self._rest is None:
@@ -275,7 +275,7 @@ class AlohaEnv(gym.Env, EzPickle):
         return spaces.Dict({"pixels": pixels, "agent_pos": self._joint_space})
 
     def _observe(self, render: bool) -> tuple[Any, dict[str, Any]]:
-        """Observation and info of this instant."""
+        """Current observation and info."""
         position, velocity = self.engine.joints()
         now = self.situation()
         self._attempt.see(now)
@@ -290,7 +290,7 @@ class AlohaEnv(gym.Env, EzPickle):
         if self.obs_type == "state":
             tips = [(now.tip if side == now.side else self.engine.tip(arm)).position for arm, side in enumerate(SIDES)]
             return observe.clipped(observe.state_vector(position, velocity, tips, now, target), self._state_space)
-        pictures = {name: picture.copy() for name, picture in self._pictures.items()}  # observations share nothing
+        pictures = {name: picture.copy() for name, picture in self._pictures.items()}  # observations share no array
         pixels = pictures if len(pictures) > 1 else next(iter(pictures.values()))
         if self.obs_type == "pixels":
             return pixels

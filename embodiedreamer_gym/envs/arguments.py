@@ -1,4 +1,4 @@
-"""Checks of what a user hands to an environment; each message lists what is allowed."""
+"""Checks of the arguments of an environment; each error message lists what is allowed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def check_flag(what: str, value: Any) -> bool:
 
 
 def check_mapping(what: str, value: Any) -> Mapping[str, Any]:
-    """Return a mapping from names; None stands for an empty one.
+    """Return a mapping from names; None gives an empty one.
 
     Raises: SimulationError for anything else.
     """
@@ -57,9 +57,9 @@ def check_size(what: str, size: Any) -> tuple[int, int]:
 
 
 def choose(what: str, names: Any, known: Mapping[str, Thing]) -> dict[str, Thing]:
-    """Return the things of these names, one or several.
+    """Return the entries of `known` with these names, one or several.
 
-    Raises: SimulationError that lists them, or for a name given twice.
+    Raises: SimulationError for an unknown name, with a list of the known ones, or for a name given twice.
     """
     if isinstance(names, (str, np.ndarray)) or not isinstance(names, Collection) or not names:
         names = (names,)
@@ -70,9 +70,9 @@ def choose(what: str, names: Any, known: Mapping[str, Thing]) -> dict[str, Thing
 
 
 def check_control_rate(hz: Any) -> int:
-    """Return a control rate, Hz, that physics steps divide.
+    """Return a control rate, Hz, whose period is a whole number of physics steps.
 
-    Raises: SimulationError for another one.
+    Raises: SimulationError for any other rate.
     """
     if isinstance(hz, bool) or not isinstance(hz, int | float | np.integer) or hz not in STEPS_PER_SECOND:
         raise SimulationError(f"control_hz {brief(hz)} is none of {', '.join(map(str, STEPS_PER_SECOND))}.")
@@ -85,7 +85,7 @@ def vector(what: str, values: Any, n: int) -> np.ndarray:
 
 
 def real_numbers(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return values as an array of this shape, of the type that they have.
+    """Return values as an array of this shape, without changing their type.
 
     Raises: SimulationError for another shape, anything but real numbers, or numbers that are not finite.
     """

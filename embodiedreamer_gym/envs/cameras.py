@@ -1,4 +1,4 @@
-"""The cameras of the Cobot Magic, and files of calibrated ones."""
+"""The cameras of the Cobot Magic, and files of calibrated cameras."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OPTIONAL = ("link", "near", "far")
 
 
 def _wrist(side: str) -> Camera:
-    """A camera on the bracket above the gripper, its axis bent by 0.35 rad towards the gripper's (robot's URDF frames).
+    """A camera on the bracket above the gripper, its axis tilted by 0.35 rad towards the gripper's (URDF frames).
 
     Source: agilexrobotics/mobile_aloha_sim, aloha_tracer2_dabai_dark.urdf (its link6 is turned by 90 degrees).
     """
@@ -33,10 +33,10 @@ def _wrist(side: str) -> Camera:
 
 
 def _head() -> Camera:
-    """The mast's camera almost at its highest, which must see table and grippers from straight above the arms' bases.
+    """The camera near the top of the mast, where it sees table and grippers from above the arms' bases.
 
-    Source: place and travel (z 0.866 .. 1.366 m) of agilexrobotics/mobile_aloha_sim, aloha_tracer2_dabai_dark.urdf; a
-    lens of less than 72 degrees would cut off grippers at home or the corners of the table's near edge.
+    Source: position and travel (z 0.866 .. 1.366 m) of agilexrobotics/mobile_aloha_sim, aloha_tracer2_dabai_dark.urdf;
+    a lens of less than 72 degrees would cut off grippers at home or the corners of the table's near edge.
     """
     position, tilt = (0.24, 0.0, 1.36), math.radians(57.0)
     rotation = look_at(position, np.add(position, (math.cos(tilt), 0.0, -math.sin(tilt))).tolist())
@@ -49,7 +49,7 @@ CAMERAS: Mapping[str, Camera] = MappingProxyType({c.name: c for c in (_head(), _
 def load_cameras(path: str | Path) -> dict[str, Camera]:
     """Read cameras from a JSON file, by name: {"cameras": {"head": {"position": [...], "rotation": [...], ...}}}.
 
-    Keys as the fields of Camera; link, near and far may be left out.
+    The keys are the fields of Camera; link, near and far may be left out.
     Raises: ModelError that names the camera and the key.
     """
     if not isinstance(path, (str, Path)):
@@ -63,9 +63,9 @@ def load_cameras(path: str | Path) -> dict[str, Camera]:
 
 
 def save_cameras(cameras: Mapping[str, Camera] | Iterable[Camera], path: str | Path) -> None:
-    """Write cameras as JSON (beside, then renamed), as `load_cameras` reads them.
+    """Write cameras atomically to a JSON file for `load_cameras`.
 
-    Raises: ModelError when two have one name, or the file cannot be written.
+    Raises: ModelError when two have the same name, or the file cannot be written.
     """
     found = list(cameras.values() if isinstance(cameras, Mapping) else cameras)
     names = [camera.name for camera in found]

@@ -17,7 +17,7 @@ class AlohaGoalEnv(AlohaEnv):
     """An ALOHA environment whose observation is a dictionary of state, achieved goal and desired goal.
 
     achieved_goal (3,): the acting arm's end effector, m; desired_goal (3,): the task's target. Arguments: those of
-    AlohaEnv, obs_type being state.
+    AlohaEnv, with obs_type state.
     """
 
     def __init__(self, task: str = "PutCupOnMat", obs_type: str = "state", **arguments: Any) -> None:

@@ -1,4 +1,4 @@
-"""What an agent sees: spaces and arrays of the observation types."""
+"""Spaces and arrays of the observation types."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from embodiedreamer_gym.envs.tasks.task import Situation
 from embodiedreamer_gym.robot import RobotModel
 
 OBS_TYPES = ("state", "pixels", "pixels_agent_pos")
-SLACK = 0.5  # rad, or of a gripper's stroke, that an encoder may read beyond a joint's limits
+SLACK = 0.5  # rad, or share of a gripper's stroke, that an encoder may read beyond a joint's limits
 FASTEST = 100.0  # rad/s, bound of a joint's speed in an observation
 REACH = 5.0  # m, bound of a position in an observation
 
@@ -21,13 +21,13 @@ def action_space(model: RobotModel) -> spaces.Box:
 
 
 def joint_space(model: RobotModel) -> spaces.Box:
-    """What the encoders (14,) can read."""
+    """Space of the encoder readings (14,)."""
     action = action_space(model)
     return spaces.Box(action.low - np.float32(SLACK), action.high + np.float32(SLACK), dtype=np.float32)
 
 
 def state_names(model: RobotModel) -> tuple[str, ...]:
-    """Names of the numbers in the state vector."""
+    """Names of the entries of the state vector."""
     names = [f"{joint}.position" for joint in model.joints] + [f"{joint}.velocity" for joint in model.joints]
     for what in (*(f"{arm}" for arm in model.arms), "object", "target"):
         names += [f"{what}.{axis}" for axis in "xyz"]
@@ -57,5 +57,5 @@ def pixel_space(cameras: tuple[str, ...], size: tuple[int, int]) -> spaces.Space
 
 
 def clipped(vector: np.ndarray, box: spaces.Box) -> np.ndarray:
-    """Single precision inside the space's bounds."""
+    """A vector in single precision, clipped to the space's bounds."""
     return np.minimum(np.maximum(vector, box.low), box.high).astype(np.float32)

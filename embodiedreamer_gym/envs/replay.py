@@ -1,4 +1,4 @@
-"""Play a log's commands through an environment: what a policy is trained in is what was calibrated."""
+"""Play a log's commands through an environment: policies are trained in the simulation that was calibrated."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from embodiedreamer_gym.simulation.rollout import check_names, command_rule, fir
 
 
 def replay(env: gym.Env, recording: Recording) -> np.ndarray:
-    """Joint positions (T, 14) that the encoders read when an ALOHA environment hears a recording's commands.
+    """Joint positions (T, 14) that the encoders read when an ALOHA environment plays a recording's commands.
 
-    It starts where the recording does; the props stand where its seed puts them, so make it with `collisions=False` for a
-    log of free motion. The recording's rate must be the environment's control rate.
+    The environment starts at the recording's first state, with the props where its seed puts them; make it with
+    `collisions=False` for a log of free motion. The recording's rate must be the environment's control rate.
     Raises: SimulationError when the robots or the rates differ.
     """
     aloha = env.unwrapped

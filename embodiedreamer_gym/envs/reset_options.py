@@ -1,4 +1,4 @@
-"""What the options of a reset say of an episode's beginning."""
+"""The start of an episode, from the options of a reset."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ RESET_OPTIONS = ("joint_positions", "joint_velocities", "command", "object_poses
 def beginning(
     options: Mapping[str, Any], robot: RobotModel, task: Task, joint_space: spaces.Box
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Joint positions, joint velocities and command (14,) that options begin an episode with; None: at rest.
+    """Joint positions, joint velocities and command (14,) at the start of an episode; None to start at rest.
 
-    Raises: SimulationError for another option, or one of another shape or outside what the joints can do.
+    Raises: SimulationError for an unknown option, or one of another shape or beyond what the joints can do.
     """
     for key in options:
         check_choice("reset option", key, RESET_OPTIONS)

@@ -1,4 +1,4 @@
-"""Which robot models the environments take, and how a calibration's uncertainty is drawn."""
+"""Robot models for the environments, and random draws from a calibration's intervals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DEVIATIONS = 3.92  # standard deviations in a 95 % interval
 
 
 def load_robot(source: str | Path) -> RobotModel:
-    """Read a model for an environment: two arms of six joints and a gripper (0..1) each, left one first.
+    """Read a model for an environment: two arms of six joints and a gripper (0..1) each, left arm first.
 
     Raises: ModelError when the file holds another robot.
     """
@@ -34,12 +34,12 @@ def load_robot(source: str | Path) -> RobotModel:
 
 
 def home(model: RobotModel) -> np.ndarray:
-    """Where the joints (14,) start."""
+    """Start positions (14,) of the joints."""
     return np.clip(HOME, model.tree.lower, model.tree.upper)
 
 
 def draw_parameters(model: RobotModel, rng: np.random.Generator) -> dict[ParameterKey, np.ndarray]:
-    """Parameter sets (1, joints or arms) drawn from the intervals of the model's calibration, normal and cut at them."""
+    """Parameter sets (1, joints or arms) from normal distributions, clipped to the calibration's intervals."""
     sets: dict[ParameterKey, np.ndarray] = {}
     rows = {row.name: row for row in model.parameters()}
     for name in sorted(model.intervals):

@@ -1,1 +1,1 @@
-"""Cameras, rotations, meshes: geometry that knows nothing of robots."""
+"""Cameras, rotations and meshes: geometry that is independent of robots."""

@@ -1,4 +1,4 @@
-"""The shape of what moves before a camera: rigid parts, each a mesh in its own frame."""
+"""Articulated meshes: rigid parts, each a mesh in its own frame."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from embodiedreamer_gym.errors import VisionError
 
 MOST_PARTS = 254
-PLAIN = 200  # triangles up to which a part is never made coarser: a box would vanish
+PLAIN = 200  # triangles up to which a part is never made coarser, because a box would vanish
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
     """Triangles of P rigid parts of a robot.
 
-    vertices (V, 3): m, in the frame of the vertex's part; faces (F, 3): vertices of one part each; part (V,): which
-    part; names: of the P parts. Raises: VisionError where these do not fit together.
+    vertices (V, 3): m, in the frame of the vertex's part; faces (F, 3): vertex numbers, each face of one part; part
+    (V,): part number of each vertex; names: of the P parts. Raises: VisionError where these are inconsistent.
     """
 
     vertices: np.ndarray
@@ -48,9 +48,9 @@ class Body:
         return f"Body({len(self.names)} parts, {len(self.faces)} triangles)"
 
     def at(self, poses: np.ndarray) -> np.ndarray:
-        """Where the vertices are (T, V, 3), m, single precision, for poses (T, P, 4, 4) of the parts.
+        """Positions of the vertices (T, V, 3), m, single precision, for poses (T, P, 4, 4) of the parts.
 
-        Raises: VisionError when the poses are of another number of parts.
+        Raises: VisionError when the poses have another number of parts.
         """
         poses = np.asarray(poses, np.float32)
         if poses.ndim != 4 or poses.shape[1:] != (len(self.names), 4, 4):
@@ -64,7 +64,7 @@ class Body:
     def chosen(self, names: Iterable[str]) -> np.ndarray:
         """Which parts (P,), bool, have one of these names.
 
-        Raises: VisionError for a part it does not have.
+        Raises: VisionError for an unknown name.
         """
         wanted = set(names)
         unknown = wanted - set(self.names)
@@ -73,7 +73,7 @@ class Body:
         return np.array([name in wanted for name in self.names], bool)
 
     def coarser(self, cell: float) -> Body:
-        """The same body with all vertices of a cube of this width, m, drawn together; boxes and the like stay."""
+        """The body with all vertices in a cube of this width, m, merged; parts with few triangles, like boxes, stay."""
         triangles = np.bincount(self.part[self.faces[:, 0]], minlength=len(self.names))
         fine = (triangles > PLAIN)[self.part]
         cube = np.where(fine[:, None], np.floor(self.vertices / cell).astype(np.int64), 0)
@@ -97,7 +97,7 @@ class Body:
 class DetailLevels:
     """A body in three levels of detail: coarse for a search, middle for silhouettes, fine for edges.
 
-    loose: parts whose shape differs in the pictures, such as another gripper (P,), bool.
+    loose: parts whose shape may differ in the pictures, such as another gripper (P,), bool.
     margin: distance around them within which edges are ignored, m.
     """
 
@@ -109,9 +109,9 @@ class DetailLevels:
 
     @staticmethod
     def of(body: Body, reach: float, loose: Iterable[str] = (), margin: float = 0.06) -> DetailLevels:
-        """Make the levels for a robot whose moving points lie within a sphere of this radius, m.
+        """Make the levels for a robot whose moving points are inside a sphere of this radius, m.
 
-        Raises: VisionError for a loose part it does not have, or a margin below 0.
+        Raises: VisionError for an unknown loose part, or a margin below 0.
         """
         if not 0.0 <= margin < np.inf:
             raise VisionError(f"the margin around loose links is {margin} m, but must be at least 0.")

@@ -1,4 +1,4 @@
-"""A pinhole camera: its pose and intrinsics, and both as OpenGL's matrices."""
+"""A pinhole camera: its pose and intrinsics, and both as OpenGL matrices."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ LARGEST = 1e6  # m or pixels, of any number of a camera
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera, on a link of the robot or standing in the world.
+    """A pinhole camera, on a link of the robot or fixed in the world.
 
     position: (3,) m and rotation: quaternion (4,) xyzw of the camera's frame (x right, y down, z forward, as in
     OpenCV) in the frame of `link`, or in the world's when link is None.
-    size: width and height of the pictures that fx, fy, cx, cy (pixels; the middle of the first pixel is 0, 0, as in
-    OpenCV) were found from; a picture of another size shows the same view. near, far: m, what is seen.
-    Raises: ModelError for values that are no camera's.
+    size: width and height of the pictures to which fx, fy, cx, cy refer (pixels; the centre of the first pixel is 0, 0,
+    as in OpenCV); a picture of another size shows the same view. near, far: m, visible range.
+    Raises: ModelError for invalid values.
     """
 
     name: str
@@ -74,9 +74,9 @@ class Camera:
     @staticmethod
     def from_fov(name: str, position: Sequence[float], rotation: Sequence[float], fovy: float,
                  size: tuple[int, int] = (640, 480), **fields: Any) -> Camera:  # fmt: skip
-        """Make a camera with square pixels, its axis in the picture's middle; fovy: degrees from top to bottom edge.
+        """Make a camera with square pixels and its axis in the picture's centre; fovy: degrees from top to bottom edge.
 
-        fields: link, near, far. Raises: ModelError unless fovy lies between 0 and 180.
+        fields: link, near, far. Raises: ModelError unless fovy is between 0 and 180.
         """
         if not 0.0 < fovy < 180.0:
             raise ModelError(f"camera {name}: fovy is {fovy}, not between 0 and 180 degrees.")
@@ -100,7 +100,7 @@ class Camera:
     def pose(self, pose_of_link: Pose | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Position (3,), m, and rotation (3, 3) of the camera's frame in the world.
 
-        Raises: SimulationError when the camera sits on a link and its pose is not given.
+        Raises: SimulationError when the camera is on a link whose pose is not given.
         """
         position, rotation = np.array(self.position), rotation_matrix(self.rotation)
         if self.link is None:
@@ -128,12 +128,12 @@ class Camera:
     def projection(self, size: tuple[int, int], shift: float = 0.0) -> tuple[float, ...]:
         """OpenGL's camera frame to clip space for pictures of a size (width, height): 16 numbers, column by column.
 
-        shift: pixels by which a renderer draws everything too far to the right and too high.
+        shift: pixels by which a renderer shifts pictures to the right and up.
         """
         return _projection(self, tuple(size), shift)
 
     def depth(self, buffer: np.ndarray) -> np.ndarray:
-        """Metres along the optical axis, single precision, of a depth buffer's 0 (near) .. 1 (far, nothing there)."""
+        """Metres along the optical axis, single precision, from a depth buffer, 0 (near) .. 1 (far, or nothing)."""
         metres = self.near * self.far / (self.far - (self.far - self.near) * buffer.astype(np.float64))
         return np.where(buffer < 1.0, metres, self.far).astype(np.float32)
 
@@ -159,7 +159,7 @@ def _projection(camera: Camera, size: tuple[int, int], shift: float) -> tuple[fl
     width, height = whole_size(size)
     (fx, _, cx), (_, fy, cy), _ = camera.matrix(size).tolist()
     near, far = camera.near, camera.far
-    x, y = cx + 0.5 - shift, cy + 0.5 + shift  # of the axis, from the picture's corner
+    x, y = cx + 0.5 - shift, cy + 0.5 + shift  # position of the axis from the picture's corner
     rows = np.array([
         [2.0 * fx / width, 0.0, 1.0 - 2.0 * x / width, 0.0],
         [0.0, 2.0 * fy / height, 2.0 * y / height - 1.0, 0.0],
@@ -180,7 +180,7 @@ def rotation_matrix(quaternion: Sequence[float] | np.ndarray) -> np.ndarray:
 
 
 def read_size(text: str) -> tuple[int, int]:
-    """Width and height of a text such as 128x96.
+    """Width and height from a text such as 128x96.
 
     Raises: EmbodieDreamerError for another text.
     """
@@ -191,9 +191,9 @@ def read_size(text: str) -> tuple[int, int]:
 
 
 def whole_size(size: Any) -> tuple[int, int]:
-    """Width and height of a picture.
+    """Width and height of a picture, checked.
 
-    Raises: ModelError for anything but two whole numbers above 0.
+    Raises: ModelError for anything but two integers above 0.
     """
     whole = isinstance(size, Sequence) and all(isinstance(x, int | np.integer) and x > 0 for x in size)
     if not whole or len(size) != 2:

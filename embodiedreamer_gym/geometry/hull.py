@@ -1,10 +1,10 @@
-"""Convex hulls by a fixed number of points."""
+"""Convex hulls, approximated by a fixed number of points."""
 
 from __future__ import annotations
 
 import numpy as np
 
-POINTS = 48  # of a hull: its outline is met to a few hundredths of its size
+POINTS = 48  # of a hull: they approximate its outline to a few hundredths of its size
 GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -16,6 +16,6 @@ def directions(count: int = POINTS) -> np.ndarray:
 
 
 def hull_points(vertices: np.ndarray, count: int = POINTS) -> np.ndarray:
-    """Points (count, 3) of the convex hull of vertices (V, 3): the farthest in each direction, so some come more than once."""
+    """Points (count, 3) of the convex hull of vertices (V, 3): the farthest in each direction, so some may repeat."""
     vertices = np.asarray(vertices, float)
     return vertices[np.argmax(directions(count) @ vertices.T, axis=1)].astype(np.float32)

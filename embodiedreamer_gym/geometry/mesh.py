@@ -12,10 +12,10 @@ Faces = list[tuple[int, ...]]
 
 
 def surface_of_revolution(outline: Sequence[tuple[float, float]], sides: int = SIDES) -> tuple[np.ndarray, Faces]:
-    """Points (N, 3), m, and faces of an outline turned about z.
+    """Points (N, 3), m, and faces of an outline rotated about z.
 
     outline: (radius, height), m, from axis to axis.
-    sides: flat pieces around the axis.
+    sides: number of flat pieces around the axis.
     """
     angles = np.arange(sides) * 2 * np.pi / sides
     round_ = np.stack([np.cos(angles), np.sin(angles)], axis=1)

@@ -18,7 +18,7 @@ class Pose:
 
     @staticmethod
     def of(position: np.ndarray, rotation: np.ndarray) -> Pose:
-        """The pose with a rotation matrix (3, 3)."""
+        """The pose of a position (3,), m, and a rotation matrix (3, 3)."""
         return Pose(np.array(position, float), _quaternion(rotation))
 
     @cached_property
@@ -33,7 +33,7 @@ class Pose:
         ])  # fmt: skip
 
     def point(self, local: tuple[float, float, float] | np.ndarray) -> np.ndarray:
-        """Where (3,) a point of this frame is in the world, m."""
+        """Position (3,), m, in the world of a point in this frame."""
         return self.position + self.rotation @ local
 
 
@@ -43,7 +43,7 @@ def length(vector: np.ndarray) -> float:
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    """Quaternion xyzw of a rotation (3, 3); SciPy's takes twenty times as long, and every step needs it.
+    """Quaternion xyzw of a rotation (3, 3); every step needs it, and SciPy takes twenty times as long.
 
     Source: Shepperd, Quaternion from rotation matrix, Journal of Guidance and Control 1(3), 1978.
     """

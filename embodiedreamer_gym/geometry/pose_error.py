@@ -1,4 +1,4 @@
-"""How far two trajectories of an end effector lie apart.
+"""Errors between two trajectories of an end effector.
 
 Source: EmbodieDreamer, appendix on PhysAligner (translation and rotation error of a trajectory).
 """
@@ -13,7 +13,7 @@ from embodiedreamer_gym.errors import ModelError
 def translation_error(positions: np.ndarray, reference: np.ndarray) -> float:
     """Mean Euclidean distance, m, of positions (T, 3), m, from a reference (T, 3), m.
 
-    Raises: ModelError when the shapes differ or hold no pose.
+    Raises: ModelError when the shapes differ or are empty.
     Source: EmbodieDreamer, appendix on PhysAligner.
     """
     x, x_ref = _pair(positions, reference, (3,), "positions")
@@ -23,10 +23,10 @@ def translation_error(positions: np.ndarray, reference: np.ndarray) -> float:
 def rotation_error(rotations: np.ndarray, reference: np.ndarray) -> float:
     """Mean of arcsin(||R - R_ref||_F / (2 sqrt 2)), rad, over rotations (T, 3, 3) and a reference (T, 3, 3).
 
-    For a relative rotation by the angle a, ||R - R_ref||_F = 2 sqrt 2 sin(a / 2), so the law gives a / 2,
+    For a relative rotation by the angle a, ||R - R_ref||_F = 2 sqrt 2 sin(a / 2), so the formula gives a / 2,
     half the angle between the two orientations.
 
-    Raises: ModelError when the shapes differ or hold no pose.
+    Raises: ModelError when the shapes differ or are empty.
     Source: EmbodieDreamer, appendix on PhysAligner.
     """
     r, r_ref = _pair(rotations, reference, (3, 3), "rotations")
@@ -37,14 +37,14 @@ def rotation_error(rotations: np.ndarray, reference: np.ndarray) -> float:
 def trajectory_error(poses: tuple[np.ndarray, np.ndarray], reference: tuple[np.ndarray, np.ndarray]) -> float:
     """Translation error, m, plus rotation error, rad, of poses: (positions (T, 3), rotations (T, 3, 3)).
 
-    Raises: ModelError when the shapes differ or hold no pose.
-    Source: EmbodieDreamer, appendix on PhysAligner: the two are added as plain numbers.
+    Raises: ModelError when the shapes differ or are empty.
+    Source: EmbodieDreamer, appendix on PhysAligner: the two are added without units.
     """
     return translation_error(poses[0], reference[0]) + rotation_error(poses[1], reference[1])
 
 
 def _pair(given: np.ndarray, reference: np.ndarray, shape: tuple[int, ...], what: str) -> tuple[np.ndarray, np.ndarray]:
-    """Both as float arrays (T, *shape), T at least 1."""
+    """Both as float arrays (T, *shape), with T at least 1."""
     a, b = np.asarray(given, float), np.asarray(reference, float)
     if a.shape != b.shape or a.shape[1:] != shape or not len(a):
         wanted = ", ".join(map(str, ("T", *shape)))

@@ -1,1 +1,1 @@
-"""Files, progress and parallel work: what every part of the package writes and shows in the same way."""
+"""Files, progress and parallel work, shared by all parts of the package."""

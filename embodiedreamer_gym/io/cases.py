@@ -1,4 +1,4 @@
-"""Long work as a list of cases: what is finished stands in a file, a line each; the rest can be shared by many jobs."""
+"""Long work as a list of cases: finished ones are lines of a file, and several jobs can share the rest."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from embodiedreamer_gym.io.shard import Shard
 
 try:
     import fcntl
-except ImportError:  # Windows: there two processes that write to one file are not noticed
+except ImportError:  # Windows, where two processes that write to one file are not detected
     fcntl = None
 
 Row = dict[str, Any]
@@ -37,16 +37,16 @@ def key_of(description: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Cases:
-    """A list of cases, each of which follows from its description alone.
+    """A list of cases; the result of each depends only on its description.
 
-    A case's description is `settings` with the fields of one item of `each`; its key is the SHA-256 of that. A row is a
-    description with what came of the case: one line of JSON in a file of rows, in any order.
+    A case's description is `settings` plus the fields of one item of `each`; its key is the SHA-256 of that. A row is a
+    description plus the result of the case: one line of JSON in a file of rows, in any order.
     """
 
     settings: Mapping[str, Any]
-    """What all cases share, fit for JSON."""
+    """Fields that all cases share; JSON-serialisable."""
     each: Sequence[Mapping[str, Any]]
-    """What tells the cases apart: the same fields in each, fit for JSON."""
+    """Fields that distinguish the cases: the same names in each; JSON-serialisable."""
 
     @cached_property
     def keys(self) -> dict[str, Mapping[str, Any]]:
@@ -59,11 +59,12 @@ class Cases:
         return hashlib.sha256("".join(self.keys).encode()).hexdigest()
 
     def read(self, *paths: Path) -> list[Row]:
-        """The rows of these cases in files, in the order of the list; a line that is cut short is left out.
+        """The rows of these cases in files, in the order of the list; an incomplete last line is left out.
 
-        Where a case occurs twice in a file its last row counts. Rows of the same settings that are not in the list are
-        left out. A setting that an older row does not name is not compared.
-        Raises: EmbodieDreamerError for rows of other settings, for a case in two files, and for what is no file of rows.
+        If a case occurs twice in a file, its last row counts. Rows with the same settings that are not in the list are
+        left out. A setting that is missing from an older row is not compared.
+        Raises: EmbodieDreamerError for rows of other settings, a case in two files, or a file that is not a file of
+        rows.
         """
         found: dict[str, Row] = {}
         for path in {path.resolve(): path for path in paths}.values():
@@ -82,12 +83,12 @@ class Cases:
 
     def run(self, work: Work, path: Path | None, shard: Shard = WHOLE, jobs: int = 1, also: Sequence[Path] = (),
             progress: ProgressCallback | None = None, unit: str = "cases") -> Iterator[Row]:  # fmt: skip
-        """Run the cases of a shard that no file holds yet; append each row to `path` as it comes, and yield it.
+        """Run the cases of a shard that are in no file yet; append each row to `path` as it arrives, and yield it.
 
-        work: is called with a description, in processes; its result is fit for JSON (NumPy's numbers and arrays too) and
-            may give the case's own "seconds". jobs: as in `io.parallel.each`, whose backends all do. also: further files of
-            rows that are finished. unit: of the progress.
-        Raises: as `read`; EmbodieDreamerError where another process writes to `path`; whatever `work` raises.
+        work: is called with a description, in worker processes; its result must be JSON-serialisable (NumPy numbers and
+            arrays are allowed) and may include the case's own "seconds". jobs: as in `io.parallel.each`, with any of
+            its backends. also: further files of finished rows. unit: name of the cases in the progress.
+        Raises: as `read`; EmbodieDreamerError where another process writes to `path`; any exception of `work`.
         """
         missing = self.missing(path, shard, also)
         with ended_workers():
@@ -95,7 +96,7 @@ class Cases:
             yield from self.record(path, results, len(missing), progress, unit)
 
     def missing(self, path: Path | None, shard: Shard = WHOLE, also: Sequence[Path] = ()) -> list[Mapping[str, Any]]:
-        """The items of a shard that no file holds yet.
+        """The items of a shard that are in no file yet.
 
         Raises: as `read`.
         """
@@ -105,7 +106,7 @@ class Cases:
 
     def record(self, path: Path | None, results: Iterable[tuple[Mapping[str, Any], Mapping[str, Any]]], total: int,
                progress: ProgressCallback | None = None, unit: str = "cases") -> Iterator[Row]:  # fmt: skip
-        """Append a row for each item and its result as they come, and yield it; see `run`. None: keep no file."""
+        """Append a row for each item and its result as they arrive, and yield it; see `run`. path: None for no file."""
         report = progress_or_silence(progress)
         report(unit, 0, total)
         with _lines(path) as file:
@@ -156,7 +157,7 @@ class Cases:
 
 
 def _finish(work: Work, settings: dict[str, Any], item: Mapping[str, Any]) -> tuple[Mapping[str, Any], Row]:
-    """An item and what came of it, with the seconds that it took and where it ran."""
+    """An item and its result, with the seconds that it took and a stamp of the run."""
     begun = time.perf_counter()
     result = work({**settings, **item})
     return item, {"seconds": time.perf_counter() - begun, **result, "run": run_stamp()}
@@ -164,10 +165,9 @@ def _finish(work: Work, settings: dict[str, Any], item: Mapping[str, Any]) -> tu
 
 @contextmanager
 def _lines(path: Path | None) -> Iterator[IO[bytes] | None]:
-    """Open a file to append whole lines to; what an interruption left of a line is removed, and after an error a file
-    without a line.
+    """Open a file to append whole lines; removes an incomplete last line and, after an error, a file without lines.
 
-    Raises: EmbodieDreamerError where another process has opened it so.
+    Raises: EmbodieDreamerError where another process has opened it for appending.
     """
     if path is None:
         yield None
@@ -190,5 +190,5 @@ def _lines(path: Path | None) -> Iterator[IO[bytes] | None]:
 
 
 def _plain(value: Any) -> Any:
-    """A NumPy number or array as JSON has it."""
+    """A NumPy number or array as Python numbers and lists, for JSON."""
     return value.tolist()

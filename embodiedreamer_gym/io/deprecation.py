@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 def deprecated_names(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
-    """A `__getattr__` for a module, which gives its old names.
+    """A `__getattr__` for a module that resolves its old names.
 
     In the module: `__getattr__ = deprecated_names(__name__, {"old": "new"})`.
     module: its `__name__`.
@@ -34,14 +34,14 @@ def deprecated_names(module: str, names: Mapping[str, str]) -> Callable[[str], A
 
 
 def present_name(what: str, name: str, names: Mapping[str, str]) -> str:
-    """The present name of something, such as an "effect", whose former names map to present ones."""
+    """The current name of something; what: its kind, such as "effect"; names: former name -> current name."""
     if name in names:
         warnings.warn(f"{what} {name!r} is now {names[name]!r}", DeprecationWarning, stacklevel=3)
     return names.get(name, name)
 
 
 def renamed_arguments(**names: str) -> Callable[[T], T]:
-    """Decorate a function or class that takes keyword arguments by their old names too: old="new"."""
+    """Decorate a function or class so that it also accepts keyword arguments by their old names: old="new"."""
 
     def decorate(target: Any) -> Any:
         function = target.__init__ if isinstance(target, type) else target

@@ -1,4 +1,4 @@
-"""Files of users: written whole or not at all, checked before long work, JSON of bounded size and depth."""
+"""User files: atomic writes, checks before long work, and JSON with a limit of size and depth."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from typing import Any
 
 from embodiedreamer_gym.errors import EmbodieDreamerError
 
-MAX_BYTES = 64_000_000  # of a JSON file
-MAX_DEPTH = 64  # nested lists and objects in one
-MAX_DIGITS = 39  # of an integer in one; longer ones are read as floats
+MAX_BYTES = 64_000_000  # largest size of a JSON file
+MAX_DEPTH = 64  # most levels of nested lists and objects in a JSON file
+MAX_DIGITS = 39  # most digits of an integer in a JSON file; longer ones are read as floats
 
 
 @contextmanager
 def atomic_file(
     path: str | os.PathLike[str], error: type[EmbodieDreamerError] = EmbodieDreamerError, suffix: str = ".part"
 ) -> Iterator[Path]:
-    """Give a path to write to, which replaces `path` when the block ends without an exception.
+    """Yield a path to write to; the file replaces `path` when the block ends without an exception.
 
     When the block fails, nothing is left behind and an older file stays as it was. A symbolic link stays; its target
     is replaced. The file gets the umask's mode.
-    error: class of the error; suffix: of the temporary name, for writers that choose a format by it.
+    error: class of the error; suffix: suffix of the temporary name, for writers that choose the format by it.
     Raises: `error` for an OSError inside the block, with the path and the reason.
     """
     target = Path(os.path.realpath(path))
@@ -47,9 +47,9 @@ def atomic_file(
 def atomic_folder(
     path: str | os.PathLike[str], error: type[EmbodieDreamerError] = EmbodieDreamerError
 ) -> Iterator[Path]:
-    """Give an empty folder to fill, which becomes `path` when the block ends without an exception.
+    """Yield an empty folder to fill; it becomes `path` when the block ends without an exception.
 
-    Raises: `error` where something but an empty folder is at `path`, and for an OSError inside the block.
+    Raises: `error` where `path` exists and is not an empty folder, and for an OSError inside the block.
     """
     target = Path(os.path.realpath(path))
     part = target.with_name(f".{target.name[:50]}.{os.getpid()}.part")
@@ -108,7 +108,7 @@ def write_json(data: Any, path: str | os.PathLike[str], error: type[EmbodieDream
 def check_regular(
     path: str | os.PathLike[str], error: type[EmbodieDreamerError] = EmbodieDreamerError, what: str = "file"
 ) -> None:
-    """Check that what is at a path, if anything, is a file or a folder: a pipe or a device would block whoever opens it.
+    """Check that a path, if it exists, is a file or a folder: opening a pipe or a device could block.
 
     Raises: `error` for anything else.
     """
@@ -122,8 +122,8 @@ def read_json(
 ) -> Any:
     """Read JSON of at most MAX_BYTES bytes and MAX_DEPTH levels; integers of more than MAX_DIGITS digits become floats.
 
-    what: what the file is, for the message, such as "model".
-    Raises: `error` for a file that is missing, too large, not UTF-8, no JSON or nested too deeply.
+    what: kind of file, for the message, such as "model".
+    Raises: `error` for a file that is missing, too large, not UTF-8, not JSON or nested too deeply.
     """
     path = Path(path)
     check_regular(path, error, what)
@@ -148,7 +148,7 @@ def _integer(text: str) -> int | float:
 
 
 def _check_tree(data: Any) -> None:
-    """Raises: RecursionError for more than MAX_DEPTH levels, UnicodeError for half a surrogate pair in a text."""
+    """Raises: RecursionError for more than MAX_DEPTH levels, UnicodeError for an unpaired surrogate in a string."""
     level = [data]
     for _ in range(MAX_DEPTH + 1):
         below: list[Any] = []

@@ -1,4 +1,4 @@
-"""Whether files that are there already were made with the settings that are wanted now."""
+"""Check that existing files were made with the current settings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from embodiedreamer_gym.errors import RecordingError
 
 
 def check_settings(path: Path, there: Mapping[str, Any], wanted: Mapping[str, Any], made: str = "made") -> None:
-    """Compare what a file says of itself with what is wanted, both fit for JSON.
+    """Compare the settings stored in a file (`there`) with those wanted; both are JSON-serialisable.
 
     Raises: RecordingError that names the first setting that differs.
     """

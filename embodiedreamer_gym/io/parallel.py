@@ -1,4 +1,4 @@
-"""The same work on many things at once, through joblib."""
+"""Parallel calls of a function, through joblib."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ T = TypeVar("T")
 def ended_workers() -> Iterator[None]:
     """End the worker processes that `many` starts in this block, however the block ends.
 
-    joblib keeps them for the next call, and after an interruption they would go on with their work.
+    Otherwise joblib keeps them for the next call, and after an interruption they would continue their work.
     """
     before = reusable_executor._executor
     try:
@@ -24,16 +24,16 @@ def ended_workers() -> Iterator[None]:
     finally:
         started = reusable_executor._executor
         if started is not None and started is not before:
-            started.terminate(kill_workers=True)  # its folder of temporary files too
+            started.terminate(kill_workers=True)  # also removes its folder of temporary files
 
 
 def each(
     function: Callable[..., T], calls: Sequence[tuple[Any, ...]], jobs: int = 1, in_order: bool = True
 ) -> Iterator[T]:
-    """Results of a function for many tuples of arguments, in their order, or each as soon as it is there.
+    """Results of a function for many tuples of arguments, in their order, or each as soon as it is finished.
 
-    jobs: processes on this machine, at most one for each call, unless `joblib.parallel_config` names another backend:
-    threads, or Dask or Ray on a cluster. The results are the same.
+    jobs: processes on this machine, at most one per call, unless `joblib.parallel_config` selects another backend:
+    threads, or Dask or Ray on a cluster. The results are the same for every backend.
     """
     work: Any = Parallel(n_jobs=min(jobs, max(len(calls), 1)), prefer="processes",
                          return_as="generator" if in_order else "generator_unordered")  # fmt: skip
@@ -46,7 +46,7 @@ def many(
 ) -> list[T]:  # fmt: skip
     """Results of a function for many tuples of arguments, in their order; see `each`.
 
-    done: is called with the number of finished calls and the result, as each comes.
+    done: is called after each result, with the number of finished calls and the result.
     """
     results: list[T] = []
     for result in each(function, calls, jobs):

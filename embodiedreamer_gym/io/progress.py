@@ -1,4 +1,4 @@
-"""Progress of long work on stderr: the stage, how far it is, the time left, and a line at least every ten seconds."""
+"""Progress of long work on stderr: stage, steps done and time left; at least one line every ten seconds."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ import weakref
 from collections.abc import Callable
 from typing import Any, Protocol
 
-SILENCE = 8.0  # seconds between lines in a log, where nothing changes stage
-REDRAW = (0.1, 1.0)  # seconds on a terminal: from one change to the next, and while nothing changes
-TICK = 0.1  # seconds between looks at the clock
+SILENCE = 8.0  # seconds between lines in a log while the stage stays the same
+REDRAW = (0.1, 1.0)  # seconds between redraws on a terminal: if the text changed, and if not
+TICK = 0.1  # seconds between checks of the clock
 
 
 class ProgressCallback(Protocol):
-    """Is called as long work advances, e.g. progress("screening effects", 7, 24, residual="1.45 chi2/n")."""
+    """Called as long work advances, e.g. progress("screening effects", 7, 24, residual="1.45 chi2/n")."""
 
     def __call__(self, stage: str, done: int, total: int | None = None, /, **quantities: object) -> None:
         """Report progress.
 
-        stage: what is being done.
-        done: steps that are finished.
-        total: number of steps, None where it is not known.
+        stage: name of the current work.
+        done: number of finished steps.
+        total: number of steps, None if it is not known.
         quantities: named values as text with their units.
         """
         ...
@@ -38,7 +38,7 @@ def silent(stage: str, done: int, total: int | None = None, /, **quantities: obj
 def progress_or_silence(progress: Any) -> ProgressCallback:
     """The callback itself, or `silent` for None.
 
-    A callback of the former form (stage, step, value) gets the number of steps as its value, with a DeprecationWarning.
+    A callback of the old form (stage, step, value) receives `total` as its value, with a DeprecationWarning.
     """
     if progress is None:
         return silent
@@ -52,10 +52,10 @@ def progress_or_silence(progress: Any) -> ProgressCallback:
 
 
 class Progress:
-    """Shows progress: one line that changes on a terminal, lines in a log; a thread repeats it where a step takes long.
+    """Show progress: one changing line on a terminal, separate lines in a log; a thread repeats it during long steps.
 
     quiet: show nothing.
-    interrupted: whether the work has to end; then a call raises KeyboardInterrupt.
+    interrupted: returns whether the work must stop; if so, the next call raises KeyboardInterrupt.
     """
 
     def __init__(self, quiet: bool = False, interrupted: Callable[[], bool] = bool) -> None:
@@ -84,19 +84,19 @@ class Progress:
         self._start()
 
     def starting(self, what: str, after: float = 1.0) -> None:
-        """Show what has begun, unless it reports a stage or ends within `after` seconds."""
+        """Show that work has started, unless it reports a stage or ends within `after` seconds."""
         if not self._quiet:
             self._text = f"{what}: starting"
             self._last = time.monotonic() - (REDRAW[self._text == self._shown] if self._terminal else SILENCE) + after
             self._start()
 
     def note(self, text: str) -> None:
-        """Print a line that stays."""
+        """Print a permanent line."""
         self.close()
         print(text, file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """Stop, and clear the line of a terminal; the next call starts again."""
+        """Stop, and clear the line on a terminal; the next call starts again."""
         thread, self._thread = self._thread, None
         if thread is not None:
             self._stop.set()
@@ -128,7 +128,7 @@ class Progress:
         return text
 
     def _show(self) -> None:
-        """Show the text where it is time to."""
+        """Show the text if it is due."""
         with self._lock:
             now = time.monotonic()
             waited = now - self._last
@@ -148,7 +148,7 @@ class Progress:
 
 
 def _repeat(progress: weakref.ref[Progress], stop: threading.Event) -> None:
-    """Show the text again and again, until it is closed or nobody holds it any more."""
+    """Show the text repeatedly, until the progress is closed or garbage-collected."""
     while not stop.wait(TICK):
         shown = progress()
         if shown is None:

@@ -1,4 +1,4 @@
-"""Keep what C libraries print off the terminal."""
+"""Suppress the output of C libraries."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def silenced() -> Iterator[None]:
-    """Send file descriptors 1 and 2 to nowhere while the block runs; Python's own streams are flushed first."""
+    """Redirect file descriptors 1 and 2 to the null device in the block; Python's own streams are flushed first."""
     sys.stdout.flush()
     sys.stderr.flush()
     saved = {stream: os.dup(stream) for stream in (1, 2)}
@@ -27,8 +27,8 @@ def silenced() -> Iterator[None]:
 
 
 def _flush_c() -> None:
-    """Empty the C library's buffers, which would otherwise be printed later."""
+    """Flush the C library's buffers, which would otherwise be printed later."""
     import ctypes
 
-    with contextlib.suppress(OSError, AttributeError, TypeError):  # no C library to be found by name on this system
+    with contextlib.suppress(OSError, AttributeError, TypeError):  # no C library can be loaded by name on this system
         ctypes.CDLL(None).fflush(None)

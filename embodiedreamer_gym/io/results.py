@@ -1,4 +1,4 @@
-"""Results as two files: `result.json`, the same to the byte wherever it is made, and `run.json`, which says where it was."""
+"""Results as two files: `result.json`, byte-identical on every machine, and `run.json`, which records the machine."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SOURCE = Path(__file__).parents[2]
 
 
 def run_stamp() -> dict[str, str]:
-    """Version and commit of the package (the commit where it runs from its repository), machine, and date in UTC."""
+    """Version of the package, its commit (if it runs from its repository), the machine, and the date in UTC."""
     return {**_place(), "date": datetime.now(UTC).date().isoformat()}
 
 
@@ -46,7 +46,7 @@ def _processor() -> str:
 
 
 def run_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """What `run.json` says of rows: how many, the sum of their seconds, and each version, commit, machine and date once."""
+    """Content of `run.json`: number of rows, sum of their seconds, distinct versions, commits, machines and dates."""
     rows = list(rows)
     stamps = [row.get("run") or {} for row in rows]
     found = {name: sorted({stamp[name] for stamp in stamps if name in stamp})
@@ -55,9 +55,10 @@ def run_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def write_results(folder: Path, result: Mapping[str, Any], run: Mapping[str, Any]) -> None:
-    """Write `result.json` and `run.json` into a folder, which is made.
+    """Write `result.json` and `run.json` into a folder, which is created if it does not exist.
 
-    result: fit for JSON, without times and whatever else differs between runs of the same cases. run: see `run_of`.
+    result: JSON-serialisable, without times or anything else that differs between runs of the same cases. run: see
+    `run_of`.
     Raises: EmbodieDreamerError when a file cannot be written; ValueError for a number that is not finite.
     """
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""One part of a list of cases, so that several jobs or machines can share the work."""
+"""Shard: one part of a list of cases, so that several jobs or machines can share the work."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST = 100_000  # parts
 class Shard:
     """Part `number` of `count` parts, counted from 1.
 
-    Raises: EmbodieDreamerError where there is no such part.
+    Raises: EmbodieDreamerError for numbers outside 1 <= number <= count <= MOST.
     """
 
     number: int = 1
@@ -47,12 +47,12 @@ class Shard:
     def of(self, items: Sequence[T]) -> list[T]:
         """The items of this part, in their order; every item is in exactly one part, and parts differ by at most one item.
 
-        The items are dealt in rounds of `count`; which part a round begins with follows from the round's number by a
-        checksum, so that kinds of items that take turns in the list are spread over all parts. Items that are appended
-        to the list change nothing for the others.
+        The items are dealt in rounds of `count`. A checksum of the round's number decides which part a round begins
+        with, so that periodic patterns of items in the list are spread over all parts. Appending items does not move
+        the others.
         """
         return [item for k, item in enumerate(items) if self._dealt(*divmod(k, self.count)) == self.number]
 
     def _dealt(self, turn: int, place: int) -> int:
-        """The part that gets a place of a round."""
+        """The part that gets the item at a place of a round."""
         return (place + zlib.crc32(str(turn).encode())) % self.count + 1

@@ -1,4 +1,4 @@
-"""Tables of text for a terminal: the first column wraps, the others stand right."""
+"""Text tables for a terminal: the first column wraps, the others are right-aligned."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def layout(headers: Sequence[str], rows: Sequence[Sequence[str]], width: int = W
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number with that many significant digits, without an exponent where it can be read; "-" for none."""
+    """A number with `digits` significant digits, without an exponent from 1e-3 to 1e6; "-" for None or not finite."""
     if value is None or not math.isfinite(value):
         return "-"
     if value != 0 and not 1e-3 <= abs(value) < 1e6:
@@ -34,7 +34,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def milli(value: float | None, unit: str = "rad") -> str:
-    """A value in thousandths of its unit, as "2.88 mrad"."""
+    """A value in thousandths of its unit, such as "2.88 mrad"."""
     return f"{number(None if value is None else 1e3 * value)} {MILLI[unit]}"
 
 

@@ -1,4 +1,4 @@
-"""Frames as a video file, and a picture as a file."""
+"""Write frames as a video file, and a picture as an image file."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from embodiedreamer_gym.io.files import atomic_file
 
 @renamed_arguments(rate="fps")
 def write_video(frames: np.ndarray, path: str | Path, fps: float = 30.0) -> None:
-    """Write frames (T, H, W, 3) uint8 as mp4 by OpenCV, which needs no extra; fps: frames per second.
+    """Write frames (T, H, W, 3) uint8 as mp4 with OpenCV, which needs no optional dependency; fps: frames per second.
 
-    LeRobot sets are h264 or AV1 with exact times: `recordings.episodes.video` writes them by PyAV.
+    LeRobot sets need h264 or AV1 with exact times: `recordings.episodes.video` writes these with PyAV.
 
     Raises: VisionError where the file cannot be written.
     """
@@ -35,7 +35,7 @@ def write_video(frames: np.ndarray, path: str | Path, fps: float = 30.0) -> None
 
 
 def save_picture(picture: np.ndarray, path: str | Path) -> None:
-    """Write a picture (h, w, 3), uint8 RGB, as a file of its suffix.
+    """Write a picture (h, w, 3), uint8 RGB, in the format of the path's suffix.
 
     Raises: VisionError when it cannot be written.
     """

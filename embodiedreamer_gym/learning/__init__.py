@@ -1,4 +1,4 @@
-"""Training of networks: the optimiser's loop with its schedule, running average and checkpoints."""
+"""Training of networks: optimisation with a learning rate schedule, running average and checkpoints."""
 
 from __future__ import annotations
 

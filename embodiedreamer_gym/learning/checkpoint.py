@@ -1,4 +1,4 @@
-"""Nested dictionaries of tensors and plain values as files of torch, without code and without surprises in size."""
+"""Nested dictionaries of tensors and plain values in torch files; reading runs no code, and sizes are checked first."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ SLACK = 1 << 20  # bytes by which an archive's contents may exceed its file
 
 
 def write_state(state: Mapping[str, Any], path: str | Path, error: type[EmbodieDreamerError]) -> None:
-    """Write a state, whole or not at all.
+    """Write a state atomically.
 
-    Raises: `error` where the file cannot be written.
+    Raises: `error` if the file cannot be written.
     """
     with atomic_file(path, error) as part, part.open("wb") as file:
         torch.save(dict(state), file)
 
 
 def read_state(path: str | Path, damaged: Exception) -> dict[str, Any]:
-    """The dictionary of a file that `write_state` wrote, on the CPU; no code in it is run.
+    """Read the dictionary that `write_state` wrote, on the CPU; no code in the file is run.
 
-    Raises: `damaged` where the file is none, is torn, or would take more memory than its size (compressed archives,
-    tensors larger than their storage).
+    Raises: `damaged` if the file is of another kind, is truncated, or would take more memory than its size (compressed
+    archives, tensors larger than their storage).
     """
     try:
         check_regular(path)
@@ -55,9 +55,9 @@ def tensors(state: Any) -> Iterator[Tensor]:
 
 
 def check_shapes(state: Any, like: Mapping[str, Tensor]) -> None:
-    """Check that a state has the same tensors, by name and shape.
+    """Check that a state has the same tensors as `like`, by name and shape.
 
-    Raises: ValueError that names the first that differs.
+    Raises: ValueError that names the first tensor that differs.
     """
     if not isinstance(state, Mapping):
         raise ValueError("no dictionary of tensors")
@@ -68,5 +68,5 @@ def check_shapes(state: Any, like: Mapping[str, Tensor]) -> None:
 
 
 def _stored(tensor: Tensor) -> int:
-    """Numbers in a tensor's storage."""
+    """Number of elements in a tensor's storage."""
     return tensor.untyped_storage().nbytes() // max(tensor.element_size(), 1)

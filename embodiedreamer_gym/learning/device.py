@@ -17,7 +17,7 @@ def find_device(name: str, error: type[EmbodieDreamerError] = EmbodieDreamerErro
         return found or torch.device("cpu")
     try:
         device = torch.device(name)
-        if device.type != "meta":  # holds no numbers
+        if device.type != "meta":  # meta tensors hold no data
             torch.empty(1, device=device).cpu()
             return device
     except (RuntimeError, AssertionError, NotImplementedError, ValueError):  # AssertionError: torch built without it

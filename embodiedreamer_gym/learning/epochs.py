@@ -1,4 +1,4 @@
-"""Epochs of Adam over examples in a drawn order."""
+"""Epochs of Adam over examples in random order."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ def run_epochs(
     parameters: Iterable[nn.Parameter], backward: Callable[[Tensor], None], examples: int, *, epochs: int, batch: int,
     learning_rate: float, seed: int,
 ) -> Iterator[int]:  # fmt: skip
-    """Train for some epochs, and give the number of each, from 1, once it is over.
+    """Train for some epochs, and yield the number of each, from 1, when it ends.
 
     parameters: those that require a gradient are trained.
-    backward: adds the gradient of the loss of some examples (n,), by number.
-    examples: how many there are.
-    batch: examples of a step.
+    backward: adds the gradient of the loss of some examples (n,), given by number.
+    examples: number of examples.
+    batch: examples per step.
     seed: of the order.
     """
     optimiser = torch.optim.Adam([one for one in parameters if one.requires_grad], learning_rate)

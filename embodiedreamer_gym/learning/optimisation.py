@@ -1,4 +1,4 @@
-"""AdamW with a learning rate that warms up and falls as a cosine."""
+"""AdamW with a warm-up and a cosine decay of the learning rate."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class Optimisation:
     """AdamW over parameters for a number of steps.
 
     parameters: those that require a gradient are trained.
-    steps: after which the learning rate is 0.
-    learning_rate: at its peak.
+    steps: number of steps, after which the learning rate is 0.
+    learning_rate: peak learning rate.
     warm_up: steps up to the peak.
-    clip: largest norm of the gradient, None for any.
-    processes: over which gradients are averaged.
-    options: of `torch.optim.AdamW`.
+    clip: largest norm of the gradient; None for no clipping.
+    processes: gradients are averaged over them.
+    options: further arguments of `torch.optim.AdamW`.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Optimisation:
         self.adamw = torch.optim.AdamW(self.parameters, learning_rate, **options)
 
     def minimise(self, loss: Tensor, step: int) -> dict[str, float]:
-        """Go down the loss's gradient; its norm before clipping (0 without clipping) and the learning rate."""
+        """Take one step; returns the gradient's norm before clipping (0 without clipping) and the learning rate."""
         learning_rate = self.learning_rate * cosine(step, self.steps, self.warm_up)
         for group in self.adamw.param_groups:
             group["lr"] = learning_rate
@@ -53,9 +53,9 @@ class Optimisation:
         return {"gradient": norm, "learning_rate": learning_rate}
 
     def load(self, state: Any) -> None:
-        """Take over AdamW's state.
+        """Load AdamW's state.
 
-        Raises: ValueError, TypeError, KeyError or AttributeError where it is of other parameters.
+        Raises: ValueError, TypeError, KeyError or AttributeError if it belongs to other parameters.
         """
         for number, moments in state["state"].items():
             for name, shape in dict.fromkeys(("exp_avg", "exp_avg_sq"), self.parameters[number].shape).items():

@@ -1,4 +1,4 @@
-"""Several processes that train one network, each on a GPU of its own, as `accelerate launch` starts them."""
+"""Several processes that train one network, each on its own GPU, as `accelerate launch` starts them."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from embodiedreamer_gym.learning.device import find_device
 
 @dataclass(frozen=True)
 class Processes:
-    """This process among those of a training: the one and only, unless more were started.
+    """This process among those of a training; the only one, unless more were started.
 
-    index: 0 .. count - 1; device: what this one computes on; accelerate: the library, where there are several.
+    index: 0 .. count - 1; device: of this process; accelerate: the library, if there are several processes.
     """
 
     index: int = 0
@@ -29,7 +29,7 @@ class Processes:
 
     @property
     def first(self) -> bool:
-        """Whether this is the one that writes and reports."""
+        """Whether this is the process that writes and reports."""
         return self.index == 0
 
     def mean(self, value: Tensor) -> Tensor:
@@ -50,8 +50,9 @@ class Processes:
 
 
 def find_processes(device: str = "cpu", error: type[EmbodieDreamerError] = EmbodieDreamerError) -> Processes:
-    """This process among those that were started together; device: as of `find_device`, of which each gets its own.
+    """This process among those that were started together.
 
+    device: name as in `find_device`; with several processes, each gets its own device of this kind.
     Raises: `error` for a device that is not available; MissingExtraError for several processes without accelerate.
     """
     where = find_device(device, error)

@@ -1,4 +1,4 @@
-"""Training of a network that goes on after an interruption as if there had been none."""
+"""Training of a network; after an interruption it continues as if there had been none."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ class TrainingSettings:
     steps: int = 4000
     """Steps of the optimiser."""
     batch: int = 32
-    """Examples of a step."""
+    """Examples per step."""
     learning_rate: float = 1e-3
-    """Peak learning rate of AdamW: it warms up, then falls as a cosine."""
+    """Peak learning rate of AdamW, reached by a warm-up and followed by a cosine decay."""
     weight_decay: float = 1e-4
     """Weight decay of AdamW."""
     clip: float = 1.0
     """Largest norm of the gradient."""
     average: float = 0.99
-    """Share of the running average of the weights that each step keeps."""
+    """Decay of the running average of the weights: the share that each step keeps."""
     seed: int = 0
-    """Seed of all that is drawn."""
+    """Seed of all random draws."""
 
     def check(self, error: type[EmbodieDreamerError], **shares: float) -> None:
-        """Check the numbers; shares: by name, further ones that must be between 0 and 1.
+        """Check the values; shares: further values, by name, that must be between 0 and 1.
 
-        Raises: `error` for the first out of range.
+        Raises: `error` for the first value out of range.
         """
         for name in ("steps", "batch"):
             if getattr(self, name) < 1:
@@ -57,14 +57,14 @@ class TrainingSettings:
 
 
 class Training:
-    """A network under training: `run` goes on from where it is; `save` and `load` keep all that this takes.
+    """Training of a network: `run` continues from the current step; `save` and `load` keep everything that this needs.
 
-    network: what is trained.
-    settings: how.
-    error: class of the errors.
-    processes: that train it together; each has its own share of a step's batch.
+    network: the network to train.
+    settings: training settings.
+    error: class of the errors that are raised.
+    processes: processes that train it together; each has its own share of a step's batch.
     options: of AdamW.
-    Subclasses define `loss`, whose draws must depend on seed and step alone, and may define `identity`, `state`,
+    Subclasses define `loss`, whose random draws must depend on seed and step alone, and may define `identity`, `state`,
     `restore` and `migrate`.
     """
 
@@ -86,25 +86,25 @@ class Training:
         raise NotImplementedError
 
     def identity(self) -> dict[str, Any]:
-        """What a checkpoint must agree with, by name: of what network and what data the training is."""
+        """Values, by name, that a checkpoint must have too: they identify the network and the data."""
         return {}
 
     def state(self) -> dict[str, Any]:
-        """What else a training needs to go on."""
+        """Further state that is needed to continue."""
         return {}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over what `state` gave.
+        """Restore what `state` returned.
 
-        Raises: LookupError, TypeError, ValueError, AttributeError or RuntimeError for rubbish.
+        Raises: LookupError, TypeError, ValueError, AttributeError or RuntimeError for an invalid state.
         """
 
     def migrate(self, state: dict[str, Any]) -> dict[str, Any]:
-        """A checkpoint of an earlier version in today's names."""
+        """Convert a checkpoint of an earlier version to the current names."""
         return state
 
     def reset_average(self) -> None:
-        """Begin the running average at the network's weights."""
+        """Restart the running average at the network's weights."""
         self.averaged = {name: value.detach().clone() for name, value in self.network.state_dict().items()}
 
     def run(
@@ -112,9 +112,9 @@ class Training:
     ) -> dict[str, float]:
         """Train up to a step, by default the last one.
 
-        report: is called with the numbers of each step: step, loss, gradient (norm), learning_rate and those of `loss`.
-        Returns the numbers of the last step.
-        Raises: `error` where the loss is not finite any more.
+        report: is called with the values of each step: step, loss, gradient (norm), learning_rate and those of `loss`.
+        Returns the values of the last step.
+        Raises: `error` if the loss is not finite.
         """
         row: dict[str, float] = {}
         self.network.train()
@@ -148,9 +148,9 @@ class Training:
         write_state({**own, **weights}, path, self.error)
 
     def load(self, path: str | Path) -> None:
-        """Go on from what `save` wrote.
+        """Continue from what `save` wrote.
 
-        Raises: `error` where it is of other settings, another network, other data, or damaged.
+        Raises: `error` if it has other settings, another network or other data, or is damaged.
         """
         damaged = self.error(f"{path} is no checkpoint of a training: damaged, or another file.")
         state = self.migrate(read_state(path, damaged))
@@ -182,7 +182,7 @@ def train_in_folder(
 ) -> None:  # fmt: skip
     """Train to the last step; every SAVED_EVERY steps a checkpoint is written into the folder.
 
-    report: is called with the numbers of each step.
+    report: is called with the values of each step.
     saved: is called after each checkpoint.
     """
     while training.step < training.config.steps:

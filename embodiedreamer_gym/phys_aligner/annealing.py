@@ -11,10 +11,10 @@ from embodiedreamer_gym.io.progress import ProgressCallback, silent
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.search_range import FACTOR, SearchRange, cost
 
-STEPS = 400  # of the baseline in EmbodieDreamer, section 4.1; SimplerEnv's script itself takes 2000
+STEPS = 400  # as the baseline of EmbodieDreamer, section 4.1; SimplerEnv's own script takes 2000
 HOTTEST = 1.5  # SimplerEnv, tools/sysid/sysid.py: t_max=1.5, t_min=0, linear cooling, steps of +-1/2 of the range
-COOL = 0.02  # share of the start's cost
-SHORT = 0.15  # of the range
+COOL = 0.02  # share of the cost at the start
+SHORT = 0.15  # share of the range
 
 
 def annealing(
@@ -23,9 +23,9 @@ def annealing(
 ) -> np.ndarray:  # fmt: skip
     """Best scaled parameters (m,) of an annealing with SimplerEnv's settings.
 
-    A temperature of 1.5 is far above the cost's differences of some 0.01 rad, so nearly every step is
-    accepted and what comes back is the best point of a random walk. Raises: CalibrationError for fewer than
-    two steps.
+    A temperature of 1.5 is far above the cost's differences of about 0.01 rad, so nearly every step is accepted, and
+    the result is the best point of a random walk.
+    Raises: CalibrationError for fewer than two steps.
     Source: SimplerEnv, tools/sysid/sysid.py, and the linear additive cooling of the annealer it calls.
     """
     return anneal(problem, rng, progress, steps, t_max, step, factor)[0]
@@ -35,7 +35,7 @@ def annealing_scaled(
     problem: Problem, rng: np.random.Generator, progress: ProgressCallback = silent, steps: int = STEPS,
     t_max: float = COOL, step: float = SHORT, factor: float = FACTOR,
 ) -> np.ndarray:  # fmt: skip
-    """Best scaled parameters (m,) of an annealing with t_max a share of the start's cost, and shorter steps.
+    """Best scaled parameters (m,) of an annealing with shorter steps, and t_max as a share of the cost at the start.
 
     Raises: CalibrationError for fewer than two steps.
     """
@@ -46,7 +46,7 @@ def anneal(
     problem: Problem, rng: np.random.Generator, progress: ProgressCallback, steps: int, t_max: float,
     step: float, factor: float = FACTOR, scaled: bool = False,
 ) -> tuple[np.ndarray, float]:  # fmt: skip
-    """Best scaled parameters (m,) and share of accepted moves, each uniform in +-step/2 of the range."""
+    """Best scaled parameters (m,) and share of accepted moves; moves are uniform in +-step/2 of the range."""
     if steps < 2:
         raise CalibrationError(f"annealing needs at least 2 steps, not {steps}.")
     box = SearchRange(problem, factor)

@@ -1,7 +1,7 @@
-"""Base parameters: the combinations of masses and inertias that a motion's torques depend on.
+"""Base parameters: the combinations of masses and inertias that determine the torques of a motion.
 
-A torque is linear in each body's mass, first moment and inertia, but many of these act only in combination with those of
-other bodies. Source: Gautier, Journal of Robotic Systems 8(4), 1991 (by a QR decomposition of the regressor).
+A torque is linear in each body's mass, first moment and inertia, but many of these act only in combination with those
+of other bodies. Source: Gautier, Journal of Robotic Systems 8(4), 1991 (by a QR decomposition of the regressor).
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from embodiedreamer_gym.simulation.drive_setup import changed_mechanics, paramet
 NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "rotor")
 UNITS = ("kg", "kg m", "kg m", "kg m", *["kg m^2"] * 7)
 ROTOR = ParameterKey("rotor_inertia")
-SAMPLES = 400  # of the motion, from which the regressor is made
-DEPENDENT = 1e-6  # relative length left of a column that the columns before it express
-STEP = 1e-3  # of a scaled parameter, for derivatives
-LEARNT = 0.5  # standard deviation relative to the prior's, below which the motion determines a combination
+SAMPLES = 400  # largest number of samples of the motion for the regressor
+DEPENDENT = 1e-6  # relative residual below which a column is a combination of the columns before it
+STEP = 1e-3  # change of a scaled parameter, for derivatives
+LEARNT = 0.5  # sd relative to the prior's below which the motion determines a combination
 
 
 @dataclass(frozen=True)
 class BaseParameter:
     """One combination of the bodies' masses and inertias.
 
-    name: its first term, and how many are added to it;
-    terms: inertial parameter -> factor, e.g. {"Izz[joint2]": 1.0, "m[joint3]": 0.09}, of mass, first moment and inertia in each
-    body's frame, and of the rotor's inertia;
-    urdf: its value by the URDF, in `unit`; None where a rotor's inertia that the model does not know is part of it;
+    name: its first term, and the number of further terms;
+    terms: inertial parameter -> factor, e.g. {"Izz[joint2]": 1.0, "m[joint3]": 0.09}, of mass, first moment and inertia
+    in each body's frame, and of the rotor's inertia;
+    urdf: its value in the URDF, in `unit`; None if it contains a rotor inertia that the model does not know;
     value: the estimate;
     sd: standard deviation of the estimate;
-    prior_sd: standard deviation that the URDF's errors give it.
+    prior_sd: standard deviation that the assumed errors of the URDF give it.
     """
 
     name: str
@@ -56,7 +56,7 @@ class BaseParameter:
 
     @property
     def determined(self) -> bool:
-        """Whether the motion says more of it than was known beforehand."""
+        """Whether the motion makes the estimate clearly more certain than the prior."""
         return self.sd < LEARNT * self.prior_sd
 
     def as_dict(self) -> dict:
@@ -66,9 +66,9 @@ class BaseParameter:
 
 
 def base_parameters(problem: Problem, x: np.ndarray, uncertainty: Spread) -> tuple[BaseParameter, ...]:
-    """Base parameters of a fit at scaled parameters x (m,) that estimates the URDF's errors; of any other fit, none.
+    """Base parameters of a fit at scaled parameters x (m,) that estimates the URDF's errors; empty for any other fit.
 
-    Combinations of rotors' inertias alone are left out: they are parameters of the model.
+    Combinations that contain only rotor inertias are left out, because these are parameters of the model.
     """
     if not problem.of_urdf.any():
         return ()
@@ -101,7 +101,7 @@ def base_parameters(problem: Problem, x: np.ndarray, uncertainty: Spread) -> tup
 
 
 def base_parameter_table(parameters: Sequence[BaseParameter]) -> str:
-    """The base parameters that the motion determines, as text; how many it does not."""
+    """The base parameters that the motion determines, as text, and the number of those that it does not determine."""
     lines = ["base parameters: masses and inertias, in the combinations that this motion determines",
              f"{'base parameter':<28} {'URDF':>10} {'estimate':>10} {'95 % interval':>23}  unit"]  # fmt: skip
     for p in (p for p in parameters if p.determined):
@@ -113,14 +113,14 @@ def base_parameter_table(parameters: Sequence[BaseParameter]) -> str:
 
 
 def combinations(regressor: np.ndarray) -> np.ndarray:
-    """Combinations (b, p) of parameters whose values say all of the products of a regressor (N, p) with them.
+    """Combinations (b, p) of parameters that determine all products of a regressor (N, p) with them.
 
-    Columns are taken in their order: one that those before it express is added to them, so that what depends on a body
-    further out goes to the body that carries it.
+    Columns are taken in order. A column that the columns before it express is added to them, so that what depends on a
+    body further out is assigned to the body that carries it.
     """
     size = np.linalg.norm(regressor, axis=0)
     seen = np.flatnonzero(size > DEPENDENT * size.max(initial=0.0))
-    columns = np.asarray(qr(regressor[:, seen] / size[seen], mode="r")[0])  # the columns' products, in few rows
+    columns = np.asarray(qr(regressor[:, seen] / size[seen], mode="r")[0])  # same products of columns in fewer rows
     own: list[int] = []
     for j in range(len(seen)):
         left = columns[:, j] - columns[:, own] @ np.linalg.lstsq(columns[:, own], columns[:, j], rcond=None)[0]
@@ -134,14 +134,14 @@ def combinations(regressor: np.ndarray) -> np.ndarray:
 
 
 def _regressor(model: RobotModel, recordings: Sequence[Recording]) -> np.ndarray:
-    """Torques (samples * n, n * len(NAMES)) of the recorded motion that each inertial parameter alone takes."""
+    """Torques (samples * n, n * len(NAMES)) that each inertial parameter alone needs for the recorded motion."""
     motions = [smooth_derivatives(r) for r in recordings]
     state = [np.concatenate([getattr(m, name) for m in motions]) for name in ("position", "velocity", "acceleration")]
     q, v, a = (x[:: -(-len(x) // SAMPLES)] for x in state)
     n, size, nominal = model.n, len(NAMES), model.nominal_mechanics
     unit = np.zeros((n * size, nominal.mass.shape[1], size))
     unit[np.arange(n * size), np.arange(n * size) // size, np.arange(n * size) % size] = 1.0
-    each = np.ascontiguousarray(unit[..., : NAMES.index("rotor")]), nominal.gravity  # as `RigidBodies.pack` gives them
+    each = np.ascontiguousarray(unit[..., : NAMES.index("rotor")]), nominal.gravity  # as in `RigidBodies.pack`
     moves = [np.repeat(x, n * size, axis=0) for x in (q, v, a)]  # sample b: parameter b mod n * size
     torque = model.bodies.inverse_dynamics(moves[0], moves[1], moves[2], each)[0].reshape(len(q), n * size, n)
     for j in range(n):

@@ -25,17 +25,17 @@ from embodiedreamer_gym.recordings import Recording, thin
 from embodiedreamer_gym.robot import ParameterTable, RobotModel
 
 METHODS = ("least-squares", "surrogate", "surrogate-trajectory", "annealing", "annealing-scaled", "cma-es")
-IDLE = ("stiffness", "damping")  # of the servo, where no command is in the logs
+IDLE = ("stiffness", "damping")  # of the servo; unused if the logs contain no command
 RULES = ("linear", "hold")
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Result of a calibration: the model with its values and 95 % intervals, and what they cost.
+    """Result of a calibration: the model with its values and 95 % intervals, and its cost in rollouts and time.
 
     error: mean over joints of each joint's root-mean-square on the fitted recordings, in `unit` (or the joint's own);
     undetermined: parameters that this motion does not determine; rollouts: parameter sets simulated over all
-    recordings; fit: where the minimisation ended (least squares only).
+    recordings; fit: result of the minimisation (least squares only).
     """
 
     model: RobotModel
@@ -50,12 +50,12 @@ class Calibration:
 
     @property
     def unit(self) -> str:
-        """Unit of the error: rad, or N m or A of logs without a command."""
+        """Unit of the error: rad, or N m or A for logs without a command."""
         return (self.problem.signals.unit if self.problem else "") or "rad"
 
     @cached_property
     def base_parameters(self) -> tuple[BaseParameter, ...]:
-        """What the motion says of the bodies' masses and inertias, of a fit that estimates the URDF's errors."""
+        """Combinations of the bodies' masses and inertias, if the fit estimates the URDF's errors."""
         if self.problem is None or self.fit is None:
             return ()
         fit = self.fit
@@ -91,18 +91,18 @@ class Calibration:
                 "rollouts": self.rollouts, "seconds": self.seconds, "converged": bool(self.converged)}  # fmt: skip
 
 
-STUCK = 1.4  # chi2 of a joint above which a fit may have ended in a wrong valley
-DIFFERENT = 0.05  # scaled units between two fits that ended in different valleys
-ROLLOUTS = 13  # per parameter; a fit that takes more is creeping along a bend of the cost
+STUCK = 1.4  # chi2 of a joint above which a fit may have ended in a wrong local minimum
+DIFFERENT = 0.05  # scaled units between two fits that ended in different local minima
+ROLLOUTS = 13  # per parameter; a fit that takes more advances in very small steps
 
 
 def fit_least_squares(
     model: RobotModel, recordings: Sequence[Recording], groups: Sequence[str] | None = None, scan: bool = True,
     iterations: int = 30, tolerance: float = 1e-4, progress: ProgressCallback = silent, budget: float | None = None,
 ) -> tuple[Problem, Fit]:  # fmt: skip
-    """Least squares with a scan of starts; budget: rollouts after which no further step is begun.
+    """Least squares with a scan of starts; budget: rollouts after which no further iteration is started.
 
-    The rule between two commands is fitted too where neither the model nor the recordings state it.
+    The rule between two commands is fitted too if neither the model nor the recordings state it.
     """
     unknown = model.command_hold == "unknown" and any(r.command_hold == "unknown" for r in recordings)
     problem = Problem(model, recordings, groups, hold="linear" if unknown else None)
@@ -124,7 +124,7 @@ def fit_least_squares(
 def from_nominal(
     problem: Problem, fit: Fit, iterations: int, tolerance: float, progress: ProgressCallback = silent
 ) -> Fit:  # fmt: skip
-    """Fit from the model's own values too, where they are given and a joint stays above its noise; the better, joint by joint.
+    """Repeat a fit from the model's own values, if given and if a joint stays above its noise; combine both by joint.
 
     A gain that is several times too large can follow a gentle motion nearly as well.
     """
@@ -154,7 +154,8 @@ def calibrate(
     """Fit the model's parameters to recordings by free-run simulation.
 
     method: "least-squares" (default), "surrogate" (the paper's), "surrogate-trajectory", "annealing"
-    (SimplerEnv's), "annealing-scaled" or "cma-es"; groups: which parameters to fit (default: servo gains, what the model leaves open, all effects);
+    (SimplerEnv's), "annealing-scaled" or "cma-es"; groups: which parameters to fit (default: servo gains, parameters
+    that the model does not state, all effects);
     max_seconds: of longer recordings the windows with most motion are used.
     Raises: CalibrationError for an unknown method or nothing to fit, SimulationError for another robot's recording.
     """
@@ -174,9 +175,9 @@ def calibrate(
 
 
 def with_nuisances(model: RobotModel, recordings: Sequence[Recording]) -> RobotModel:
-    """The model with what its logs have to be fitted with beside the effects: the effort's sensor, the URDF's errors.
+    """The model with its nuisance parameters, which are fitted with the effects: effort sensor and errors of the URDF.
 
-    Logs with commands are fitted without: their servo's gains answer most errors of the URDF.
+    Logs with commands are fitted without them, because the servo's gains compensate most errors of the URDF.
     """
     model = with_effort_sensor(model, recordings)
     if any(r.command is not None for r in recordings) or model.has_effect(InertialError):
@@ -185,12 +186,13 @@ def with_nuisances(model: RobotModel, recordings: Sequence[Recording]) -> RobotM
 
 
 def finish(problem: Problem, fit: Fit, seconds: float, wider: tuple[Problem, Fit] | None = None) -> Calibration:
-    """A least-squares fit as a Calibration: values, intervals, what is not determined.
+    """Convert a least-squares fit to a Calibration: values, intervals, undetermined parameters.
 
-    wider: a fit of the same parameters and of others beside, from which the intervals are taken, of those whose law jumps by
-    resampling too; each is extended to hold the value, and those of fits that are as likely with shares at 0 and 1. Where efforts are compared it is extended to hold as much around the
-    value: masses that an unloaded log fixed and masses that are estimated again give two values of a load, and neither is known
-    better than to this half-width.
+    wider: a fit of the same and further parameters, from which the intervals are taken (also by resampling for
+    parameters whose law jumps). Each interval is extended to contain the value, and the values of equally likely fits
+    with shares at 0 and 1. If efforts are compared, it is also extended to the same half-width around the value: an
+    unloaded log with fixed masses and a fit that estimates the masses again give two values of a load, and neither is
+    more certain than that.
     """
     judge, around = wider or (problem, fit)
     uncertainty = spread(judge, around.x, around.residuals * around.weight, around.jacobian * around.weight[:, None])
@@ -231,7 +233,7 @@ def _error(problem: Problem, residuals: np.ndarray) -> float:
 
 
 def _search(model, recordings, method, groups, rng, progress, options) -> tuple[Problem, np.ndarray]:
-    from embodiedreamer_gym.phys_aligner import searches  # brings torch and cma, which least squares does not need
+    from embodiedreamer_gym.phys_aligner import searches  # imports torch and cma, which least squares does not need
 
     problem = Problem(model, recordings, groups)
     return problem, searches.SEARCHES[method](problem, rng, progress=progress, **options)

@@ -13,20 +13,20 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.search_range import FACTOR, SearchRange, cost
 
 BUDGET = 400
-FIRST_STEP = 0.2  # of the range, after the library's advice of a fifth to a third
+FIRST_STEP = 0.2  # of the range; the library recommends a fifth to a third
 
 
 def cma_es(
     problem: Problem, rng: np.random.Generator, progress: ProgressCallback = silent, budget: int = BUDGET,
     factor: float = FACTOR,
 ) -> np.ndarray:  # fmt: skip
-    """Best scaled parameters (m,) after at most `budget` rollouts, a whole population of them at once.
+    """Best scaled parameters (m,) after at most `budget` rollouts; each population is simulated at once.
 
     Raises: CalibrationError for a budget smaller than one population.
     Source: Hansen, The CMA Evolution Strategy: A Tutorial, arXiv 1604.00772.
     """
     box = SearchRange(problem, factor)
-    options = {"bounds": [0.0, 1.0], "verbose": -9, "seed": math.nan,  # nan: leave numpy's own state alone
+    options = {"bounds": [0.0, 1.0], "verbose": -9, "seed": math.nan,  # nan: do not seed numpy's global state
                "randn": lambda *shape: rng.standard_normal(shape)}  # fmt: skip
     strategy = cma.CMAEvolutionStrategy(box.start.tolist(), FIRST_STEP, options)
     size = int(strategy.popsize)

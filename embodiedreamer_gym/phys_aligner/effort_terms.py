@@ -1,7 +1,8 @@
 """Least squares of each joint's effort on the terms that every driven joint has: scale, rotor inertia, friction.
 
-Gears of an industrial arm often rub more than its wrist weighs. A factor fitted to the weight alone is then far off, even in
-its sign. Friction gives the sign: it opposes the motion, so scale, rotor inertia and friction all have one sign.
+In an industrial arm, the friction of the gears is often larger than the weight of the wrist. A factor fitted to the
+weight alone is then far off, and may have the wrong sign. Friction determines the sign, because it opposes the motion:
+scale, rotor inertia and friction all have the same sign.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from embodiedreamer_gym.recordings import Recording, smooth, smooth_derivatives,
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import run_sets
 
-OWN_SHARE = 0.01  # of the effort's variance, that the model's torque alone must explain to determine the scale
+OWN_SHARE = 0.01  # share of the effort's variance that the model's torque alone must explain to determine the scale
 
 
 def motion_terms(recording: Recording) -> list[np.ndarray]:
-    """Acceleration, speed and sign of the speed (T, n), smoothed twice, as torques of inverse runs are."""
+    """Acceleration, speed and sign of the speed (T, n), smoothed twice, like the torques of inverse runs."""
     motion = smooth_derivatives(recording)  # smoothed once
     sign = smooth(recording, np.sign(smooth_motion(recording).velocity))
     return [smooth(recording, x) for x in (motion.acceleration, motion.velocity, sign)]
@@ -28,10 +29,11 @@ def motion_terms(recording: Recording) -> list[np.ndarray]:
 def joint_terms(
     model: RobotModel, recordings: Sequence[Recording], efforts: Sequence[np.ndarray], usable: Sequence[np.ndarray]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Of each joint, effort (N,) and terms (N, 4), each about its mean.
+    """Effort (N,) and terms (N, 4) of each joint, both with their mean subtracted.
 
-    The terms are the model's torque without rotor inertia and viscous friction, acceleration, speed and the sign of the speed.
-    efforts, usable: smoothed efforts and the samples that count, (T, n) per recording.
+    The terms are the model's torque without rotor inertia and viscous friction, acceleration, speed and the sign of the
+    speed.
+    efforts, usable: smoothed efforts and the samples to use, (T, n) per recording.
     """
     bare = model.with_(rotor_inertia=np.zeros(model.n), viscous_friction=np.zeros(model.n))
     runs = run_sets(bare, recordings)
@@ -46,10 +48,10 @@ def joint_terms(
 
 
 def effort_per_torque(effort: np.ndarray, terms: np.ndarray, torque_scale: float) -> float:
-    """Scale of one joint's effort (N,) against the model's torque, by least squares on terms (N, 4) of one sign.
+    """Scale of one joint's effort (N,) relative to the model's torque, by least squares on terms (N, 4) of one sign.
 
-    Where the model's torque explains nothing that the other terms do not, efforts are taken to be as large as a torque
-    typical of the joint, N m.
+    If the model's torque explains nothing beyond the other terms, efforts are assumed to be as large as a torque
+    typical of the joint, in N m.
     """
     if len(effort) <= terms.shape[1] or not np.any(effort):
         return 1.0
@@ -67,9 +69,9 @@ def effort_per_torque(effort: np.ndarray, terms: np.ndarray, torque_scale: float
 
 
 def start_values(effort: np.ndarray, terms: np.ndarray, scale: float, rotor_known: float | None) -> tuple[float, float]:
-    """Rotor inertia and viscous friction of one joint at a given scale, beside Coulomb friction, none below zero.
+    """Rotor inertia and viscous friction of one joint at a given scale, fitted with Coulomb friction; none is negative.
 
-    rotor_known: kg m^2, where the rotor inertia is given.
+    rotor_known: kg m^2, if the rotor inertia is given.
     """
     if len(effort) <= terms.shape[1]:
         return rotor_known or 0.0, 0.0

@@ -1,4 +1,4 @@
-"""Evidence of a fitted model: how probable it makes its recordings, whatever its parameters and the URDF's errors are."""
+"""Evidence of a fitted model: how probable its recordings are, averaged over its parameters and the URDF's errors."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from embodiedreamer_gym.phys_aligner.least_squares import Fit
 from embodiedreamer_gym.phys_aligner.problem import Problem
 
 SIZES = np.geomspace(0.03, 1.5, 12)  # of the URDF's errors, relative to the standard deviations of the prior
-WIDE = 3.0  # scaled units, prior standard deviation of every other parameter
+WIDE = 3.0  # scaled units, prior standard deviation of all other parameters
 
 
 def log_evidence(problem: Problem, fit: Fit) -> float:
-    """Natural logarithm of the evidence, up to a constant of the recordings.
+    """Natural logarithm of the evidence, up to a constant that depends on the recordings only.
 
-    Laplace's approximation at the fit. The size that the URDF's errors have in common is the most probable one (type-II
-    maximum likelihood; MacKay, Neural Computation 4(3), 1992): a URDF that is right but for one direction, in which
-    a payload acts, is less probable than a payload on a URDF that is right.
+    Laplace's approximation at the fit. The common size of the URDF's errors is the most probable one (type-II maximum
+    likelihood; MacKay, Neural Computation 4(3), 1992): a URDF that is wrong only in the direction in which a payload
+    acts is less probable than a payload on a correct URDF.
     """
     chi2 = np.maximum(problem.joint_rms(fit.residuals)[0] ** 2, 1.0)
     root = np.sqrt(problem.independent / chi2[problem.joint_of])

@@ -1,4 +1,4 @@
-"""95 % intervals that survive coloured residuals, and the parameters that a motion does not determine."""
+"""95 % intervals that stay valid for autocorrelated residuals, and the parameters that a motion does not determine."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from scipy.linalg import matmul_toeplitz, toeplitz
 from embodiedreamer_gym.phys_aligner.problem import Problem
 
 NORMAL_95 = 1.959963984540054
-HIGHEST_ORDER = 8  # of the autoregressive model of residuals
-HOPELESS = 50.0  # scaled units; whatever is wider is no interval
+HIGHEST_ORDER = 8  # of the autoregressive model of the residuals
+HOPELESS = 50.0  # scaled units; a wider interval is treated as infinite
 UNDETERMINED = 1.0  # half-width in scaled units: a factor e, or a typical size of the effect
 
 
@@ -27,11 +27,11 @@ class Spread:
 def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray) -> Spread:
     """Sandwich covariance H^-1 S H^-1; S is the covariance of the scores J^T r along the recordings.
 
-    Two estimates of S, of which each parameter gets the wider interval: J^T C J with the autocovariance C of
-    an autoregressive model of each joint's residuals, exact for coloured noise that does not depend on the
-    motion; and the autocovariance of the scores themselves (Newey and West, Econometrica 55, 1987), which
-    also sees residuals that follow the motion, as those of a missing effect do. What is known beforehand of a parameter
-    counts as one more observation. Parameters on a bound are left out.
+    There are two estimates of S, and each parameter gets the wider interval: J^T C J with the autocovariance C of
+    an autoregressive model of each joint's residuals, which is exact for coloured noise that does not depend on the
+    motion; and the autocovariance of the scores themselves (Newey and West, Econometrica 55, 1987), which also
+    includes residuals that follow the motion, such as those of a missing effect. The prior of a parameter counts as one
+    more observation. Parameters on a bound are left out.
     """
     m = len(x)
     free = (x > problem.lower + 1e-9) & (x < problem.upper - 1e-9)
@@ -60,7 +60,7 @@ def spread(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray)
 
 
 def _series(problem: Problem) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Recording, joint and its rows; joints and recordings do not see each other's time."""
+    """Recording, joint and rows of each residual series; correlations between joints or recordings are neglected."""
     for run in range(len(problem.recordings)):
         for joint in range(problem.model.n):
             rows = np.flatnonzero((problem.run_of == run) & (problem.joint_of == joint))
@@ -69,10 +69,10 @@ def _series(problem: Problem) -> Iterator[tuple[int, int, np.ndarray]]:
 
 
 def coloured_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
-    """Covariance (m, m) of the scores for residuals that are stationary, or the same while a joint rests on a coarse encoder.
+    """Covariance (m, m) of the scores if residuals are stationary, or constant while a joint with coarse encoder rests.
 
-    Of each joint in each recording the larger one counts. An autoregressive model does not see a small error that lasts as
-    long as a rest, though that decides how well a friction or a weight is known.
+    For each joint in each recording, the larger one counts. An autoregressive model misses a small error that lasts as
+    long as a rest, but such an error decides how well a friction or a weight is known.
     """
     total = np.zeros((jacobian.shape[1],) * 2)
     for run, joint, rows in _series(problem):
@@ -91,7 +91,7 @@ def coloured_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -
 
 
 def _score_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
-    """Covariance (m, m) of the scores from their own autocovariance, by Bartlett's window."""
+    """Covariance (m, m) of the scores from their own autocovariance, with Bartlett's window."""
     total = np.zeros((jacobian.shape[1],) * 2)
     for _, _, rows in _series(problem):
         lags = correlation_lag(r[rows])
@@ -104,7 +104,7 @@ def _score_covariance(problem: Problem, r: np.ndarray, jacobian: np.ndarray) -> 
 
 
 def autocovariance(e: np.ndarray) -> np.ndarray:
-    """Autocovariance (T,) of a series (T,) by an autoregressive model, its order by Schwarz's criterion."""
+    """Autocovariance (T,) of a series (T,) by an autoregressive model with its order by Schwarz's criterion (BIC)."""
     most = min(HIGHEST_ORDER, (len(e) - 1) // 4)
     autocovariance = np.array([e[k:] @ e[: len(e) - k] / len(e) for k in range(most + 1)])
     if autocovariance[0] <= 0:
@@ -124,7 +124,7 @@ def autocovariance(e: np.ndarray) -> np.ndarray:
 
 
 def correlation_lag(e: np.ndarray) -> int:
-    """Lags (Andrews, Econometrica 59, 1991, AR(1) rule, Bartlett's window) of a series (T,), at most T / 4."""
+    """Number of lags of a series (T,), at most T / 4 (Andrews, Econometrica 59, 1991, AR(1), Bartlett's window)."""
     centred = e - e.mean()
     power = float(centred @ centred)
     if power <= 0:

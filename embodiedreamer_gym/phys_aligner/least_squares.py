@@ -1,9 +1,9 @@
 """Bounded Levenberg-Marquardt on free runs, robust to outliers and to a joint that no parameter can explain.
 
-The cost is the mean over joints of log(1 + chi2 of the joint), the likelihood of residuals whose size is unknown joint
-by joint but never below the sensor's noise: a joint with an effect that the model lacks does not rule the others, and
-a joint that is nearly right is still worth getting right. Errors of the URDF add the squares of their distance from zero
-in standard deviations, as their prior's likelihood does.
+The cost is the mean over joints of log(1 + chi2 of the joint). This is the likelihood of residuals whose size is
+unknown for each joint but never below the sensor's noise: a joint with an effect that the model lacks does not dominate
+the others, and a joint that is nearly right is still improved. Errors of the URDF add the squares of their distance
+from zero in standard deviations, as in the likelihood of their prior.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from embodiedreamer_gym.io.progress import ProgressCallback, silent
 from embodiedreamer_gym.phys_aligner.problem import STEP, Problem
 from embodiedreamer_gym.phys_aligner.robust import huber_limit, robust_cost, robust_weight
 
-DAMPINGS = np.array([0.001, 0.03, 1.0])  # tried at once, relative to the present damping
-LONGEST = 3.0  # step of a scaled parameter; one that is not a logarithm may double beside
-BEHIND = 0.1  # cost by which a fit must fall short of its rival to be given up
+DAMPINGS = np.array([0.001, 0.03, 1.0])  # tried at once, relative to the current damping
+LONGEST = 3.0  # largest step of a scaled parameter; one that is not a logarithm may also double
+BEHIND = 0.1  # a fit is given up if its cost would stay above that of its rival by more than this
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Where a minimisation ended.
+    """Result of a minimisation.
 
-    x (m,): scaled parameters; cost: mean over joints of log(1 + chi2); residuals (N,), jacobian (N, m): in sensor
-    noises; weight (N,): square root of what each residual counts; jumps (m,) bool: parameters whose derivatives depend on the
-    step, as where a law jumps; None where this was not looked at.
+    x (m,): scaled parameters; cost: mean over joints of log(1 + chi2); residuals (N,), jacobian (N, m): in units of
+    sensor noise; weight (N,): square root of each residual's weight; jumps (m,) bool: parameters whose derivatives
+    depend on the step, because the law jumps; None if this was not tested.
     """
 
     x: np.ndarray
@@ -45,12 +45,13 @@ def minimise(
 ) -> Fit:  # fmt: skip
     """Minimise a problem's cost inside its bounds from scaled parameters (m,).
 
-    Each iteration spends one rollout per parameter (per pair, with two arms) on the Jacobian and three on steps.
-    Stops when the fall of the cost is below the tolerance, or when the next iteration would pass `budget`;
-    and where it is so far above the cost of a `rival` that as many falls as iterations are left would not reach it.
-    derivatives: whether the Jacobian at the end is needed. Without, and of a fit that a rival stopped, it is that of the last step.
-    step: of the differences that stand for derivatives, in scaled units. Where a law jumps, slopes over longer steps lead further:
-    implicit filtering, Kelley, Implicit Filtering, SIAM, 2011.
+    Each iteration uses one rollout per parameter (per pair, with two arms) for the Jacobian, and three for steps. It
+    stops when the fall of the cost is below the tolerance, or when the next iteration would exceed `budget`, or when
+    the cost is so far above that of a `rival` that the remaining iterations would not reach it at the current rate.
+    derivatives: whether the Jacobian at the end is needed. Otherwise, and for a fit that a rival stopped, it is that of
+    the last step.
+    step: of the finite differences, in scaled units. If a law jumps, slopes over longer steps lead further: implicit
+    filtering, Kelley, Implicit Filtering, SIAM, 2011.
     """
     x, damping = np.clip(start, problem.lower, problem.upper), 1e-2
     if not len(x):  # everything is fixed
@@ -78,12 +79,12 @@ def minimise(
 
 
 def fit_at(problem: Problem, x: np.ndarray) -> Fit:
-    """The fit that ended at scaled parameters (m,)."""
+    """A fit that ended at scaled parameters (m,)."""
     return _fit(problem, x, *problem.jacobian(x), True)
 
 
 def cost_of(problem: Problem, x: np.ndarray, r: np.ndarray) -> float:
-    """Mean over joints of log(1 + chi2) of residuals (N,) at scaled parameters (m,), outliers counting less."""
+    """Mean over joints of log(1 + chi2) of residuals (N,) at scaled parameters (m,), with less weight for outliers."""
     return robust_cost(problem, r, huber_limit(problem, r)) + problem.prior_cost(x)
 
 
@@ -100,7 +101,7 @@ def _fit(problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray, c
 
 
 def _descend(problem, x, r, jacobian, weight, limit, cost, damping):
-    """The best of three damped steps, with larger damping until one descends: x, cost, damping, residuals; or None."""
+    """The best of three damped steps: x, cost, damping, residuals; None if no damping up to a limit lowers the cost."""
     for _ in range(4):
         trials = np.stack([damped_step(problem, x, r, jacobian, weight, d * damping) for d in DAMPINGS])
         residuals = problem.residuals(trials)
@@ -117,7 +118,7 @@ def _descend(problem, x, r, jacobian, weight, limit, cost, damping):
 def damped_step(
     problem: Problem, x: np.ndarray, r: np.ndarray, jacobian: np.ndarray, w: np.ndarray, damping: float
 ) -> np.ndarray:  # fmt: skip
-    """A damped Gauss-Newton step kept inside the bounds: parameters that would leave are fixed there, one pass each."""
+    """A damped Gauss-Newton step inside the bounds; parameters that would leave them are fixed there, pass by pass."""
     j, e = jacobian * w[:, None], r * w
     prior = 2.0 / problem.independent * problem.prior
     normal, gradient = j.T @ j + np.diag(prior), j.T @ e + prior * (x - problem.centre)

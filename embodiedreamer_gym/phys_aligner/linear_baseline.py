@@ -1,4 +1,4 @@
-"""The baseline that a user would pick for logs without commands: least squares of each joint's effort on a few terms."""
+"""Common baseline for logs without commands: least squares of each joint's effort on a few terms."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ TERMS = "rigid torque, rotor inertia, viscous and Coulomb friction, offset"
 def least_squares_rms(model: RobotModel, train: Sequence[Recording], test: Sequence[Recording]) -> np.ndarray:
     """Held-out root mean square error (n,) of plain least squares, in the effort's unit.
 
-    Each joint's effort is regressed on `TERMS`: the rigid bodies' torque of the URDF (its factor is one where the effort is in
-    N m), acceleration, speed, the sign of the speed and one. Samples and smoothing are those of `Signals`.
+    Each joint's effort is regressed on `TERMS`: the rigid bodies' torque of the URDF (its factor is one if the effort
+    is in N m), acceleration, speed, the sign of the speed and a constant. Samples and smoothing are those of `Signals`.
     """
     learn, judge = Signals(model, train), Signals(model, test)
     pairs = []
@@ -39,7 +39,7 @@ def least_squares_rms(model: RobotModel, train: Sequence[Recording], test: Seque
 
 
 def _terms(model: RobotModel, recording: Recording, effort: np.ndarray) -> np.ndarray:
-    """Effort and the terms (T, n, 6), smoothed alike."""
+    """Effort and terms (T, n, 6), all smoothed in the same way."""
     motion = smooth_derivatives(recording)
     q, v, a = motion.position, motion.velocity, motion.acceleration
     rigid = model.bodies.inverse_dynamics(q, v, a, Drive(model).mechanics)[0]

@@ -1,4 +1,4 @@
-"""What a calibration minimises: residuals of free runs, over the free parameters of a model."""
+"""The function that a calibration minimises: residuals of free runs, over the free parameters of a model."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from embodiedreamer_gym.robot import ParameterKey, ParameterRow, RobotModel
 from embodiedreamer_gym.simulation import TIME_STEP
 from embodiedreamer_gym.simulation.rollout import check_names
 
-CORRELATED = 0.05  # s over which residuals are about the same
-STEP = 1e-3  # of differences, in scaled units
-SLIGHT = 0.05  # of a joint's typical torque, that viscous friction takes at 1 rad/s where it is slight
+CORRELATED = 0.05  # s over which residuals are strongly correlated
+STEP = 1e-3  # of finite differences, in scaled units
+SLIGHT = 0.05  # torque of slight viscous friction at 1 rad/s, as a share of the joint's typical torque
 
 
 def free_rows(
     model: RobotModel, groups: Sequence[str | ParameterKey] | None = None, by_effort: bool = False
 ) -> tuple[ParameterRow, ...]:
-    """Parameters that a calibration fits: stiffness, damping, rotor inertia where unknown, and all of the effects.
+    """Parameters that a calibration fits: stiffness, damping, rotor inertia if unknown, and those of all effects.
 
-    Viscous friction acts as damping does and is left out: positions alone cannot distinguish the two. Where efforts are
-    compared instead (by_effort), it stands in place of the servo's gains.
+    Viscous friction acts like damping and is left out, because positions alone cannot distinguish the two. If efforts
+    are compared instead (by_effort), it replaces the servo's gains.
     """
     table = model.parameters()
     if groups is not None:
@@ -44,13 +44,13 @@ def free_rows(
 class Problem:
     """Residuals of free runs as a function of scaled parameters x (m,).
 
-    A parameter with a positive lower bound is scaled by its logarithm, any other by a typical size, so that a step
-    of one is a large step in each. Residuals are (measured - simulated) / sigma over the usable samples, see `Signals`.
-    dt: time step of the plant, s, where positions are compared.
-    rollouts counts parameter sets simulated over all recordings; independent is the share of the samples that counts as
-    independent; prior (m,) is the precision to which parameters are known beforehand, in scaled units: 1 for those of effects that
-    say so, else 0; centre (m,) is where; of_urdf (m,) says which are the URDF's errors; logarithmic (m,) which are scaled by
-    their logarithm.
+    A parameter with a positive lower bound is scaled by its logarithm, any other by a typical size, so that a step of
+    one is a large step in each. Residuals are (measured - simulated) / sigma over the usable samples, see `Signals`.
+    dt: time step of the plant, s, if positions are compared.
+    rollouts: number of parameter sets simulated over all recordings; independent: share of the samples that counts as
+    independent; prior (m,): precision of the prior, in scaled units: 1 for parameters of effects that declare one, else
+    0; centre (m,): centre of the prior; of_urdf (m,): whether a parameter is an error of the URDF; logarithmic (m,):
+    whether a parameter is scaled by its logarithm.
     """
 
     def __init__(
@@ -116,12 +116,12 @@ class Problem:
         return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, x, 0.0)), x * self._size)
 
     def times(self, x: np.ndarray, factor: float, rows: np.ndarray) -> np.ndarray:
-        """Scaled parameters x (m,) with the values of rows (m,) bool times a factor, inside their bounds."""
+        """Scaled parameters x (m,) with the values of rows (m,) bool multiplied by a factor, inside their bounds."""
         scaled = np.where(self.logarithmic, x + np.log(factor), x * factor)
         return np.clip(np.where(rows, scaled, x), self.lower, self.upper)
 
     def sets(self, x: np.ndarray) -> dict[ParameterKey, np.ndarray]:
-        """Parameter sets (P, joints or arms) by group, for the simulation, of scaled parameters (P, m)."""
+        """Parameter sets (P, joints or arms) by group, for the simulation, from scaled parameters (P, m)."""
         values = self.values(np.atleast_2d(x))
         groups = dict.fromkeys(row.key.group for row in self.rows)
         sets = {group: np.repeat(self.model.group_values(group)[None], len(values), axis=0) for group in groups}
@@ -131,14 +131,17 @@ class Problem:
 
     @cached_property
     def rounding(self) -> np.ndarray:
-        """Rms (recordings, n), in sensor noises, of the mean rounding error at one position; 0 where efforts are compared."""
+        """Rms (recordings, n), in units of noise, of the mean rounding error at one position; 0 for efforts."""
         if self.signals.by_effort:
             return np.zeros((len(self.recordings), self.model.n))
         return np.stack([mean_rounding_error(r.noise, r.quantum) for r in self.recordings]) / self.sigma
 
     @cached_property
     def rest_of(self) -> np.ndarray:
-        """Number (N,) of the rest of each sample: neighbours of one joint whose readings are at most an encoder's step apart."""
+        """Number (N,) of the rest to which each sample belongs.
+
+        Neighbouring samples of a joint belong to one rest if their readings are at most one encoder step apart.
+        """
         rests = [rest_numbers(r.position, r.quantum) for r in self.recordings]
         return np.concatenate([rest[usable] for rest, usable in zip(rests, self.signals.usable, strict=True)])
 
@@ -152,21 +155,21 @@ class Problem:
     # ---- residuals ---------------------------------------------------------------------------------------------
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Residuals (P, N) of scaled parameters (P, m), in sensor noises."""
+        """Residuals (P, N) of scaled parameters (P, m), in units of sensor noise."""
         x = np.clip(np.atleast_2d(x), self.lower, self.upper)
         self.rollouts += len(x)
         return self.signals.residuals(self.model, self.sets(x), self.hold, self.dt)
 
     def prior_cost(self, x: np.ndarray) -> float:
-        """Cost of the distance of scaled parameters (m,) from what is known beforehand, on the scale of the fit's cost."""
+        """Cost of the distance of scaled parameters (m,) from their prior's centre, on the scale of the fit's cost."""
         return float(np.sum(self.prior * (x - self.centre) ** 2) / (self.independent * len(self.joint_of)))
 
     def joint_rms(self, residuals: np.ndarray) -> np.ndarray:
-        """Root mean square (P, n) of residuals (P, N), in sensor noises."""
+        """Root mean square (P, n) of residuals (P, N), in units of sensor noise."""
         return np.sqrt(np.stack([self.joint_mean(row**2) for row in np.atleast_2d(residuals)]))
 
     def joint_mean(self, samples: np.ndarray) -> np.ndarray:
-        """Mean (n,) of samples (N,) by joint, zero for a joint without any."""
+        """Mean (n,) of samples (N,) by joint, zero for a joint without samples."""
         return np.bincount(self.joint_of, samples, minlength=self.model.n) / np.maximum(self.joint_counts, 1)
 
     def jacobian(
@@ -174,9 +177,10 @@ class Problem:
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Residuals (N,) and their derivatives (N, m) by one-sided differences, away from the nearer bound.
 
-        Parameters of different arms share a rollout: one arm's motion does not feel the other's. The derivatives by the
-        URDF's errors, which are many and nearly constant, are those of the first call, but for `anew`. only (m,) bool: columns
-        that are wanted; the others may be zero. step: of the differences, in scaled units, or (m,) of each parameter.
+        Parameters of different arms share a rollout, because the arms do not act on each other. The derivatives with
+        respect to the URDF's errors, which are many and nearly constant, are those of the first call, unless `anew` is
+        set. only (m,) bool: columns that are needed; the others may be zero. step: of the differences, in scaled units,
+        or (m,) for each parameter.
         """
         step = np.broadcast_to(step, x.shape) * np.where(x + step <= self.upper, 1.0, -1.0)
         inertial = self.of_urdf
@@ -201,14 +205,14 @@ class Problem:
         return r[0], jacobian
 
     def _colours(self, rows: np.ndarray) -> list[list[int]]:
-        """Groups of these parameters (rows) with one of each arm."""
+        """Groups of these parameters (rows), each with one parameter per arm."""
         columns = [rows[self.arm_of_row[rows] == a].tolist() for a in range(self.model.tree.arms)]
         longest = max(len(c) for c in columns)
         return [[c[i] for c in columns if i < len(c)] for i in range(longest)]
 
 
 def _typical(model: RobotModel, row: ParameterRow) -> float:
-    """The size of a parameter that may be zero or have either sign."""
+    """Typical size of a parameter that may be zero or have either sign."""
     if not row.key.effect:
         if row.key.parameter == "viscous_friction":
             return max(row.value, SLIGHT * float(model.torque_scale[row.index]))

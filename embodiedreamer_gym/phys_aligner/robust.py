@@ -6,14 +6,14 @@ import numpy as np
 
 from embodiedreamer_gym.phys_aligner.problem import Problem
 
-HUBER = 3.0  # joint rms beyond which a residual counts linearly
-STRAY = 0.1  # largest share of a joint's samples that are taken for outliers
+HUBER = 3.0  # multiple of the joint's rms above which a residual counts linearly
+STRAY = 0.1  # largest share of a joint's samples that are treated as outliers
 
 
 def huber_limit(problem: Problem, r: np.ndarray) -> np.ndarray:
-    """Size (N,) beyond which a residual counts linearly: three rms of its joint, or of its bulk where a few stray.
+    """Size (N,) above which a residual counts linearly: three rms of its joint, or of its bulk if there are outliers.
 
-    A few: at most one in ten is beyond six times the bulk's size, and they make the rms three times as large.
+    There are outliers if at most one sample in ten exceeds six times the size of the bulk, and they triple the rms.
     """
     scale = np.maximum(problem.joint_rms(r)[0], 1.0)
     for j in range(len(scale)):

@@ -7,16 +7,16 @@ import numpy as np
 from embodiedreamer_gym.errors import CalibrationError
 from embodiedreamer_gym.phys_aligner.problem import Problem
 
-FACTOR = 3.0  # between the start and either end of the box
-SMALL = 1e-3  # scaled units; a parameter nearer to zero than that has no size of its own
+FACTOR = 3.0  # from the start to either end of the box
+SMALL = 1e-3  # scaled units; a parameter that is nearer to zero has no size of its own
 
 
 class SearchRange:
     """Unit coordinates u (m,) in 0..1 of the scaled parameters from start / factor to start * factor.
 
-    The logarithm of a parameter is linear in u; one that starts at zero is searched within one typical size
-    of it. The box is cut at the parameters' bounds. Raises: CalibrationError for a factor that is not above
-    one.
+    The logarithm of a parameter is linear in u. A parameter that starts at zero is searched within one typical size of
+    zero. The box is cut at the parameters' bounds.
+    Raises: CalibrationError for a factor that is not above one.
     """
 
     def __init__(self, problem: Problem, factor: float = FACTOR) -> None:
@@ -43,11 +43,11 @@ class SearchRange:
         return np.where(self._geometric, np.log(np.maximum(np.abs(x), 1e-12)), x)
 
     def x(self, u: np.ndarray) -> np.ndarray:
-        """Scaled parameters (..., m) of unit coordinates (..., m)."""
+        """Scaled parameters (..., m) at unit coordinates (..., m)."""
         inner = self._low + (self._high - self._low) * np.clip(u, 0.0, 1.0)
         return np.where(self._geometric, self._sign * np.exp(np.where(self._geometric, inner, 0.0)), inner)
 
 
 def cost(problem: Problem, x: np.ndarray) -> np.ndarray:
-    """Mean over joints of each joint's root mean square (P,), in its unit, of scaled parameters (P, m)."""
+    """Mean over joints of each joint's root mean square error (P,), in its unit, at scaled parameters (P, m)."""
     return (problem.joint_rms(problem.residuals(x)) * problem.sigma).mean(axis=1)

@@ -1,4 +1,4 @@
-"""The searches that calibrate offers besides least squares, by name."""
+"""The searches by name that `calibrate` offers besides least squares."""
 
 from __future__ import annotations
 

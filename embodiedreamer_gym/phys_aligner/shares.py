@@ -1,7 +1,7 @@
-"""Shares in a law, as the jump at the edge of a dead zone: laws in use often have none of it, or all.
+"""Shares in a law, such as the jump at the edge of a dead zone: real laws often have a share of 0 or of 1.
 
-A wide dead zone with some jump does nearly what a narrower one does without, so that their likelihoods differ little over a
-long valley with many small ones in it, which no derivative shows.
+A wide dead zone with some jump acts nearly like a narrower one without. Their likelihoods differ little along a long
+valley with many small local minima, which derivatives do not show.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from embodiedreamer_gym.phys_aligner.starts import best_by_joint, joint_of_rows
 from embodiedreamer_gym.robot import ParameterKey
 
 ITERATIONS, TOLERANCE = 6, 1e-4
-REJECTED = 1.92  # fall of the logarithm of the likelihood from which a value is outside a 95 % interval
-SIZES = np.geomspace(0.5, 2.0, 5)  # of the effect where a share is moved, relative to those of a fit
+REJECTED = 1.92  # fall of the log-likelihood above which a value is outside a 95 % interval
+SIZES = np.geomspace(0.5, 2.0, 5)  # of the effect if a share is moved, relative to those of a fit
 
 
 def share_rows(problem: Problem) -> np.ndarray:
-    """Which parameters (m,) are shapes between 0 and 1."""
+    """Whether parameters (m,) are shapes between 0 and 1."""
     keys = {
         ParameterKey(p.name, e.name) for e in problem.model.effects for p in e.parameters
         if p.shape and (p.low, p.high, p.unit) == (0.0, 1.0, "1")
@@ -30,7 +30,7 @@ def share_rows(problem: Problem) -> np.ndarray:
 
 
 def at_bounds(problem: Problem, x: np.ndarray, shares: np.ndarray) -> list[np.ndarray]:
-    """The parameters x (m,) with shares (m,) bool at 0 and at 1, each joint with the size of the effect that suits it best."""
+    """The parameters x (m,) with shares (m,) bool at 0 and at 1, each joint with the best size of the effect."""
     effects = {problem.rows[i].key.effect for i in np.flatnonzero(shares)}
     sizes = np.array([row.key.effect in effects for row in problem.rows]) & ~shares
     starts = []
@@ -41,9 +41,10 @@ def at_bounds(problem: Problem, x: np.ndarray, shares: np.ndarray) -> list[np.nd
 
 
 def fits_at_bounds(problem: Problem, fit: Fit) -> np.ndarray:
-    """Parameters (K, m) of fits with shares held at 0 and at 1, which intervals have to hold too; those of the fit elsewhere.
+    """Parameters (K, m) of fits with shares held at 0 and at 1, which the intervals have to contain.
 
-    That is where the likelihood of a joint's residuals falls too much. K is 0 without shares.
+    Joints where the likelihood of the residuals falls too much have the values of the original fit. K is 0 without
+    shares.
     """
     shares = share_rows(problem)
     if not shares.any():

@@ -1,8 +1,8 @@
-"""What a model is held against: the measured signals of recordings, each with its noise.
+"""The measured signals that a model is compared with, each with its noise.
 
-A channel is one joint's signal: its position in a free run, or, where no log holds a command, its effort in an inverse
-run. What a log's effort shows of a torque is the model's `EffortSensor`: an offset of each joint, and where the effort
-is not in N m, a scale.
+A channel is one joint's signal: its position in a free run or, if no log contains a command, its effort in an inverse
+run. The model's `EffortSensor` describes how an effort in a log depends on the torque: by an offset of each joint and,
+if the effort is not in N m, a scale.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from embodiedreamer_gym.recordings import (
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.simulation import TIME_STEP, Drive, Rollout, Sets, resting, run_sets
 
-LARGEST = 1e6  # sensor noises; a run that diverges is no further off
-PLAUSIBLE = 1.5  # the scale of an effort whose unit is unknown, in the median over joints, up to which it is N m
-POSES = 16  # of a recording, from which the noise of its inverse run is estimated
-SHORT = 2  # samples to either side that a reversal rests at most
+LARGEST = 1e6  # units of sensor noise; larger errors of a diverging run are clipped
+PLAUSIBLE = 1.5  # median over joints of an unknown effort's scale, up to which its unit is N m
+POSES = 16  # poses of a recording from which the noise of its inverse run is estimated
+SHORT = 2  # longest rest at a reversal, in samples to either side
 
 
 class Signals:
-    """The channels (n,) of recordings and how far runs of a model are from them.
+    """The channels (n,) of recordings, and the errors of a model's runs relative to them.
 
-    unit: "" for positions in the joints' own units, else the effort's, "N m" or "A"; sigma (n,): noise of a channel, in its
-    unit; usable: per recording, samples (T, n) that are compared; measured: per recording, the smoothed effort (T, n), where
-    efforts are compared.
+    unit: "" for positions in the joints' own units, else the effort's, "N m" or "A"; sigma (n,): noise of a channel, in
+    its unit; usable: per recording, samples (T, n) that are compared; measured: per recording, the smoothed effort
+    (T, n), if efforts are compared.
     """
 
     def __init__(self, model: RobotModel, recordings: Sequence[Recording]) -> None:
@@ -60,7 +60,7 @@ class Signals:
         self.sigma = _effort_noise(model, self.recordings, effort_scale(model))
 
     def errors(self, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
-        """Measured less simulated (P, T, n) of runs (P, T, n), in the channels' units."""
+        """Measured minus simulated (P, T, n) of runs (P, T, n), in the channels' units."""
         pairs = list(zip(self.recordings, rollouts, strict=True))
         if not self.by_effort:
             return [r.position - run.position for r, run in pairs]
@@ -69,9 +69,10 @@ class Signals:
     def runs(
         self, model: RobotModel, sets: Sets | None = None, hold: str | None = None, dt: float = TIME_STEP
     ) -> list[Rollout]:
-        """What a model makes of the recordings under P parameter sets, as their clocks would have stamped it.
+        """Runs of a model on the recordings under P parameter sets, with the timestamp jitter of the logs' clocks.
 
-        The clock's part is linear in its jitter: of the jitter that an arm's joints show, the run on mended stamps is it.
+        The timing error is linear in the jitter: a run on corrected timestamps has the full jitter that an arm's joints
+        show, and the error of any other jitter is scaled from it.
         """
         runs = run_sets(model, self.recordings, sets, hold, dt)
         if self.by_effort or not any(effect.stage == "clock" for effect in model.effects):
@@ -86,10 +87,10 @@ class Signals:
         return runs
 
     def visible(self, kind: type[Effect], simulated: float, floor: np.ndarray) -> float:
-        """Largest rms residual over the joints, relative to the floor (n,), that a typical size of an effect leaves.
+        """Largest rms residual over the joints, relative to the floor (n,), that a typical size of an effect causes.
 
-        simulated: what a run with the effect shows. Of a clock's errors a run shows only those that these logs have, so
-        they are taken from the joints' speeds.
+        simulated: the residual in a run with the effect. A run shows only those errors of a clock that these logs have,
+        so these errors are computed from the joints' speeds.
         """
         if kind.stage != "clock":
             return simulated
@@ -101,7 +102,7 @@ class Signals:
 
     @cached_property
     def _clocks(self) -> list[tuple[float, list[Recording]]]:
-        """Of each arm, the jitter that its joints show, s, and the recordings on stamps without it."""
+        """For each arm, the jitter (s) that its joints show, and the recordings with timestamps without it."""
         clocks = []
         for arm in range(int(self._arm.max()) + 1):
             own = [r.joints[j] for r in self.recordings[:1] for j in np.flatnonzero(self._arm == arm)]
@@ -113,16 +114,16 @@ class Signals:
     def residuals(
         self, model: RobotModel, sets: Sets | None = None, hold: str | None = None, dt: float = TIME_STEP
     ) -> np.ndarray:
-        """Residuals (P, N) of the usable samples in sensor noises, under P parameter sets of a model."""
+        """Residuals (P, N) of the usable samples in units of sensor noise, under P parameter sets of a model."""
         errors = self.errors(self.runs(model, sets, hold, dt))
         parts = [(error / self.sigma)[:, usable] for error, usable in zip(errors, self.usable, strict=True)]
         return np.clip(np.concatenate(parts, axis=1), -LARGEST, LARGEST)
 
 
 def with_effort_unit(model: RobotModel, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """Recordings whose effort has a unit: what they state, else N m where the model's torque is about as large, else A.
+    """Recordings whose effort has a unit: as stated, else N m if the model's torque has about the same size, else A.
 
-    Raises: SimulationError when a recording is not of this robot or holds no effort.
+    Raises: SimulationError if a recording is not of this robot or contains no effort.
     """
     if not any(r.command is None and r.effort_unit == "unknown" for r in recordings):
         return tuple(recordings)
@@ -133,16 +134,17 @@ def with_effort_unit(model: RobotModel, recordings: Sequence[Recording]) -> tupl
 
 
 def with_effort_scale(model: RobotModel, recordings: Sequence[Recording]) -> RobotModel:
-    """The model with an `EffortSensor` where its logs have no command and their effort is not in N m."""
+    """The model with an `EffortSensor` if its logs have no command and their effort is not in N m."""
     if all(r.command is not None or r.effort_unit == "N m" for r in recordings):
         return model
     return with_effort_sensor(model, recordings)
 
 
 def with_effort_sensor(model: RobotModel, recordings: Sequence[Recording]) -> RobotModel:
-    """The model with an `EffortSensor` where its logs have no command: least squares of effort on the model's torque.
+    """The model with an `EffortSensor` if its logs have no command, by least squares of effort on the model's torque.
 
-    A model that has one keeps it; so does a model whose logs hold commands. The scale of efforts in N m is one.
+    A model that already has one, or whose logs contain commands, is returned unchanged. The scale of efforts in N m is
+    one.
     """
     if all(r.command is not None for r in recordings) or model.has_effect(EffortSensor):
         return model
@@ -159,7 +161,7 @@ def with_effort_sensor(model: RobotModel, recordings: Sequence[Recording]) -> Ro
 
 
 def _effort_lines(model: RobotModel, recordings: Sequence[Recording]) -> tuple[np.ndarray, np.ndarray]:
-    """Scale (n,) and offset (n,) of each joint's effort against the model's torque, see `effort_per_torque`."""
+    """Scale (n,) and offset (n,) of each joint's effort relative to the model's torque, see `effort_per_torque`."""
     runs = run_sets(model, recordings)
     efforts = [_smoothed_effort(r) for r in recordings]
     usable = [r.usable & ~_unknown(r) for r in recordings]
@@ -172,26 +174,26 @@ def _effort_lines(model: RobotModel, recordings: Sequence[Recording]) -> tuple[n
 
 
 def _between(a: Rollout, b: Rollout, share: np.ndarray) -> Rollout:
-    """The run that lies a share (P, 1, n) of the way from one to the other."""
+    """The run at a share (P, 1, n) of the way from one run to the other."""
     signals = ((a.position, b.position), (a.velocity, b.velocity), (a.torque, b.torque))
     return Rollout(a.time, *(x + share * (y - x) for x, y in signals))
 
 
 def _rising(time: np.ndarray) -> np.ndarray:
-    """Times (T,), each at least a little after the one before."""
+    """Times (T,), each at least slightly after the previous one."""
     least = 0.02 * float(np.median(np.diff(time))) * np.arange(len(time))
     return np.maximum.accumulate(time - least) + least
 
 
 def _smoothed_effort(recording: Recording) -> np.ndarray:
-    """Effort (T, n) that has passed the filter of inverse runs."""
+    """Effort (T, n) after the filter of inverse runs."""
     return smooth(recording, smooth(recording, np.asarray(recording.effort)))
 
 
 def _unknown(recording: Recording) -> np.ndarray:
-    """Samples (T, n) whose friction is not known: at a rest or a reversal, and beside it; both ends.
+    """Samples (T, n) whose friction is not known: at and near a rest or a reversal, and at both ends.
 
-    How long a joint stood still at a reversal is known no better than to the window of the filter.
+    The duration of a rest at a reversal is known only to within the window of the filter.
     """
     still, half = resting(recording), smoothing_half(recording)
     forward = smooth_motion(recording).velocity > 0
@@ -206,12 +208,12 @@ def _unknown(recording: Recording) -> np.ndarray:
 
 
 def _widened(samples: np.ndarray, by: int) -> np.ndarray:
-    """Samples (T, n) and as many beside them to either side."""
+    """Mask of samples (T, n), extended by this many samples to either side."""
     return np.asarray(maximum_filter1d(samples.astype(np.int8), 2 * by + 1, axis=0) > 0)
 
 
 def effort_scale(model: RobotModel) -> np.ndarray:
-    """Effort per torque (n,) of a model's `EffortSensor`, 1 where it has none."""
+    """Effort per torque (n,) of a model's `EffortSensor`, 1 if it has none."""
     if not model.has_effect(EffortSensor):
         return np.ones(model.n)
     return model.group_values(ParameterKey("scale", EffortSensor.name))
@@ -227,7 +229,7 @@ def effort_scales(
 
 
 def _effort_noise(model: RobotModel, recordings: Sequence[Recording], scale: np.ndarray) -> np.ndarray:
-    """Noise (n,) of a smoothed effort against an inverse run: the effort's own and that of the acceleration.
+    """Noise (n,) of a smoothed effort minus an inverse run: that of the effort itself and of the acceleration.
 
     scale (n,): effort per torque.
     """

@@ -1,4 +1,4 @@
-"""Where a fit begins: the best of a few sizes of each joint's gains, or of a few fits to short pieces of the motion."""
+"""Starts of fits: the best of a few sizes of each joint's gains, or of a few fits to short pieces of the motion."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from embodiedreamer_gym.recordings import pieces
 from embodiedreamer_gym.robot import ParameterKey, RobotModel
 from embodiedreamer_gym.simulation import TIME_STEP
 
-PIECE = 0.5  # s: too short for a model that is far off to run away from the motion
+PIECE = 0.5  # s; too short for an inaccurate model to diverge from the motion
 ITERATIONS, TOLERANCE = 8, 1e-3
-COARSE = 2 * TIME_STEP  # s, of the plant of fits that only show where to begin
+COARSE = 2 * TIME_STEP  # s, time step of the plant in fits that only find a start
 
 
 def scan_starts(problem: Problem) -> np.ndarray:
     """Pick for each joint the best of a few sizes of its servo's gains; returns scaled parameters (m,).
 
-    Given gains are tried at 1/3, 1 and 3 times their value, unknown ones from 1/30 to 30 times the first guess. Logs without
-    commands begin at plain least squares, see `_effort_start`.
+    Given gains are tried at 1/3, 1 and 3 times their value, unknown ones from 1/30 to 30 times the first guess. Fits to
+    logs without commands start at plain least squares, see `_effort_start`.
     """
     if problem.signals.by_effort:
         return _effort_start(problem)
@@ -42,7 +42,7 @@ def scan_starts(problem: Problem) -> np.ndarray:
             points.append(x)
     points = np.clip(np.array(points), problem.lower, problem.upper)
     rms = problem.joint_rms(problem.residuals(points))
-    best = np.argmin(rms, axis=0)  # joint by joint: the coupling between them is weaker than the wrong gain
+    best = np.argmin(rms, axis=0)  # per joint: the coupling between joints matters less than a wrong gain
     x = problem.start.copy()
     for i, row in enumerate(problem.rows):
         if stiff[i] or damped[i]:
@@ -51,7 +51,7 @@ def scan_starts(problem: Problem) -> np.ndarray:
 
 
 def _effort_start(problem: Problem) -> np.ndarray:
-    """Rotor inertia and viscous friction by least squares of the effort, joint by joint where that is better than the model's.
+    """Rotor inertia and viscous friction by least squares of the effort, for joints where that fits better.
 
     Returns scaled parameters (m,).
     """
@@ -73,14 +73,14 @@ def _effort_start(problem: Problem) -> np.ndarray:
 
 
 def piecewise_start(problem: Problem, starts: Sequence[np.ndarray]) -> np.ndarray:
-    """Where to begin: joint by joint the best on whole recordings of some starts (m,) and of fits to pieces of the motion from them.
+    """Best start of a fit: joint by joint the best of some starts (m,) and of fits to pieces of the motion from them.
 
-    A free run of seconds has a cost of many valleys where an effect is strong; runs of half a second, each begun at the
-    measured state, have few. What a piece cannot show, as a slow fade, is lost in it, so that the starts themselves
-    remain in the choice.
+    If an effect is strong, the cost of a free run of seconds has many local minima. Runs of half a second, each started
+    at the measured state, have few. Effects that a piece cannot show, such as a slow fade, are lost in it, so the
+    starts themselves remain among the choices. The choice is made on whole recordings.
     Source: multiple shooting; Voss, Timmer and Kurths, Int. J. Bifurcation and Chaos 14(6), 2004.
     """
-    if problem.signals.by_effort:  # no free run, no valleys
+    if problem.signals.by_effort:  # without free runs there are no local minima
         return starts[0]
     short = Problem(problem.model, pieces(problem.recordings, PIECE), hold=problem.hold, dt=COARSE)
     ends, rival = [], np.inf
@@ -99,27 +99,30 @@ def piecewise_start(problem: Problem, starts: Sequence[np.ndarray]) -> np.ndarra
 
 
 def best_by_joint(problem: Problem, points: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
-    """Parameters (m,) that take for each joint those of the point (m,) with the least error there, see `recombine`."""
+    """Parameters (m,) with, for each joint, those of the point (m,) with the least error there, see `recombine`."""
     stacked = np.asarray(points)
     return recombine(problem, stacked, problem.joint_rms(problem.residuals(stacked)) ** 2)
 
 
 def recombine(problem: Problem, points: np.ndarray, chi2: np.ndarray) -> np.ndarray:
-    """Parameters (m,) that take for each joint those of the point (K, m) with the least chi2 (K, n); of an arm, by its sum."""
+    """Parameters (m,) with, for each joint, those of the point (K, m) with the least chi2 (K, n).
+
+    If there are parameters of an arm, the point is chosen for the whole arm.
+    """
     of_arm = any(row.key.place not in problem.model.joints for row in problem.rows)
     best, _ = best_choices(np.log1p(chi2)[:, None], (of_arm, False), problem.model)
     return points[best[joint_of_rows(problem)], np.arange(points.shape[1])]
 
 
 def joint_of_rows(problem: Problem) -> np.ndarray:
-    """Joint (m,) of each parameter, of an arm's parameter the arm's first."""
+    """Joint (m,) of each parameter; for a parameter of an arm, the arm's first joint."""
     model = problem.model
     return np.array([row.index if row.key.place in model.joints else int(np.flatnonzero(model.tree.arm == row.index)[0])
                      for row in problem.rows], int)  # fmt: skip
 
 
 def best_choices(cost: np.ndarray, of_arm: Sequence[bool], model: RobotModel) -> tuple[np.ndarray, np.ndarray]:
-    """Of each joint the choices (n,) with the least cost (A, B, n); an arm's effect has one choice on all its joints."""
+    """Choices (n,) with the least cost (A, B, n) for each joint; an effect per arm has one choice on all its joints."""
     first, second = np.zeros(model.n, int), np.zeros(model.n, int)
     for a in range(model.tree.arms):
         own = np.flatnonzero(model.tree.arm == a)

@@ -1,8 +1,8 @@
-"""PhysAligner as the paper describes it: a network learns one simulated step, parameters descend through it.
+"""PhysAligner as the paper describes it: a network learns simulated steps, and parameters are optimised through it.
 
-Source: EmbodieDreamer, "PhysAligner" (simulation data set, surrogate, refinement) and its experiments (a
-perceptron of three layers, 50 parameter sets, learning rate 0.001). The paper names neither the width of the
-network nor how long it is trained, nor the optimiser: 128, 40 epochs and Adam are choices made here.
+Source: EmbodieDreamer, "PhysAligner" (simulation data set, surrogate, refinement) and its experiments (a perceptron of
+three layers, 50 parameter sets, learning rate 0.001). The paper states neither the width of the network nor the number
+of epochs nor the optimiser: 128, 40 epochs and Adam are choices made here.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from embodiedreamer_gym.simulation.drive import TIME_STEP, Drive
 from embodiedreamer_gym.simulation.rollout import command_rule, simulate_sets
 
 DATA = ("real", "simulated")
-STATES = 2000  # states S_{t-1} of all recordings that are stepped; more only cost memory
+STATES = 2000  # states S_{t-1} of all recordings that are simulated; more would only need more memory
 BATCH = 1024
 TRAINING_RATE = 1e-3
-CHUNK = 20_000  # parameter sets times states stepped at once
+CHUNK = 20_000  # parameter sets times states simulated at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +56,10 @@ def surrogate(
 ) -> np.ndarray:  # fmt: skip
     """Scaled parameters (m,) by the paper's three stages.
 
-    First P_t = Sim_{f,p,d}(a_{t-1}, S_{t-1}) for random (f, p, d) within a factor of the start; then a
-    perceptron P*_t = M_{f,p,d}(a_{t-1}, S_{t-1}) is trained on the mean square of P*_t - P_t (L_surrogate);
-    then the mean square of P*_t - S_t (L_para) descends over (f, p, d). data: "real" steps the simulator once
-    from each recorded state, as the paper does; "simulated" takes the steps of free runs.
+    First P_t = Sim_{f,p,d}(a_{t-1}, S_{t-1}) is simulated for random (f, p, d) within a factor of the start. Then a
+    perceptron P*_t = M_{f,p,d}(a_{t-1}, S_{t-1}) is trained on the mean square of P*_t - P_t (L_surrogate). Then the
+    mean square of P*_t - S_t (L_para) is minimised over (f, p, d). data: "real" simulates one step from each recorded
+    state, as the paper does; "simulated" takes the steps of free runs.
     Raises: CalibrationError for fewer than two samples or unknown data.
     """
     if data not in DATA:
@@ -83,7 +83,7 @@ def surrogate(
 
 
 def recorded_steps(problem: Problem) -> Transitions:
-    """All steps S_{t-1}, a_{t-1} -> S_t of a problem's recordings; unknown velocities are smoothed slopes."""
+    """All steps S_{t-1}, a_{t-1} -> S_t of a problem's recordings; missing velocities are smoothed slopes."""
     parts = []
     for r in problem.recordings:
         command = _command(r)
@@ -98,7 +98,7 @@ def recorded_steps(problem: Problem) -> Transitions:
 
 
 def _command(recording: Recording) -> np.ndarray:
-    """A recording's command (T, n); a Problem takes none without."""
+    """Command (T, n) of a recording; its positions if it has none."""
     return recording.position if recording.command is None else recording.command
 
 
@@ -234,7 +234,7 @@ class _Surrogate:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """One thread of torch, as results depend on their number."""
+    """Use one thread of torch, because results depend on the number of threads."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

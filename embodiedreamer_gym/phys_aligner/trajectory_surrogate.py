@@ -1,4 +1,4 @@
-"""A surrogate of whole trajectories instead of single steps: linear, and corrected by every rollout."""
+"""A linear surrogate of whole trajectories instead of single steps, which is corrected by every rollout."""
 
 from __future__ import annotations
 
@@ -14,16 +14,19 @@ from embodiedreamer_gym.phys_aligner.robust import huber_limit, robust_cost, rob
 from embodiedreamer_gym.phys_aligner.starts import scan_starts
 
 BUDGET = 150
-LONGEST = 1.0  # scaled units, a factor e: limit of a step of the linear model
+LONGEST = 1.0  # scaled units, a factor e: longest step of the linear model
 BLOCK_STEP = 0.05  # scaled units
-POOR = 0.3  # fall of the cost (a logarithm) below which the model is computed anew
-NEAR = 0.3  # scaled units from where the model was computed, within which its optimum is accepted
-RIDGE = 1e-3  # of a unit direction; keeps a correction by nearly parallel steps small
+POOR = 0.3  # fall of the cost (a logarithm) below which the model is computed again
+NEAR = 0.3  # scaled units around the point where the model was computed, within which its optimum is accepted
+RIDGE = 1e-3  # relative to a unit direction; keeps a correction by nearly parallel steps small
 
 
 @dataclass(eq=False)
 class _Model:
-    """r(x) ~ residuals + jacobian (x - centre); complete: from a rollout per parameter; moved since then."""
+    """r(x) ~ residuals + jacobian (x - centre).
+
+    complete: whether it was computed with a rollout per parameter; moved: distance that the centre has moved since.
+    """
 
     centre: np.ndarray
     residuals: np.ndarray
@@ -32,7 +35,7 @@ class _Model:
     moved: float = 0.0
 
     def correct(self, points: np.ndarray, residuals: np.ndarray) -> None:
-        """Pass through rollouts at points (P, m) as well: Broyden's update for several secants at once."""
+        """Make the model exact at points (P, m) too: Broyden's update for several secants at once."""
         steps = points - self.centre
         size = np.maximum(np.linalg.norm(steps, axis=1), 1e-4)[:, None]
         miss = (residuals - self.residuals - steps @ self.jacobian.T) / size
@@ -41,7 +44,7 @@ class _Model:
         self.jacobian = self.jacobian + miss.T @ update
 
     def move(self, points: np.ndarray, residuals: np.ndarray, best: int) -> None:
-        """Take one of the points as centre; pass through the others and the old centre as well."""
+        """Use one of the points as the centre, and make the model exact at the others and at the old centre too."""
         others = np.arange(len(points)) != best
         points_passed = np.concatenate([self.centre[None], points[others]])
         residuals_passed = np.concatenate([self.residuals[None], residuals[others]])
@@ -56,9 +59,9 @@ def trajectory_surrogate(
 ) -> np.ndarray:  # fmt: skip
     """Scaled parameters (m,) of the least-squares optimum, if `budget` rollouts suffice; rng is not used.
 
-    The first model takes one rollout per kind of parameter, as if joints were uncoupled. Each round
-    tries the model's damped minima, takes the best, and corrects the model by all of them; where that no
-    longer helps, a model is learnt from one rollout per parameter.
+    The first model takes one rollout per kind of parameter, as if joints were uncoupled. Each round tries the model's
+    damped minima, takes the best, and corrects the model by all of them. When this no longer helps, a model is computed
+    from one rollout per parameter.
     Raises: CalibrationError for a budget below that of the scan of starts and the first model.
     Source: Broyden, Mathematics of Computation 19, 1965, for the correction.
     """
@@ -103,7 +106,7 @@ def _descend(problem: Problem, model: _Model, limit: np.ndarray, damping: float)
 
 
 def _block_model(problem: Problem, x: np.ndarray) -> _Model:
-    """A first model from one rollout per group, in which a parameter moves its own joint (or arm) alone."""
+    """A first model from one rollout per group, in which a parameter affects only its own joint (or arm)."""
     groups = list(dict.fromkeys(row.key.group for row in problem.rows))
     of = np.array([groups.index(row.key.group) for row in problem.rows])
     change = np.where(x + BLOCK_STEP <= problem.upper, BLOCK_STEP, -BLOCK_STEP)

@@ -1,3 +1,3 @@
-"""Long jobs that join environments, policies, the video model and files: demonstrations, regeneration, preference studies."""
+"""Long jobs on environments, policies, the video model and files: demonstrations, regeneration, preference studies."""
 
-FRAME_INTERVAL = 5  # actions between generated frames of a chunk, of which a policy sees the last one alone
+FRAME_INTERVAL = 5  # actions between generated frames of a chunk; a policy sees only the last frame

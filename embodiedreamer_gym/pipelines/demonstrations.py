@@ -1,4 +1,4 @@
-"""Demonstrations: the scripted expert plays episodes of a task, and those that succeed are written down."""
+"""Demonstrations: the scripted expert plays episodes of a task, and those that succeed are saved."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from embodiedreamer_gym.recordings.episodes.lerobot_writer import ABOUT
 from embodiedreamer_gym.recordings.episodes.video import check_video
 from embodiedreamer_gym.recordings.hdf5 import read_settings
 
-RECIPE = 4  # to be raised with whatever changes the episodes of the same settings
-STEPS = 300  # control steps, after which an attempt has failed
-STILL = 15  # control steps without motion, after which an episode that has succeeded ends
-MOVES = 0.002  # rad, m or share of the gripper's opening per control step
-PATIENCE = 20  # attempts beyond four for each episode that is wanted, after which recording stops
+RECIPE = 4  # raise it with any change that alters the episodes of the same settings
+STEPS = 300  # control steps after which an attempt has failed
+STILL = 15  # control steps without motion after which a successful episode ends
+MOVES = 0.002  # rad, m or share of the gripper's opening per control step: less is no motion
+PATIENCE = 20  # recording stops after this many attempts beyond four per requested episode
 
 
 @dataclass(frozen=True)
 class Demonstrations:
-    """Episodes of a task by the scripted expert, pictures of a size (width, height).
+    """Episodes of a task by the scripted expert, with pictures of a size (width, height).
 
-    robot: a built-in one or a model file; seed: of everything drawn. Episode k of a seed is the same whatever their
-    number and in how many processes they are made.
-    Raises: SimulationError for a task that there is not.
+    robot: a built-in robot or a model file; seed: of all random draws. Episode k of a seed does not depend on the
+    number of episodes or processes.
+    Raises: SimulationError for an unknown task.
     """
 
     task: str
@@ -55,7 +55,7 @@ class Demonstrations:
             raise SimulationError(f"the seed is {self.seed}, but must be at least 0.")
 
     def settings(self) -> dict[str, Any]:
-        """All that an episode depends on, fit for JSON."""
+        """Everything that an episode depends on, as a JSON-serialisable dictionary."""
         return {**asdict(self), "size": list(self.size), "cameras": list(self.cameras), "recipe": RECIPE}
 
     def attempt_seed(self, attempt: int) -> int:
@@ -63,16 +63,16 @@ class Demonstrations:
         return int(np.random.SeedSequence([self.seed, zlib.crc32(self.task.encode()), attempt]).generate_state(1)[0])
 
     def make_env(self) -> AlohaEnv:
-        """The environment that is played in."""
+        """The environment in which the expert plays."""
         return AlohaEnv(self.task, self.robot, cameras=self.cameras, image_size=self.size)
 
 
 def record_demonstrations(wanted: Demonstrations, episodes: int, folder: str | Path, jobs: int = 1,
                           progress: ProgressCallback | None = None) -> int:  # fmt: skip
-    """Write episode_0.hdf5, … of an expert's successes into a folder; how many attempts failed.
+    """Write an expert's successes to a folder as episode_0.hdf5, …; returns the number of failed attempts.
 
-    Episodes that are there already are kept, and it goes on behind them. jobs: processes.
-    Raises: SimulationError or ModelError for settings that cannot be, RecordingError for a folder with other episodes,
+    Existing episodes are kept, and recording continues after them. jobs: number of processes.
+    Raises: SimulationError or ModelError for invalid settings, RecordingError for a folder with other episodes,
     SimulationError when the expert fails too often.
     """
     folder = Path(folder)
@@ -81,7 +81,7 @@ def record_demonstrations(wanted: Demonstrations, episodes: int, folder: str | P
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(f"{folder} cannot be made a folder: {error.strerror}; give another place.") from error
-    for left in folder.glob("*.attempt_*.hdf5*"):  # of a run that was interrupted
+    for left in folder.glob("*.attempt_*.hdf5*"):  # from an interrupted run
         left.unlink()
     done, attempt = _there(wanted, folder)
     while done < episodes:
@@ -102,9 +102,10 @@ def record_demonstrations(wanted: Demonstrations, episodes: int, folder: str | P
 
 def record_lerobot(wanted: Demonstrations, episodes: int, folder: str | Path, jobs: int = 1,
                    progress: ProgressCallback | None = None) -> int:  # fmt: skip
-    """Write an expert's successes as a LeRobot v3 folder, which is there when it is whole; how many attempts failed.
+    """Write an expert's successes as a LeRobot v3 folder; returns the number of failed attempts.
 
-    Until then the episodes are kept in a hidden folder beside it, from which it goes on where it was interrupted.
+    The folder appears when it is complete. Until then the episodes are kept in a hidden folder beside it, from which an
+    interrupted recording continues.
     Raises: as `record_demonstrations`; RecordingError for a folder that holds another set; MissingExtraError without
     pyarrow or av.
     """
@@ -123,9 +124,9 @@ def record_lerobot(wanted: Demonstrations, episodes: int, folder: str | Path, jo
 
 
 def _whole(path: Path, settings: dict[str, Any]) -> int:
-    """How many attempts failed for a set that is there.
+    """Number of failed attempts of an existing set.
 
-    Raises: RecordingError where it is not the one that is wanted.
+    Raises: RecordingError if it is not the requested set.
     """
     try:
         stored = dict(read_json(path))
@@ -139,9 +140,9 @@ def _whole(path: Path, settings: dict[str, Any]) -> int:
 
 
 def _there(wanted: Demonstrations, folder: Path) -> tuple[int, int]:
-    """How many episodes are there, and how many attempts they took.
+    """Number of existing episodes, and of the attempts they took.
 
-    Raises: RecordingError where there are others than wanted, or one is missing between them.
+    Raises: RecordingError if there are other episodes, or one in between is missing.
     """
     paths = [path for path in folder.iterdir() if path.suffix in (".hdf5", ".h5")]
     attempts = 0
@@ -156,7 +157,7 @@ def _there(wanted: Demonstrations, folder: Path) -> tuple[int, int]:
 
 
 def _attempt(wanted: Demonstrations, number: int, folder: Path) -> Path | None:
-    """Play one attempt in an environment of its own; its file, None where it failed."""
+    """Play one attempt in its own environment; returns its file, None if it failed."""
     env = wanted.make_env()
     try:
         with tempfile.TemporaryFile(dir=folder) as film:
@@ -185,7 +186,7 @@ def _attempt(wanted: Demonstrations, number: int, folder: Path) -> Path | None:
 
 
 def _play(env: AlohaEnv, seed: int, film: IO[bytes]) -> dict[str, np.ndarray] | None:
-    """Signals (T, ...) of an episode whose frames and masks go to a file as they come; None where it did not succeed."""
+    """Play an episode, writing frames and masks to a file; returns its signals (T, ...), None if it did not succeed."""
     observation, info = env.reset(seed=seed)
     expert = ScriptedExpert(env)
     rows: list[dict[str, np.ndarray]] = []
@@ -200,7 +201,7 @@ def _play(env: AlohaEnv, seed: int, film: IO[bytes]) -> dict[str, np.ndarray] | 
             "qpos": position, "qvel": env.joint_velocities().astype(np.float32), "action": action,
             **{name: np.concatenate([pose.position, pose.quaternion]) for name, pose in poses.items()},
         })  # fmt: skip
-        observation, _, _, _, info = env.step(action, render=False)  # frames and masks are drawn at once
+        observation, _, _, _, info = env.step(action, render=False)  # `capture` renders frames and masks together
         still = still + 1 if np.abs(observation["agent_pos"] - position).max() < MOVES else 0
     return {key: np.array([row[key] for row in rows]) for key in rows[0]} if info["is_success"] else None
 
@@ -208,7 +209,7 @@ def _play(env: AlohaEnv, seed: int, film: IO[bytes]) -> dict[str, np.ndarray] | 
 def _seen(
     film: IO[bytes], cameras: tuple[str, ...], shape: tuple[int, ...], which: Any
 ) -> dict[str, Iterator[np.ndarray]]:
-    """Some channels of what each camera saw, one step after another, of a file of (T, cameras, H, W, 4)."""
+    """Some channels of each camera's frames, step by step, from a file of shape (T, cameras, H, W, 4)."""
     film.flush()
 
     def of(place: int) -> Iterator[np.ndarray]:

@@ -1,4 +1,4 @@
-"""Key poses whose look is taught by generated first frames of many scenes, in place of the demonstrations' pictures."""
+"""Key poses with an object pose head trained on generated first frames of many scenes, not on demonstration frames."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from embodiedreamer_gym.wrappers.vis_aligner import conditions
 
 CAMERA = "head"
 FIRST_SEED = 300_000  # of the scenes
-STEPS_AS_EPISODES = 125  # the head's steps are those of so many episodes: 1000
+STEPS_AS_EPISODES = 125  # the head is trained with the steps for this many episodes: 1000
 SIZE = (128, 96)  # of the simulator's pictures; generated ones have that of the bank
 
 
 @dataclass(frozen=True, eq=False)
 class Scenes:
-    """pictures (N, H, W, 3) uint8 and masks (N, H, W), 0 for no thing, then 1, 2, ... in the order of `things`."""
+    """Pictures (N, H, W, 3) uint8 and masks (N, H, W): 0 for no object, then 1, 2, ... in the order of `things`."""
 
     things: tuple[str, ...]
     pictures: np.ndarray
@@ -45,7 +45,7 @@ class Scenes:
 
 
 def lying(pose: Pose) -> tuple[float, float, float]:
-    """Place (m) of a thing on the table, and the direction (rad) of its x axis."""
+    """Position (m) of an object on the table, and the direction (rad) of its x axis."""
     axis = Rotation.from_quat(pose.quaternion).as_matrix()[:, 0]
     return float(pose.position[0]), float(pose.position[1]), float(np.arctan2(axis[1], axis[0]))
 
@@ -54,7 +54,7 @@ def draw_scenes(task: str, count: int, bank: str | None = "lab", robot: str = "a
                 progress: ProgressCallback | None = None) -> Scenes:  # fmt: skip
     """First frames of a task's scenes, composed from the photos of a bank, with its sensor's noise.
 
-    bank: lab, or a file; None for the simulator's pictures. Raises: VisionError for a bank without the task's things.
+    bank: lab, or a file; None for the simulator's pictures. Raises: VisionError for a bank without the task's objects.
     """
     photos = None if bank is None else load_bank(bank)
     size = SIZE if photos is None else photos.size
@@ -80,7 +80,7 @@ def draw_scenes(task: str, count: int, bank: str | None = "lab", robot: str = "a
 
 
 def looker_of(task: str, scenes: Scenes, seed: int = 0, progress: ProgressCallback | None = None) -> Looker:
-    """A look at a task's things, whose shapes are known, taught by scenes."""
+    """A `Looker` for a task's objects, whose shapes are known, trained on scenes."""
     torch.manual_seed(seed)
     head = ObjectPoseHead(len(scenes.things))
     head.fit(scenes.pictures, scenes.masks, normalised, seed, progress, STEPS_AS_EPISODES)
@@ -95,7 +95,7 @@ def looker_of(task: str, scenes: Scenes, seed: int = 0, progress: ProgressCallba
 
 
 def shown_in(data: str | Path | Sequence[str | Path]) -> tuple[str, list[Demonstration]]:
-    """The task of simulated episodes, and what they show, with the objects' poses that their files state.
+    """The task of simulated episodes, and their demonstrations, with the objects' poses in their files.
 
     Raises: RecordingError for episodes of several tasks, or without task or object poses.
     """
@@ -121,10 +121,11 @@ def shown_in(data: str | Path | Sequence[str | Path]) -> tuple[str, list[Demonst
 
 def train_on_scenes(data: str | Path | Sequence[str | Path], folder: str | Path, count: int, bank: str | None = "lab", robot: str = "aloha",
                     seed: int = 0, progress: ProgressCallback | None = None) -> KeyPosePolicy:  # fmt: skip
-    """Key poses of simulated demonstrations with the objects' poses that their files state, and a look taught by scenes.
+    """Learn key poses from simulated demonstrations with known object poses, and an object pose head from scenes.
 
     data: HDF5 files of one task; folder: where the policy is saved; count: of scenes; bank: see `draw_scenes`.
-    Raises: RecordingError for episodes of several tasks, or without task or object poses; PolicyError where they do not allow it.
+    Raises: RecordingError for episodes of several tasks, or without task or object poses; PolicyError for episodes from
+    which key poses cannot be learnt.
     """
     task, shown = shown_in(data)
     model = RobotModel.load(robot)

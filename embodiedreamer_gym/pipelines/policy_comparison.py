@@ -1,4 +1,4 @@
-"""Two policies on the same seeds, until it is clear which one is better."""
+"""Comparison of two policies on the same seeds, which stops when it is clear which one is better."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from embodiedreamer_gym.pipelines.settings import EvaluationSettings
 from embodiedreamer_gym.policies.evaluation import Evaluation
 
 BLOCK = 10  # seeds between two decisions
-ALPHA = 0.05  # probability of a wrong decision, however often it is asked
+ALPHA = 0.05  # probability of a wrong decision, however often the evidence is computed
 
 
 def evidence(better: int, worse: int) -> float:
-    """How many times more probable differing pairs are under any share of wins than under one half; 1 / ALPHA decides.
+    """Likelihood ratio of the differing pairs: win rate uniform over 0 .. 1, against one half; 1 / ALPHA decides.
 
-    It may be asked after every block: its mean under equal policies is 1 at any time.
+    It may be computed after every block, because its mean for equal policies is 1 at any time.
     Source: Ville, 1939; Robbins, Annals of Mathematical Statistics 41, 1970 (mixture over the share, uniform).
     """
     return float(np.exp(betaln(better + 1, worse + 1) + (better + worse) * np.log(2.0)))
@@ -29,7 +29,7 @@ def evidence(better: int, worse: int) -> float:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Episodes of a policy and of another one on the same seeds, in their order, and how many were allowed."""
+    """Episodes of two policies on the same seeds, in the same order, and the number of seeds that was allowed."""
 
     policy: Evaluation
     against: Evaluation
@@ -37,14 +37,14 @@ class Comparison:
 
     @property
     def pairs(self) -> tuple[int, int]:
-        """Seeds on which only the policy succeeded, and only the other one."""
+        """Number of seeds on which only the policy succeeded, and of those on which only the other one did."""
         both = list(zip(self.policy.episodes, self.against.episodes, strict=True))
         better = sum(a.success and not b.success for a, b in both)
         return better, sum(b.success and not a.success for a, b in both)
 
     @property
     def decided(self) -> bool:
-        """Whether the policies differ, at the level of 5 %."""
+        """Whether the policies differ, at the 5 % level."""
         return evidence(*self.pairs) >= 1.0 / ALPHA
 
     def __str__(self) -> str:
@@ -59,7 +59,7 @@ class Comparison:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON."""
+        """The comparison as a JSON-serialisable dictionary."""
         better, worse = self.pairs
         return {"seeds": len(self.policy.episodes), "allowed": self.allowed, "only_policy": better, "only_against": worse,
                 "evidence": evidence(better, worse), "decided": self.decided, "policy": self.policy.as_dict(),
@@ -84,5 +84,5 @@ def compare_policies(run: EvaluationSettings, against: str, progress: ProgressCa
 
 
 def _joined(parts: list[Evaluation]) -> Evaluation:
-    """Evaluations of blocks as one."""
+    """Join the evaluations of several blocks."""
     return replace(parts[0], episodes=tuple(row for part in parts for row in part.episodes))

@@ -1,4 +1,4 @@
-"""The environment that a policy plays whole chunks in, as the simulator shows it or as VisAligner generates it."""
+"""The environment in which a policy plays chunks, with pictures from the simulator or from VisAligner."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ def policy_world(
     bank: str = "lab", every: int = 1, envs: int = 1, size: tuple[int, int] | None = None, chunks: bool = True,
     tracking: str | None = None, tracking_mode: str = "both", learnt_on: str = "aloha",
 ) -> Any:  # fmt: skip
-    """A task with the cameras of a policy, that takes `execute` actions at once (None: all of a chunk).
+    """Make a task's environment for a policy: with its cameras, and taking `execute` actions at once.
 
-    policy: its cameras, picture size and chunk are what the environment gets.
+    policy: determines the cameras, the picture size and the chunk.
     task: id or name.
-    robot: a built-in one or a model file.
-    execute: actions of a step, None for all of a chunk.
+    robot: a built-in robot or a model file.
+    execute: actions per step, None for all of a chunk.
     vis_aligner: an aligner that generates the pictures, None for the simulator's.
     bank: photos that the aligner starts from.
     every: actions from one generated picture to the next; the last action of a chunk always has one.
     envs: 1, or the number of environments of a vector.
-    size: width and height of the pictures, None for those that the policy learnt from, or the bank's.
+    size: width and height of the pictures, None for those of the policy's training, or the bank's.
     chunks: False for one environment with the simulator's pictures that takes single actions.
-    tracking, tracking_mode: calibrated model and mode of a `CalibratedTracking`, None for none; that of a policy whose actions are
-        `positions` is the robot's own by default.
-    learnt_on: robot whose commands the policy gives, where they are no positions.
-    Raises: PolicyError for a policy with other cameras than `head` where an aligner is given, or larger pictures than the
-    bank's, or too many actions.
+    tracking, tracking_mode: calibrated model and mode of a `CalibratedTracking`. None: no tracking or, for a policy
+        whose actions are `positions`, the robot's own model.
+    learnt_on: robot whose commands the policy gives, if they are not positions.
+    Raises: PolicyError for a policy with other cameras than `head` if an aligner is given, for larger pictures than the
+    bank's, or for too many actions.
     """
     count, (cameras, learnt), filmed = executed(policy, execute), picture_inputs(policy), {}
     if vis_aligner is not None:

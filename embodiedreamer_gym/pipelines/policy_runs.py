@@ -1,4 +1,4 @@
-"""A policy played on seeds it has not seen, in processes, with a video of each episode."""
+"""Evaluates a policy on held-out seeds, in several processes, with a video of each episode on request."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def play(run: EvaluationSettings, progress: ProgressCallback | None = None) -> E
     progress("episodes", 0, run.episodes)
     if run.jobs == 1:
         play_seeds(run, policy, tuple(seeds), show)
-    else:  # some episodes for each call, which builds its environment anew
+    else:  # several episodes per call, because each call makes its own environment
         step = max(1, min(8, run.episodes // run.jobs))
         calls = [(run, None, tuple(seeds[k : k + step])) for k in range(0, run.episodes, step)]
 
@@ -55,7 +55,7 @@ def play(run: EvaluationSettings, progress: ProgressCallback | None = None) -> E
 def play_seeds(
     run: EvaluationSettings, policy: Any, seeds: tuple[int, ...], done: Callable[[EpisodeResult], None] | None = None
 ) -> list[EpisodeResult]:
-    """Results of some seeds; policy: None to load it, in a process of its own."""
+    """Play some seeds and return their results; policy: None to load it, for a separate process."""
     import torch
 
     torch.set_num_threads(1)
@@ -82,7 +82,7 @@ def play_seeds(
 
 
 def policy_of(run: EvaluationSettings) -> Any:
-    """The policy of a run, with temporal ensembling where that is wanted."""
+    """The policy of a run, with temporal ensembling if requested."""
     policy = load_policy(run.policy)
     if run.ensemble is None:
         return policy
@@ -92,7 +92,7 @@ def policy_of(run: EvaluationSettings) -> Any:
 
 
 def _environment(run: EvaluationSettings, policy: Any) -> Any:
-    """The task with the policy's cameras, its pictures as large as those it learnt from, or from the video model."""
+    """The task's environment with the policy's cameras and picture size; pictures are simulated or generated."""
     from embodiedreamer_gym.pipelines.policy_env import policy_world
 
     every = run.every or (1 if run.video else FRAME_INTERVAL)

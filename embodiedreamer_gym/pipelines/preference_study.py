@@ -1,4 +1,4 @@
-"""A study of preferences: a policy that improves on its own rollouts, cycle by cycle, in a folder."""
+"""A preference study: a policy is improved on its own rollouts, cycle by cycle; results are stored in a folder."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FIRST_START, FIRST_EVALUATION = (
     200_000,
 )  # seeds; demonstrations count from 0, `policy evaluate` from 100 000
 SETTINGS, ROW, WEIGHTS, PAIRS, ROLLOUTS = "settings.json", "row.json", "weights.pt", "pairs.hdf5", "rollouts"
-FREE = ("envs", "jobs")  # settings with others of which a study may go on
+FREE = ("envs", "jobs")  # settings that may change when a study continues
 LEARNING = (
     "metric",
     "pairing",
@@ -37,19 +37,19 @@ LEARNING = (
     "batch",
     "learning_rate",
     "fall",
-)  # those that may change as long as nothing has been learnt: rollouts do not depend on them
+)  # settings that may change until the first cycle has been learnt: rollouts do not depend on them
 ROW_KEYS = ("success", "distance", "object_distance", "remaining", "pairs", "contrast", "gradient", "winners", "losers")
 LEARNING_RATE, CLONING_LEARNING_RATE = 3e-5, 1e-4  # of Adam
 
 
 class Study:
-    """A policy, an environment, and a folder with what each cycle left: weights, pairs, and a row, written last."""
+    """A policy, an environment, and a folder with the results of each cycle: weights, pairs and, last, a row."""
 
     def __init__(self, a: StudySettings, out: Path, progress: Any) -> None:
         from embodiedreamer_gym.policies import load_policy
 
         self.a, self.out, self.progress = a, out, progress
-        self.policy: Any = load_policy(a.policy)  # one with a network
+        self.policy: Any = load_policy(a.policy)  # a policy with a network
         if not hasattr(getattr(self.policy, "network", None), "mean"):
             raise PolicyError(f"policy {a.policy} has no network to fine-tune; give one that `policy train` wrote.")
         self.config = _config(a)
@@ -66,16 +66,16 @@ class Study:
         write_json(self.settings, out / SETTINGS)
 
     def close(self) -> None:
-        """End the progress and the environment."""
+        """Close the progress display and the environment."""
         self.progress.close()
         self.env.close()
 
     def folder(self, cycle: int) -> Path:
-        """Where a cycle leaves what it made; 0 is the policy as it was given."""
+        """Folder of a cycle's results; cycle 0 is the policy as given."""
         return self.out / f"cycle-{cycle:02d}"
 
     def row(self, cycle: int) -> dict[str, Any]:
-        """What a cycle reached: read, with its weights, or run."""
+        """Results of a cycle: read, together with its weights, or computed."""
         import torch
 
         folder = self.folder(cycle)
@@ -97,7 +97,7 @@ class Study:
         return row
 
     def _rolled(self, seeds: range, tries: int, noise: float, folder: Path | None = None) -> list[Any]:
-        """What `rolled` gives, in the order of the seeds, of as many processes as there may be."""
+        """The result of `rolled`, in the order of the seeds, from `jobs` processes."""
         if self.a.jobs == 1:
             return rolled(self.a, self.policy, self.env, seeds, tries, noise, folder, self.progress)
         parts = [seeds[k :: self.a.jobs] for k in range(self.a.jobs)]
@@ -111,7 +111,7 @@ class Study:
         return [done[k % self.a.jobs][k // self.a.jobs] for k in range(len(seeds))]
 
     def _judge(self) -> dict[str, Any]:
-        """Success on scenes that no cycle learns from, without noise, and of each scene."""
+        """Success rate on held-out scenes, without noise, and the success on each scene."""
         from embodiedreamer_gym.policies.preferences import METRICS
 
         seeds = range(FIRST_EVALUATION, FIRST_EVALUATION + self.a.evaluations)
@@ -133,14 +133,14 @@ class Study:
         found, a = [], self.a
         for path in files:
             tries = load_trajectories(path)[0]
-            if a.pairing == "same_start":  # only the best and the worst can be of a pair
+            if a.pairing == "same_start":  # only the best and the worst can form a pair
                 tries = sorted(tries, key=lambda one: one.score(a.metric))
                 tries = tries[:1] + tries[1:][-1:]
             found += tries
         pairs = PreferenceSet.choose(found, a.metric, a.pairing, a.top, a.margin)
         pairs.save(folder / PAIRS)
         tuned = fine_tune(self.policy.network, pairs, self.config, self.progress)
-        kept = -1 if tuned.stopped is None else -2  # the epoch whose weights are there
+        kept = -1 if tuned.stopped is None else -2  # the epoch whose weights were kept
         return {"pairs": len(pairs), "contrast": pairs.contrast, "gradient": tuned.gradient, "winners": tuned.winner[kept],
                 "losers": tuned.loser[kept], "stopped": tuned.stopped}  # fmt: skip
 
@@ -159,7 +159,7 @@ class Study:
 
 def rolled(a: StudySettings, policy: Any, env: Any, seeds: range, tries: int, noise: float, folder: Path | None,
            progress: Any = None) -> list[Any]:  # fmt: skip
-    """Files of the tries from each seed's start, written into a folder; without one, the outcome of one try."""
+    """Roll out from each seed's start; returns the files written to a folder or, without a folder, the outcomes."""
     from embodiedreamer_gym.wrappers import preference_rollout as rollout
 
     kind = rollout.PreferenceRolloutWrapper if a.envs == 1 else rollout.PreferenceRolloutVectorWrapper
@@ -170,7 +170,7 @@ def rolled(a: StudySettings, policy: Any, env: Any, seeds: range, tries: int, no
 
 
 def _rolled_alone(a: StudySettings, policy: Any, *given: Any) -> list[Any]:
-    """The same in a process of its own."""
+    """`rolled` in a separate process."""
     import torch
 
     torch.set_num_threads(1)
@@ -182,20 +182,20 @@ def _rolled_alone(a: StudySettings, policy: Any, *given: Any) -> list[Any]:
 
 
 def environment(a: StudySettings, policy: Any) -> Any:
-    """The task's environment, or a vector of them, that takes chunks; with generated pictures where asked for."""
+    """The task's environment, or a vector of them, that takes chunks; with generated pictures if requested."""
     from embodiedreamer_gym.pipelines.policy_env import policy_world
 
     return policy_world(policy, a.task, a.robot, a.execute, a.vis_aligner, a.bank, a.every, a.envs)
 
 
 def _fingerprint(network: Any) -> str:
-    """What tells the weights of a policy from others."""
+    """Checksum that identifies the weights of a policy."""
     sums = [zlib.crc32(value.detach().cpu().numpy().tobytes()) for _, value in sorted(network.state_dict().items())]
     return f"{zlib.crc32(repr(sums).encode()):08x}"
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """A JSON object that a study left."""
+    """Read a JSON object that a study wrote."""
     try:
         return dict(read_json(path))
     except (ValueError, TypeError) as error:
@@ -203,7 +203,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _config(a: StudySettings) -> Any:
-    """How the policy learns, of the options."""
+    """Settings of the learning method, from the study's settings."""
     from embodiedreamer_gym.policies.preferences import CloningConfig, LossConfig, TuningConfig
 
     compares = a.method == PREFERENCES
@@ -216,7 +216,10 @@ def _config(a: StudySettings) -> Any:
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """One line for each cycle, gain in points with its standard error, scene by scene; cycle 0 is the policy as given."""
+    """One line for each cycle; cycle 0 is the policy as given.
+
+    The gain is in percentage points, with its standard error, and compares success scene by scene.
+    """
     lines = ["cycle" + "".join(f"{key.replace('_', ' '):>17}" for key in ROW_KEYS) + f"{'gain':>17}"]
     for row in rows:
         cells = [f"{row[key]:>17.3g}" if row.get(key) is not None else f"{'':>17}" for key in ROW_KEYS]
@@ -226,7 +229,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def gain(before: dict[str, Any], after: dict[str, Any]) -> str:
-    """What the successes of the same scenes are more, in points, and its standard error."""
+    """Gain in success rate on the same scenes, in percentage points, and its standard error."""
     more = 100.0 * (np.array(after["successes"], float) - before["successes"])
     error = more.std(ddof=1) / np.sqrt(len(more)) if len(more) > 1 else float("nan")
     return f"{more.mean():+.1f} ± {error:.1f}"

@@ -1,4 +1,4 @@
-"""Real recordings with video become episodes to learn from: the simulator's view of the same joints beside each frame."""
+"""Converts real recordings with video to training episodes: each frame with the simulator's view of the same joints."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ def prepare(
     recording: Recording, model: RobotModel, camera: Camera, size: tuple[int, int] | None = None,
     masks: MaskSource = no_masks, progress: ProgressCallback | None = None,
 ) -> Episode:  # fmt: skip
-    """An episode of a recording: its frames, and the robot alone as the simulator shows it at the measured joints.
+    """Make an episode of a recording: its frames, and the simulator's view of the robot alone at the measured joints.
 
-    camera: the calibrated one, whose name is that of the recording's video; size: width and height of the pictures, the
-    video's own where None; masks: where the objects are in the real frames, which hide the robot where they are nearer.
-    Raises: VisionError where the recording has no such video; SimulationError where it is of another robot.
+    camera: the calibrated camera, with the name of the recording's video; size: width and height of the pictures, None
+    for the video's own; masks: of the objects in the real frames, which hide the robot where they are nearer.
+    Raises: VisionError if the recording has no such video; SimulationError if it is of another robot.
     """
     if camera.name not in recording.frames:
         raise VisionError(
@@ -57,15 +57,15 @@ def prepare(
 
 
 def _place(camera: Camera) -> str:
-    """Name of what a camera shows from where it stands: another one for each pose and lens."""
+    """Name of a camera's view: a different one for each pose and lens."""
     values = [camera.position, camera.rotation, camera.size, camera.fx, camera.fy, camera.cx, camera.cy]
     return f"{camera.name}{PLACE}{hashlib.sha256(json.dumps(values).encode()).hexdigest()[:8]}"
 
 
 def write_episode(episode: Episode, path: str | Path, camera: str = "head") -> None:
-    """Write an episode as `load_episode` reads it.
+    """Write an episode for `load_episode`.
 
-    Raises: VisionError where it cannot be written.
+    Raises: VisionError if it cannot be written.
     """
     packing = {"compression": "gzip", "compression_opts": 1}
     with new_hdf5(path, VisionError) as file:

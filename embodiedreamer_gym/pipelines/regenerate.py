@@ -1,4 +1,4 @@
-"""Recorded episodes with other pictures: their actions are replayed, and VisAligner films them, from edited references."""
+"""Recorded episodes with new pictures: actions are replayed, and VisAligner generates frames from edited references."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from embodiedreamer_gym.recordings.hdf5 import read_settings
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, References, generate, load_aligner, load_bank
 from embodiedreamer_gym.vis_aligner.editing import ReferenceEditor, describe, draws_of, edited, masks_of
 
-RECIPE = 2  # to be raised with whatever changes the episodes of the same settings
-ABOUT = "augmentation"  # the attribute that tells how an episode was made
+RECIPE = 2  # raise it with any change that alters the episodes of the same settings
+ABOUT = "augmentation"  # the attribute that states how an episode was made
 OWN = (
     "sim",
     "compress",
@@ -31,13 +31,13 @@ OWN = (
     "renderer",
     "demonstration",
     ABOUT,
-)  # attributes that are not taken over
+)  # attributes that are not copied
 CAMERA = "head"
 
 
 @dataclass(frozen=True)
 class Regenerated:
-    """What became of recorded episodes: files written, files that were there, and the names of those whose replay failed."""
+    """Result: number of files written, of files that existed, and names of the episodes whose replay failed."""
 
     written: int
     kept: int
@@ -46,7 +46,7 @@ class Regenerated:
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """What is the same for all episodes; bank None: each starts from its own first frame."""
+    """Inputs that all episodes share; bank: None if each starts from its own first frame."""
 
     folder: Path
     aligner: Aligner
@@ -55,12 +55,12 @@ class _Work:
     settings: dict[str, Any]
 
     def edit_seed(self, source: Source, copy: int) -> int:
-        """Seed of an edit, whatever the number of episodes and copies."""
+        """Seed of an edit, independent of the number of episodes and copies."""
         key = [self.settings["seed"], zlib.crc32(f"{source.task}/{source.name}".encode()), copy]
         return int(np.random.SeedSequence(key).generate_state(1)[0])
 
     def path(self, name: str, copy: int) -> Path:
-        """Where a copy of an episode goes."""
+        """Path of a copy of an episode."""
         return self.folder / f"{name}_{copy}.hdf5"
 
 
@@ -69,16 +69,18 @@ def regenerate(
     editor: ReferenceEditor | None = None, copies: int = 1, seed: int = 0, progress: ProgressCallback | None = None, *,
     prompt: str | None = None, task: str | None = None, robot: str | None = None, jobs: int = 1,
 ) -> Regenerated:  # fmt: skip
-    """Write `<episode>_<copy>.hdf5` of recorded episodes into a folder: action and state as recorded, other frames.
+    """Write recorded episodes to a folder as `<episode>_<copy>.hdf5`: with recorded actions and states, and new frames.
 
-    episodes: ALOHA HDF5 files or folders of them, as `embodiedreamer demos` writes them, or logs that hold where the objects
-    were (`/objects/<name>`); the actions are played from the same start, and an episode whose replay does not end in
-    success is left out. Frames are the aligner's, of the head camera; bank: photos from which the first one is painted, or
-    None for the episode's own first frame (a real one); editor: changes it, None leaves it; prompt: for an editor that
-    takes words. copies: of each episode, edited with other draws; what is there is kept, and a run that was interrupted
-    goes on. task, robot: where the files do not say them, or in their place; jobs: processes.
-    Raises: RecordingError for episodes that cannot be replayed or a folder with others; VisionError, SimulationError,
-    ModelError for what else does not fit.
+    The actions are played from the same start; an episode whose replay does not end in success is left out. The aligner
+    generates the frames of the head camera. Existing copies are kept, and an interrupted run continues.
+
+    episodes: ALOHA HDF5 files or folders of them, as `embodiedreamer demos` writes them, or logs with the objects'
+    poses (`/objects/<name>`); bank: photos from which the first frame is composed, or None for the episode's own (real)
+    first frame; editor: changes the first frame, None for no change; prompt: for an editor that takes text; copies:
+    number of copies of each episode, with different draws of the edit; task, robot: override those in the files, or
+    supply missing ones; jobs: number of processes.
+    Raises: RecordingError for episodes that cannot be replayed, or a folder with other episodes; VisionError,
+    SimulationError or ModelError for other arguments that do not fit.
     """
     if copies < 1 or seed < 0 or jobs < 1:
         raise RecordingError(f"copies and jobs must be at least 1, seed at least 0, not {copies}, {jobs} and {seed}.")
@@ -105,7 +107,7 @@ def regenerate(
 
 
 def _episode(work: _Work, source: Source, copies: int) -> int | None:
-    """Replay one episode and write the copies that are not there."""
+    """Replay one episode and write the missing copies."""
     paths = [work.path(source.name, copy) for copy in range(copies)]
     wanted = [copy for copy, path in enumerate(paths) if not path.is_file()]
     for path in paths:
@@ -126,7 +128,7 @@ def _episode(work: _Work, source: Source, copies: int) -> int | None:
 
 
 def _same(source: Source, made: AlohaEpisodes) -> bool:
-    """Whether an episode that is there was made of this one: states and actions are taken over to the bit."""
+    """Whether an existing episode was made from this one; states and actions are copied bit for bit."""
     return np.array_equal(made.actions(0), source.actions) and np.array_equal(made.states(0), source.states)
 
 
@@ -138,7 +140,7 @@ def _own_frame(recorded: AlohaEpisodes, source: Source) -> np.ndarray:
 
 
 def _painted(work: _Work, played: Played) -> References:
-    """References of a first frame that is painted from photos."""
+    """References with a first frame that is composed from photos."""
     if work.bank is None:
         raise RecordingError("there is neither a bank nor a first frame to start from.")
     return work.bank.of(played.names[3:]).start(played.condition)
@@ -164,7 +166,7 @@ def _write(work: _Work, source: Source, copy: int, played: Played, start: Refere
 
 
 def _check_folder(folder: Path, settings: dict[str, Any]) -> None:
-    """Make the folder, and raise where it holds other episodes than those of these settings."""
+    """Make the folder, and raise if it holds episodes of other settings."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

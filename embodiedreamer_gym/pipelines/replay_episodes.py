@@ -1,4 +1,4 @@
-"""Recorded episodes that are played again from the same start, and what a camera sees of that."""
+"""Replays recorded episodes from the same start, with the view of a camera."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ SIGNALS = {VELOCITY: "velocities", EFFORT: "efforts"}
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A recorded episode without its frames, and how it began.
+    """A recorded episode without its frames, and its start.
 
-    states, actions (T, 14); velocities, efforts (T, 14) or None; objects: name -> poses (T, 7), position m and quaternion
-    xyzw; options: of the environment's reset; seed: of it, None where the options say all.
+    states, actions (T, 14); velocities, efforts (T, 14) or None; objects: name -> poses (T, 7), position m and
+    quaternion xyzw; options: of the environment's reset; seed: of the reset, None if the options define the start.
     """
 
     path: Path
@@ -50,7 +50,7 @@ class Source:
 
     @property
     def options(self) -> dict[str, Any] | None:
-        """What the reset takes beside the seed."""
+        """Options of the reset; None with a seed."""
         if self.seed is not None:
             return None
         poses = {name: poses[0] for name, poses in self.objects.items()}
@@ -59,10 +59,10 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """A replay: what the camera saw before each of the T actions, and what came of them.
+    """A replay: the camera's view before each of the T actions, and the outcome.
 
-    names: of the classes; success: of the task after the last action; error: largest difference of a joint, in the action's
-    units, between replay and recording at the last recorded state.
+    names: of the classes; success: of the task after the last action; error: largest difference of a joint, in the
+    action's units, between replay and recording at the last recorded state.
     """
 
     condition: Condition
@@ -72,9 +72,9 @@ class Played:
 
 
 def source_files(episodes: str | Path | Sequence[str | Path]) -> list[Path]:
-    """The HDF5 files of files and folders, in natural order.
+    """The HDF5 files in the given files and folders, in natural order.
 
-    Raises: RecordingError where there is none, one is damaged, or two have one name.
+    Raises: RecordingError if there is none, one is damaged, or two have the same name.
     """
     given = [episodes] if isinstance(episodes, str | Path) else list(episodes)
     found: list[Path] = []
@@ -96,9 +96,9 @@ def source_files(episodes: str | Path | Sequence[str | Path]) -> list[Path]:
 
 
 def read_source(path: Path, task: str | None = None, robot: str | None = None) -> Source:
-    """A recorded episode; task, robot: in place of what the file says.
+    """Read a recorded episode; task, robot: override those in the file.
 
-    Raises: RecordingError where it says no task, not where the objects were, or is too short.
+    Raises: RecordingError if its task or its objects' poses are missing, or it is too short.
     """
     episode = AlohaEpisodes([path])
     with open_hdf5(path) as file:
@@ -126,7 +126,7 @@ def read_source(path: Path, task: str | None = None, robot: str | None = None) -
 def play(source: Source, size: tuple[int, int], camera: str = "head") -> Played:
     """Play an episode's actions from its start; size: width and height of the pictures.
 
-    Raises: SimulationError or ModelError where robot, rate or start cannot be.
+    Raises: SimulationError or ModelError for an invalid robot, rate or start.
     """
     env = AlohaEnv(source.task, source.robot, "state", image_size=size, control_hz=round(source.hz))
     try:
@@ -152,7 +152,7 @@ def _demonstration(file: Hdf5File) -> dict[str, Any]:
 
 
 def _check_objects(path: Path, task: str, objects: Mapping[str, np.ndarray]) -> None:
-    """Raise unless the places of all objects of a task are known."""
+    """Raise unless the poses of all objects of a task are known."""
     wanted = {prop.name for prop in TASKS[task]().props}
     if set(objects) != wanted:
         raise RecordingError(

@@ -56,7 +56,7 @@ class EvaluationSettings:
 class StudySettings:
     """Settings of a preference study.
 
-    Raises: PolicyError for what could only fail after the rollouts.
+    Raises: PolicyError for values that would otherwise fail only after the rollouts.
     """
 
     policy: str

@@ -1,4 +1,4 @@
-"""Policies: what one is, ACT, and how one is evaluated. They know observations and actions, nothing of physics."""
+"""Policies: their interface, ACT, and their evaluation. They depend on observations and actions, not on physics."""
 
 from __future__ import annotations
 

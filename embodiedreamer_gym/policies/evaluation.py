@@ -1,4 +1,4 @@
-"""A policy in an environment on seeds it has not seen: chunk by chunk, one row for each episode."""
+"""Evaluation of a policy on held-out seeds: it plays chunk by chunk, and each episode gives one row of results."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ Watch = Callable[[Any, dict[str, Any]], None]
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """How an episode went: success at its last step, the step (or None; in chunks, the chunk's last)
-    at which it first succeeded, its length.
+    """Result of one episode.
+
+    success: at the last step; first: step at which it first succeeded, None if it never did; steps: episode length.
     """
 
     seed: int
@@ -33,7 +34,7 @@ class EpisodeResult:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Episodes played, and with what."""
+    """Results of all episodes, the task, and the number of actions executed per query."""
 
     task: str
     execute: int
@@ -64,7 +65,7 @@ class Evaluation:
         return "\n".join(lines)
 
     def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON."""
+        """The results as a JSON-serialisable dictionary."""
         low, high = self.interval
         return {
             "task": self.task, "execute": self.execute, "successes": self.successes, "trials": len(self.episodes),
@@ -85,11 +86,11 @@ def executed(policy: Policy, execute: int | None = None) -> int:
 
 
 def check_fit(policy: Policy, env: gym.Env) -> None:
-    """Check that a policy's actions are the environment's, and its cameras there.
+    """Check that a policy's action size fits the environment, and that the environment has its cameras.
 
-    Raises: PolicyError where they are not.
+    Raises: PolicyError if they do not fit.
     """
-    shape = getattr(env, "single_action_space", env.action_space).shape  # of one of a vector
+    shape = getattr(env, "single_action_space", env.action_space).shape  # of one environment, if there are several
     if shape is None or len(shape) not in (1, 2) or shape[-1] != policy.action_size:
         raise PolicyError(
             f"the policy gives actions of {policy.action_size} numbers, and {_name(env)} takes the shape {shape}; "
@@ -116,7 +117,10 @@ def as_batch(observation: Any, cameras: Iterable[str]) -> dict[str, Any]:
 
 
 def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | None = None) -> EpisodeResult:
-    """One episode to its end; watch: called with each observation and info, of a chunk where the environment takes chunks."""
+    """Play one episode to its end.
+
+    watch: called with observation and info after each action, or after each chunk if the environment takes chunks.
+    """
     cameras = tuple(getattr(env.unwrapped, "cameras", ()) or ()) or cameras_of(policy)
     forget = getattr(policy, "reset", None)
     if forget is not None:
@@ -141,7 +145,7 @@ def play(policy: Policy, env: gym.Env, seed: int, execute: int, watch: Watch | N
 
 
 def _played(env: gym.Env, actions: np.ndarray) -> Iterator[tuple[Any, bool, dict[str, Any], Any]]:
-    """Observation, whether the episode is over, info and success after each action: by action, or once for a chunk."""
+    """Yield observation, whether the episode is over, info and successes after each action, or once for a chunk."""
     if _takes_chunks(env):
         observation, _, terminated, truncated, info = env.step(actions)
         yield observation, terminated or truncated, info, info["successes"][: info["steps"]]
@@ -160,9 +164,10 @@ def _takes_chunks(env: gym.Env) -> bool:
 
 def evaluate(policy: Policy, env: gym.Env, seeds: Iterable[int], execute: int | None = None,
              watch: Callable[[int], Watch] | None = None, done: Callable[[EpisodeResult], None] | None = None) -> Evaluation:  # fmt: skip
-    """Play one episode for each seed; watch: seed -> what hears its observations; done: hears each result.
+    """Play one episode for each seed.
 
-    Raises: PolicyError where policy and environment do not fit, or there is no seed.
+    watch: called with a seed, returns the `watch` callback of `play` for its episode; done: called with each result.
+    Raises: PolicyError if policy and environment do not fit, or there is no seed.
     """
     check_fit(policy, env)
     count, rows = executed(policy, execute), []

@@ -1,4 +1,4 @@
-"""What a policy is, and where one comes from: a folder, or a function of the user's."""
+"""The interface of a policy, and loading one from a folder or from a user's function."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from embodiedreamer_gym.errors import EmbodieDreamerError, ModelError, PolicyError
 
-MOST = 1_000_000  # actions of a chunk, and numbers of an action
+MOST = 1_000_000  # largest chunk, and largest number of values in an action
 HOW = "a folder of `embodiedreamer policy train`, a folder with a LeRobot ACT checkpoint, or package.module:function"
 
 
@@ -21,9 +21,9 @@ HOW = "a folder of `embodiedreamer policy train`, a folder with a LeRobot ACT ch
 class Policy(Protocol):
     """Gives actions (B, k, m) float32, in the environment's units, for a batch of observations.
 
-    A batch is {"agent_pos": (B, n) float32, "pixels": {camera: (B, H, W, 3) uint8}}. A policy with a memory has a method
-    `reset()` too, which is called before each episode; one that needs certain cameras names them in `cameras`; one whose
-    actions are joint positions to be reached, and not commands, says so by `positions = True`.
+    A batch is {"agent_pos": (B, n) float32, "pixels": {camera: (B, H, W, 3) uint8}}. A policy with a memory also has
+    a method `reset()`, which is called before each episode. A policy that needs certain cameras names them in
+    `cameras`. A policy whose actions are target joint positions, not commands, sets `positions = True`.
     """
 
     action_size: int
@@ -35,10 +35,10 @@ class Policy(Protocol):
 
 
 def load_policy(spec: str | Path) -> Policy:
-    """The policy in a folder, or what the user's `package.module:function` returns when it is called.
+    """Load the policy in a folder, or call the user's `package.module:function`, which returns one.
 
-    The module is imported, from the current folder too, which runs its code.
-    Raises: PolicyError where there is none.
+    The module is imported, also from the current folder, which runs its code.
+    Raises: PolicyError if no policy can be loaded.
     """
     folder = Path(spec)
     if folder.is_dir():
@@ -59,7 +59,7 @@ def load_policy(spec: str | Path) -> Policy:
 
 
 def _made(spec: str, module: str, name: str) -> Policy:
-    """What a user's function returns."""
+    """The policy that a user's function returns."""
     folder = os.getcwd()
     if folder not in sys.path and "" not in sys.path:
         sys.path.append(folder)
@@ -86,9 +86,9 @@ def _made(spec: str, module: str, name: str) -> Policy:
 
 
 def predict(policy: Any, batch: Mapping[str, Any], shape: tuple[int, int, int]) -> np.ndarray:
-    """A policy's actions (B, k, m), float32, for a batch, cut to `shape`: longer chunks are allowed.
+    """A policy's actions (B, k, m) float32 for a batch; chunks longer than in `shape` are cut.
 
-    Raises: PolicyError where it fails, or gives another shape or numbers that are not finite.
+    Raises: PolicyError if the policy fails, or returns another shape or numbers that are not finite.
     """
     try:
         actions = np.asarray(policy(batch), np.float32)
@@ -107,12 +107,12 @@ def predict(policy: Any, batch: Mapping[str, Any], shape: tuple[int, int, int]) 
 
 
 def cameras_of(policy: Any) -> tuple[str, ...]:
-    """Names of the cameras that a policy needs; () where it names none."""
+    """Names of the cameras that a policy needs; () if it names none."""
     return tuple(getattr(policy, "cameras", None) or ())
 
 
 def picture_inputs(policy: Any) -> tuple[tuple[str, ...], tuple[int, int] | None]:
-    """Cameras of a policy, head if it names none, and width and height of the pictures it learnt from, None if it does not say."""
+    """Cameras of a policy (head if it names none), and width and height of its training pictures (None if unknown)."""
     if hasattr(policy, "picture_size"):
         return cameras_of(policy), policy.picture_size
     config = getattr(getattr(policy, "network", None), "config", None)

@@ -1,8 +1,8 @@
 """Recordings as ALOHA and AgileX HDF5 files.
 
-Beside the published layout (`recordings.hdf5`) there may be `/timestamps` (T,) s, `/observations/usable` (T, n) and root
-attributes `rate` or `fps` (Hz), `joint_names`, `units`, `noise`, `quantum`, `command_hold`, `kind`, `effort_unit`
-("N m", or "A" of a motor's current) and `gain`.
+Optional additions to the published layout (see `recordings.hdf5`): `/timestamps` (T,) s, `/observations/usable` (T, n),
+and the root attributes `rate` or `fps` (Hz), `joint_names`, `units`, `noise`, `quantum`, `command_hold`, `kind`,
+`effort_unit` ("N m", or "A" for a motor current) and `gain`.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from embodiedreamer_gym.recordings.time_axis import check_hz
 ALOHA_JOINTS = tuple(
     f"{side}_{joint}" for side in ("left", "right") for joint in (*(f"joint{i}" for i in range(1, 7)), "gripper")
 )
-NORMALISED = (-0.2, 1.2)  # 0..1 and what a sensor's offset adds
+NORMALISED = (-0.2, 1.2)  # 0..1 with a margin for sensor offset
 SIGNALS = {"command": hdf5.COMMAND, "velocity": hdf5.VELOCITY, "effort": hdf5.EFFORT}
 USABLE = "observations/usable"
 
 
 @dataclass(frozen=True)
 class Hdf5Frames:
-    """Frames of one camera of a file, which is opened for each access, so nothing stays in memory."""
+    """Frames of one camera. The file is opened for each access, so no frame stays in memory."""
 
     path: str
     camera: str
@@ -49,13 +49,13 @@ class Hdf5Frames:
 def read_aloha_hdf5(
     path: str | Path, hz: float | None = None, joints: Iterable[str] | None = None, time_unit: str | None = None
 ) -> Recording:
-    """Recording of an ALOHA-style HDF5 file; images stay in the file until a frame is asked for.
+    """Read an ALOHA-style HDF5 file as a recording; images stay in the file until a frame is requested.
 
-    hz: sampling rate, for files without `/timestamps`, in place of their attribute `rate`. joints: names, for files
-    without them; else 14 columns get the ALOHA names and others joint1, joint2, …. time_unit: of `/timestamps`, where
-    they are not seconds and do not show it. Without the attribute `units` all joints are in rad, but of 14 joints the two
-    grippers that stay within -0.2..1.2 in command and position are normalised, "1". Velocity or effort that is zero
-    throughout counts as absent; a file without `/action` has no command.
+    hz: sampling rate for files without `/timestamps`; overrides their attribute `rate`. joints: names for files without
+    joint names; default: the ALOHA names for 14 columns, else joint1, joint2, …. time_unit: unit of `/timestamps`, if
+    it is not seconds and cannot be inferred. Without the attribute `units` all joints are in rad, but among 14 joints a
+    gripper whose command and position stay within -0.2..1.2 is normalised ("1"). Velocity or effort that is zero
+    throughout counts as missing; a file without `/action` has no command.
 
     Raises: RecordingError where the file is missing, damaged, too large or not of this layout.
     """
@@ -75,7 +75,7 @@ def read_aloha_hdf5(
             name: hdf5.text(attributes[name]) for name in ("command_hold", "kind") if name in attributes
         }
         effort_unit = hdf5.text(attributes.get("effort_unit", "unknown"))
-        optional["effort_unit"] = effort_unit if effort_unit in EFFORT_UNITS else "unknown"  # others write free text
+        optional["effort_unit"] = effort_unit if effort_unit in EFFORT_UNITS else "unknown"  # some write free text
         optional |= {
             name: np.asarray(attributes[name], float) for name in ("noise", "quantum", "gain") if name in attributes
         }
@@ -109,7 +109,7 @@ def default_joints(count: int) -> tuple[str, ...]:
 
 
 def _units(names: tuple[str, ...], signals: Mapping[str, np.ndarray | None]) -> tuple[str, ...]:
-    """Units of a file that states none: "1" for the grippers of 14 joints where within 0..1, else rad."""
+    """Units for a file without units: "1" for a gripper of 14 joints whose values stay within NORMALISED, else rad."""
     units = ["rad"] * len(names)
     if len(names) == len(ALOHA_JOINTS):
         for column in (c for c in (6, 13) if "gripper" in names[c].lower()):
@@ -120,7 +120,7 @@ def _units(names: tuple[str, ...], signals: Mapping[str, np.ndarray | None]) -> 
 
 
 def _even_times(file: hdf5.Hdf5File, count: int, hz: float | None) -> np.ndarray:
-    """Times (T,) s of a file without stamps, from a rate that the caller or the file states."""
+    """Times (T,) s of a file without time stamps, from the rate given by the caller or the file."""
     hz = file.hz() if hz is None else check_hz(hz, str(file.path))
     if hz is None:
         raise file.error("it has no /timestamps; give the sampling rate with `--hz HZ` (hz=HZ)")
@@ -128,7 +128,7 @@ def _even_times(file: hdf5.Hdf5File, count: int, hz: float | None) -> np.ndarray
 
 
 def write_aloha_hdf5(recording: Recording, path: str | Path) -> None:
-    """Write a recording in the ALOHA layout, float64, frames raw and one at a time; it reads back equal."""
+    """Write a recording in the ALOHA layout as float64, raw frames one at a time; it reads back with equal values."""
     with h5py.File(path, "w") as file:
         file["timestamps"] = recording.time
         file[hdf5.POSITION] = recording.position

@@ -1,4 +1,4 @@
-"""Checks of a recording, one fault each; every check returns findings and, where samples suffer, a mask."""
+"""Checks of a recording, each for one kind of fault; they return findings, and some also a mask of bad samples."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from embodiedreamer_gym.recordings.recording import Recording
 from embodiedreamer_gym.recordings.tracking import Tracking, runs
 
 SEVERITIES = ("error", "warning", "info")
-LOWEST_RATE = 29.0  # Hz; the 30 Hz of ALOHA logs, measured with some jitter
+LOWEST_RATE = 29.0  # Hz; allows for jitter in ALOHA logs at 30 Hz
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding: severity "error", "warning" or "info", a code, the joints concerned, one sentence."""
+    """One finding: severity ("error", "warning" or "info"), a code, the joints concerned, a one-sentence message."""
 
     severity: str
     code: str
@@ -63,7 +63,7 @@ def time_base(recording: Recording) -> Iterator[Finding]:
 
 
 def channels(recording: Recording) -> Iterator[Finding]:
-    """Signals that the log does not have."""
+    """Signals missing from the log."""
     if recording.command is None:
         if recording.effort is None:
             message = "there is neither a command nor an effort to simulate against; log what was sent to the servos"
@@ -80,10 +80,10 @@ def channels(recording: Recording) -> Iterator[Finding]:
 def clipped(
     recording: Recording, tracking: Tracking, limits: Mapping[str, tuple[float, float]]
 ) -> tuple[list[Finding], np.ndarray]:
-    """Joints pinned for 0.1 s or longer, at their extreme or a limit, while the command goes on beyond.
+    """Joints that stay at their extreme or at a limit for 0.1 s or longer while the command goes further.
 
-    At an extreme it must have stopped twice or more, and followed well until it stopped and from where it
-    left: a joint that friction, a dead zone or gravity keeps short of its command comes or goes with a lag.
+    At an extreme, a joint must have stopped at least twice and followed its command closely just before and after:
+    a joint that friction, a dead zone or gravity keeps short of its command lags before or after it stops.
     """
     mask = np.zeros(recording.position.shape, dtype=bool)
     findings: list[Finding] = []
@@ -112,7 +112,7 @@ def clipped(
 
 
 def _pressed(time: np.ndarray, pinned: np.ndarray, over: np.ndarray, beyond: float) -> Iterator[slice]:
-    """Stretches of 0.1 s or longer of a pinned joint whose command goes beyond by enough."""
+    """Stretches of 0.1 s or longer in which a joint is pinned and its command goes further by more than `beyond`."""
     for run in runs(pinned):
         out = over[run][over[run] > 0]
         lasts = time[run.stop - 1] - time[run.start] >= 0.1
@@ -121,7 +121,7 @@ def _pressed(time: np.ndarray, pinned: np.ndarray, over: np.ndarray, beyond: flo
 
 
 def _followed(x: np.ndarray, u: np.ndarray, run: slice, hz: float) -> bool:
-    """Whether a joint was near its command 0.1 s before and after a stretch, and the command turned in it."""
+    """Whether a joint was near its command 0.1 s before and after a stretch, and the command varied within it."""
     before, after = run.start - max(1, round(0.1 * hz)), run.stop - 1 + max(1, round(0.1 * hz))
     if before < 0 or after >= x.size:
         return False
@@ -131,7 +131,7 @@ def _followed(x: np.ndarray, u: np.ndarray, run: slice, hz: float) -> bool:
 
 
 def _mostly_follows(x: np.ndarray, u: np.ndarray) -> bool:
-    """Whether a joint covers most of its command's range; one that friction holds does not reach an end stop."""
+    """Whether a joint covers over 40 % of its command's range; a joint held by friction does not reach an end stop."""
     return bool(np.ptp(np.percentile(x, [1, 99])) > 0.4 * np.ptp(np.percentile(u, [1, 99])))
 
 
@@ -141,8 +141,8 @@ def mixed_up(recording: Recording, tracking: Tracking) -> tuple[list[Finding], s
     moves = np.ptp(x, axis=0)
     still = (tracking.span < 3 * tracking.small, moves < 3 * tracking.small)
     zu, zx = _standardised(u, ~still[0]), _standardised(x, ~still[1])
-    c = zu.T @ zx / len(x)  # command of the row, position of the column
-    c *= moves[None, :] > 0.3 * tracking.span[:, None]  # a coupled joint follows too, but little
+    c = zu.T @ zx / len(x)  # rows: commands; columns: positions
+    c *= moves[None, :] > 0.3 * tracking.span[:, None]  # a coupled joint also follows, but only slightly
     findings: list[Finding] = []
     columns: set[int] = set()
     for i in range(n):
@@ -192,7 +192,7 @@ def frozen(recording: Recording, tracking: Tracking, skip: set[int]) -> tuple[li
 
 
 def offset(recording: Recording, tracking: Tracking, skip: set[int]) -> Iterator[Finding]:
-    """Joints as far from their rising as from their falling command: not lag, friction or backlash."""
+    """Joints with the same error for rising and falling commands, so not lag, friction or backlash."""
     speed = np.gradient(tracking.expected, recording.time, axis=0)
     for j, joint in enumerate(recording.joints):
         moving = np.abs(speed[:, j]) > 0.05 * np.abs(speed[:, j]).max()

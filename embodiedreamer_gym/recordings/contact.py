@@ -1,12 +1,13 @@
-"""Contact of an arm with something: samples that a fit of the free arm must not use.
+"""Contact of an arm with its surroundings: samples that a fit of the free arm must not use.
 
-Two rules, meant to stay silent on ordinary lag, delay, friction and gravity sag, not to find everything:
+The two rules do not find every contact; they are made to avoid false alarms on ordinary lag, delay, friction and
+gravity sag:
 
-* held: a gripper is commanded further closed (to smaller values) and stands still well short of that for
-  0.3 s or longer. A gripper of unit "1" below 0.05, or at its lower limit, is closed on nothing. Without
-  limits, an empty gripper in rad commanded past its end stop counts as held: that costs samples, not correctness.
-* pushed: no joint of the arm has been commanded to move for 0.5 s, all stood still for 0.3 s, and then one
-  moves by 40 mrad or more within 0.2 s: a force from outside. A push during a motion is not contact.
+* held: a gripper is commanded to close further (to smaller values) but stands still, well short of the command, for
+  0.3 s or longer. A gripper of unit "1" below 0.05, or at its lower limit, counts as closed and empty. Without limits,
+  an empty gripper in rad commanded past its end stop counts as held: this excludes samples but causes no error.
+* pushed: no joint of the arm has been commanded to move for 0.5 s, all joints stood still for 0.3 s, and then one
+  moves by 40 mrad or more within 0.2 s: an external force. A push during a motion is not detected.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ import numpy as np
 from embodiedreamer_gym.recordings.recording import Recording
 from embodiedreamer_gym.recordings.tracking import Tracking, arms, is_gripper, runs, samples, trailing_range
 
-HELD_FOR = 0.3  # s; longer than any delay and rise of a free gripper
+HELD_FOR = 0.3  # s; longer than the delay and rise time of any free gripper
 STANDING, SETTLED, SUDDEN = 0.5, 0.3, 0.2  # s
-CLOSED = 0.05  # of a normalised gripper
+CLOSED = 0.05  # position of a normalised gripper below which it is closed
 
 
 def held(recording: Recording, tracking: Tracking, limits: Mapping[str, tuple[float, float]]) -> np.ndarray:
@@ -41,7 +42,7 @@ def held(recording: Recording, tracking: Tracking, limits: Mapping[str, tuple[fl
 
 
 def pushed(recording: Recording, tracking: Tracking, command: np.ndarray) -> np.ndarray:
-    """Samples (T, n) at which a joint was moved from outside while its whole arm was to stand still."""
+    """Samples (T, n) at which a joint was moved from outside while its whole arm was commanded to stand still."""
     x, back = recording.position, samples(recording, SUDDEN) - 1
     contact = np.zeros(x.shape, dtype=bool)
     standing = trailing_range(command, samples(recording, STANDING + SUDDEN)) < 0.25 * tracking.small
@@ -63,7 +64,7 @@ def pushed(recording: Recording, tracking: Tracking, command: np.ndarray) -> np.
 
 
 def whole_arm(recording: Recording, mask: np.ndarray, margin: float = 0.2) -> np.ndarray:
-    """The mask (T, n) spread to every joint of the same arm and by a margin in s to both sides."""
+    """The mask (T, n) extended to every joint of the same arm, and by a margin in s on both sides."""
     result = np.zeros(mask.shape, dtype=bool)
     for arm in arms(recording.joints):
         result[:, arm] = widened(recording, np.asarray(mask[:, arm].any(axis=1)), margin)[:, None]
@@ -71,7 +72,7 @@ def whole_arm(recording: Recording, mask: np.ndarray, margin: float = 0.2) -> np
 
 
 def widened(recording: Recording, mask: np.ndarray, margin: float = 0.2) -> np.ndarray:
-    """The mask (T,) with each stretch longer by a margin in s on both sides."""
+    """The mask (T,) with each stretch extended by a margin in s on both sides."""
     result = mask.copy()
     for run in runs(mask):
         first, last = recording.time[run.start] - margin, recording.time[run.stop - 1] + margin

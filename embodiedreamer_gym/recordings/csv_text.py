@@ -1,4 +1,4 @@
-"""Text files of logs: lines and tables read within bounds, whatever their line ends."""
+"""Text logs: lines and tables, read with size limits and any line ending."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NO_NUMBER = (ValueError, TypeError, OverflowError, RecursionError)  # raised by 
 def open_text(path: Path) -> Iterator[TextIO]:
     """Open a UTF-8 text file; CR, LF and CR LF all end a line.
 
-    Raises: RecordingError where it cannot be read, is no text, or no csv inside the block.
+    Raises: RecordingError where the file cannot be read, is not UTF-8 text, or proves to be invalid csv in the block.
     """
     check_regular(path, RecordingError)
     try:
@@ -42,7 +42,7 @@ def open_text(path: Path) -> Iterator[TextIO]:
 def lines_of(file: TextIO, path: Path) -> Iterator[str]:
     """The lines of a file.
 
-    Raises: RecordingError for one of MAX_LINE characters or more.
+    Raises: RecordingError for a line of MAX_LINE characters or more.
     """
     while line := file.readline(MAX_LINE):
         if len(line) == MAX_LINE:
@@ -64,7 +64,8 @@ def table(
 ) -> np.ndarray:
     """Rows of text as an array (T, width); empty rows are left out.
 
-    first: number of the first row's line, for messages; parse: the numbers of a row, given its line number.
+    first: line number of the first row, for messages; parse: returns the numbers of a row, given the row and its line
+    number.
     Raises: RecordingError for a row of another width, and for more than MAX_NUMBERS numbers.
     """
     values = array("d")

@@ -1,4 +1,4 @@
-"""Choice of episodes of a set: `0,3-7`, after a colon behind the set's path or as an option."""
+"""Selection of episodes of a set, such as `0,3-7`: after the set's path and a colon, or as an option."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ MOST_DIGITS = 9
 
 
 def parse_episodes(text: str) -> tuple[int, ...]:
-    """Numbers of a text such as "0,3-7", in its order, none twice.
+    """Episode numbers from text such as "0,3-7", in the order given, without duplicates.
 
-    Raises: RecordingError for another text, or a range that runs backwards.
+    Raises: RecordingError for any other text, or a range that runs backwards or is too long.
     """
     numbers: dict[int, None] = {}
     for part in text.split(","):
@@ -29,7 +29,7 @@ def parse_episodes(text: str) -> tuple[int, ...]:
 
 
 def split_episodes(pattern: str) -> tuple[str, tuple[int, ...] | None]:
-    """The path of `PATH:0,3-7` and its episodes; None for a path without such an end, or one that exists as it is."""
+    """Path and episodes of `PATH:0,3-7`; episodes are None if there is no such suffix or the whole text is a path."""
     match = SUFFIX.fullmatch(pattern)
     if match is None or os.path.lexists(pattern):
         return pattern, None

@@ -1,4 +1,4 @@
-"""pyarrow and av, which LeRobot's format needs, and rosbags, which ROS's does; extras bring them."""
+"""Optional dependencies: pyarrow and av for LeRobot sets, rosbags for ROS bags; extras install them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from embodiedreamer_gym.errors import MissingExtraError
 def load_extra(name: str) -> Any:
     """Import a module of pyarrow, av or rosbags.
 
-    Raises: MissingExtraError with the line that installs it.
+    Raises: MissingExtraError with the command that installs it.
     """
     what, extra = ("MCAP and rosbag2 files", "ros") if name.startswith("rosbags") else ("LeRobot sets", "data")
     try:

@@ -1,4 +1,4 @@
-"""Load recordings from files, folders and globs; save one, by suffix."""
+"""Load recordings from files, folders and globs; save a recording in the format given by the suffix."""
 
 from __future__ import annotations
 
@@ -55,22 +55,22 @@ def load_recordings(
     command_topic: str | None = None,
     gains: Mapping[str, float] | None = None,
 ) -> Recordings:
-    """Recordings of files, folders and globs, in natural order (step_2 before step_10), none twice.
+    """Load recordings from files, folders and globs, in natural order (step_2 before step_10), without duplicates.
 
-    A folder is a SAGE log, a LeRobot set (`SET:0,3-7` for some of its episodes), or stands for every recording directly in
-    it.
+    A folder is a SAGE log, a LeRobot set (`SET:0,3-7` selects some of its episodes) or a rosbag2; from any other
+    folder, all recordings directly in it are loaded.
 
     hz: sampling rate, Hz, for files without times.
-    joints: names for files that have none; of a file with names, the joints to take.
+    joints: names for files that have none; for files with names, the joints to take.
     command_hold: "linear" or "hold", where the log does not state it or states it wrongly.
-    time_unit: "s", "ms", "us" or "ns", where the log does not state the unit of its times and does not show it.
-    episodes: of LeRobot sets without a choice of their own, as numbers or text such as "0,3-7"; default: all.
-    units: of LeRobot sets, which carry none: "rad", "degrees", "degrees-middle" (about the middle of the calibrated range) or
-        "range" (-100 .. 100).
+    time_unit: "s", "ms", "us" or "ns", if the log does not state the unit of its times and it cannot be inferred.
+    episodes: episodes of LeRobot sets given without `:0,3-7`, as numbers or text such as "0,3-7"; default: all.
+    units: units of LeRobot sets, which state none: "rad", "degrees", "degrees-middle" (about the middle of the
+        calibrated range) or "range" (-100 .. 100).
     motor_calibration: LeRobot's calibration file of the robot.
-    state_topic, command_topic: of MCAP files and rosbag2 folders that have several.
-    gains: pattern of a path's end ("fast_*", "high/*.csv") -> firmware gain, in place of what the log states; the last that
-        fits counts.
+    state_topic, command_topic: topics to read from MCAP files and rosbag2 folders that have several.
+    gains: pattern for the end of a path ("fast_*", "high/*.csv") -> firmware gain, which overrides that of the log; the
+        last matching pattern counts.
 
     Raises: RecordingError where a pattern matches nothing or a file cannot be used.
     """
@@ -99,7 +99,7 @@ def load_recordings(
 
 
 def matching_files(*patterns: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Files and folders of recordings that files, folders and globs stand for, none twice.
+    """Files and folders of recordings that match the given files, folders and globs, without duplicates.
 
     Raises: RecordingError where a pattern matches nothing.
     """
@@ -109,13 +109,13 @@ def matching_files(*patterns: str | os.PathLike[str]) -> tuple[Path, ...]:
 
 
 def with_gain(recording: Recording, gains: Mapping[str, float]) -> Recording:
-    """The recording at the gain of the last pattern that fits the end of its path, else as it is."""
+    """The recording with the gain of the last pattern that matches the end of its path; unchanged if none does."""
     fitting = [gain for pattern, gain in gains.items() if Path(recording.source).match(pattern)]
     return recording.with_(gain=fitting[-1]) if fitting else recording
 
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> Path:
-    """Write a recording as .hdf5 (ALOHA layout) or .csv (without frames), whole or not at all.
+    """Write a recording atomically as .hdf5 (ALOHA layout) or .csv (without frames).
 
     Raises: RecordingError for another suffix or a folder that cannot be written to.
     """
@@ -147,7 +147,7 @@ def _matches(pattern: str) -> list[Path]:
 
 
 def natural(path: Path) -> list[tuple[int, str]]:
-    """Sorting key under which step_2 comes before step_10."""
+    """Sort key that places step_2 before step_10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", str(path))]
 
 
@@ -171,7 +171,7 @@ def _expanded(path: Path) -> list[Path]:
 
 
 def _load(path: Path, reading: Reading, episodes: Iterable[int] | None) -> Iterator[Recording]:
-    """The recordings of a file or folder; episodes: of a LeRobot set."""
+    """The recordings of a file or folder; episodes: the episodes to load from a LeRobot set."""
     hold = reading.command_hold
     for recording in _read(path, reading, None if episodes is None else tuple(episodes)):
         chosen = recording

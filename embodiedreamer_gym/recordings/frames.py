@@ -1,4 +1,4 @@
-"""Camera frames of a recording: what a source of frames offers, and images decoded within bounds."""
+"""Camera frames of a recording: the interface of a frame source, and image decoding with a size limit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from embodiedreamer_gym.errors import RecordingError
 
-MAX_EDGE = 8192  # pixels of a frame's longer side
+MAX_EDGE = 8192  # pixels; largest allowed edge of a frame
 PNG = b"\x89PNG\r\n\x1a\n"
 JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers of the segments that hold height and width
 
@@ -30,10 +30,10 @@ class FrameSource(Protocol):
 def decode(buffer: np.ndarray, where: str) -> np.ndarray:
     """RGB image (H, W, 3) uint8 of one JPEG or PNG byte buffer; zeros may follow the image.
 
-    A JPEG is decoded as the standard says, to RGB; a logger that handed RGB pixels to OpenCV's encoder (which expects
-    BGR) has swapped red and blue in its file, and they come out swapped.
-    where: which image it is, for messages.
-    Raises: RecordingError where it is neither, or larger than MAX_EDGE on a side.
+    A JPEG is decoded to RGB, as the standard says. If a logger passed RGB pixels to OpenCV's encoder (which expects
+    BGR), red and blue are swapped in its file, and stay swapped here.
+    where: description of the image, for messages.
+    Raises: RecordingError where the data are neither JPEG nor PNG, or a side is longer than MAX_EDGE.
     """
     data = buffer.tobytes()
     size = _image_size(data)

@@ -1,6 +1,6 @@
-"""HDF5 files in the ALOHA layout: datasets are checked before they are read, files are written whole or not at all.
+"""HDF5 files in the ALOHA layout: datasets are checked before they are read, files are written atomically.
 
-The published layout: `/action`, `/observations/qpos`, `qvel`, `effort` and `images/<camera>`, one file a motion.
+The published layout: `/action`, `/observations/qpos`, `qvel`, `effort` and `images/<camera>`, one file per motion.
 Source: collect_data.py of agilexrobotics/cobot_magic and record_episodes.py of tonyzhaozh/aloha.
 """
 
@@ -27,16 +27,16 @@ VELOCITY, EFFORT = "observations/qvel", "observations/effort"
 IMAGES, MASKS = "observations/images", "observations/masks"
 SUFFIXES = (".hdf5", ".h5")
 MAX_NUMBERS = 10_000_000  # of one signal: 14 joints at 100 Hz for two hours
-MAX_BYTES = 2**30  # that are read into memory while a file is open
-MAX_CHUNK_BYTES = 2**29  # of a chunk or a row, which HDF5 decompresses as a whole
+MAX_BYTES = 2**30  # bytes read into memory while a file is open
+MAX_CHUNK_BYTES = 2**29  # bytes of a chunk or row, which HDF5 decompresses as a whole
 HZ_ATTRIBUTES = ("rate", "fps", "control_hz")
-LAYOUT_FLAGS = {"sim": False, "compress": False}  # attributes that ACT's loader indexes
+LAYOUT_FLAGS = {"sim": False, "compress": False}  # attributes that ACT's loader requires
 
 
 class Hdf5File:
     """An open HDF5 file. Every dataset is checked (kind, place, claimed size) before it is read.
 
-    file: the h5py file; path: where it was opened, for messages.
+    file: the h5py file; path: path of the file, for messages.
     """
 
     def __init__(self, file: h5py.File, path: Path) -> None:
@@ -50,9 +50,10 @@ class Hdf5File:
         return RecordingError(f"{self.path}: {text}")
 
     def dataset(self, key: str) -> h5py.Dataset:
-        """A dataset that lies in this very file, in chunks that fit into memory.
+        """A dataset stored in this file itself, in chunks that fit into memory.
 
-        Raises: RecordingError where it is missing, a group, empty, linked to another file or in giant chunks.
+        Raises: RecordingError where it is missing, a group, empty, linked to another file or in chunks that are too
+        large.
         """
         data = self.file.get(key)
         if isinstance(data, h5py.Group):
@@ -69,7 +70,7 @@ class Hdf5File:
     def read(self, key: str, start: int = 0, stop: int | None = None) -> np.ndarray:
         """Rows start .. stop - 1 of a dataset of numbers.
 
-        Raises: RecordingError for other types, and where this file's reads would exceed MAX_BYTES together.
+        Raises: RecordingError for other types, and where all reads from this file together would exceed MAX_BYTES.
         """
         data = self.dataset(key)
         if data.dtype.kind not in "biufc":
@@ -79,7 +80,7 @@ class Hdf5File:
         return np.asarray(data[rows.start : rows.stop] if data.shape else data[()])
 
     def reserve(self, key: str, count: int) -> None:
-        """Count bytes that are about to be read. Raises: RecordingError where they exceed MAX_BYTES together."""
+        """Add to the bytes read from this file so far. Raises: RecordingError where the total exceeds MAX_BYTES."""
         self._bytes += count
         if self._bytes > MAX_BYTES:
             raise self.error(
@@ -101,8 +102,8 @@ class Hdf5File:
     def times(self, position: np.ndarray, unit: str | None = None) -> tuple[np.ndarray, tuple[str, ...]] | None:
         """Time stamps (T,) in s and notes about their conversion; None where the file has none.
 
-        position: (T, n), from which a wrong unit shows; unit: of the stamps, where the caller knows it.
-        Raises: RecordingError where there are not T numbers, or their unit cannot be told.
+        position: (T, n), used to infer the unit; unit: unit of the stamps, if the caller knows it.
+        Raises: RecordingError where there are not T numbers, or their unit cannot be inferred.
         """
         key = next((key for key in ("timestamps", "timestamp") if key in self.file), None)
         if key is None:
@@ -118,7 +119,7 @@ class Hdf5File:
     def hz(self) -> float | None:
         """The sampling rate that an attribute states, Hz.
 
-        Raises: RecordingError where it is no rate.
+        Raises: RecordingError where it is not a valid rate.
         """
         values: list[Any] = [self.file.attrs[name] for name in HZ_ATTRIBUTES if name in self.file.attrs]
         return (
@@ -128,9 +129,9 @@ class Hdf5File:
         )
 
     def json(self, name: str, default: Any = None) -> Any:
-        """An attribute that holds JSON.
+        """The value of an attribute that holds JSON; `default` where the attribute is missing.
 
-        Raises: RecordingError where it holds none.
+        Raises: RecordingError where it does not hold JSON.
         """
         if name not in self.file.attrs:
             return default
@@ -175,7 +176,7 @@ class Hdf5File:
     def frames(self, camera: str, start: int, stop: int) -> Iterator[np.ndarray]:
         """Frames start .. stop - 1 of a camera, (H, W, 3) uint8 RGB, one after another.
 
-        Raises: RecordingError where a row is no image.
+        Raises: RecordingError where a row is not an image.
         """
         key = f"{IMAGES}/{camera}"
         data = self.dataset(key)
@@ -184,9 +185,9 @@ class Hdf5File:
             yield row if row.ndim == 3 else decode(row, f"{self.path}: frame {index} of /{key}")
 
     def object_poses(self) -> dict[str, np.ndarray]:
-        """Poses (T, 7) of each object, position m and quaternion xyzw, of `/objects/<name>`; {} where there are none.
+        """Poses (T, 7) of each object in `/objects/<name>`: position m and quaternion xyzw; {} if there are none.
 
-        Raises: RecordingError where one holds other numbers.
+        Raises: RecordingError where a dataset does not hold poses.
         """
         group = self.file.get("objects")
         names = [str(name) for name in group] if isinstance(group, h5py.Group) else []
@@ -206,10 +207,11 @@ class Hdf5File:
 def open_hdf5(
     path: str | Path, error: type[EmbodieDreamerError] = RecordingError, advice: str = "record or copy it again"
 ) -> Iterator[Hdf5File]:
-    """Open an HDF5 file for reading; whatever h5py finds wrong with it inside the block becomes one sentence.
+    """Open an HDF5 file for reading; errors of h5py inside the block become an `error` with a one-sentence message.
 
     error: class of the error; advice: what to do about a damaged file.
-    Raises: `error` where the file is missing, damaged or not of the layout; errors inside the block get the file's name.
+    Raises: `error` where the file is missing, damaged or not of the layout; the file's name is added to errors raised
+    in the block.
     """
     path = Path(path)
     if not path.is_file():
@@ -227,7 +229,7 @@ def open_hdf5(
 
 @contextmanager
 def new_hdf5(path: str | Path, error: type[EmbodieDreamerError] = RecordingError) -> Iterator[h5py.File]:
-    """Open an HDF5 file for writing, which is there when the block has ended without an exception, and not before.
+    """Open an HDF5 file for writing; it gets its name only when the block has ended without an exception.
 
     Raises: `error` where it cannot be written.
     """
@@ -236,9 +238,9 @@ def new_hdf5(path: str | Path, error: type[EmbodieDreamerError] = RecordingError
 
 
 def read_settings(path: Path, attribute: str, what: str) -> dict[str, Any]:
-    """The settings with which a file was made, a JSON object in an attribute; what: the kind of file, for the message.
+    """The settings that a file was made with, a JSON object in an attribute; what: the kind of file, for the message.
 
-    Raises: RecordingError where the file is another one.
+    Raises: RecordingError where the file is not of that kind.
     """
     try:
         with open_hdf5(path) as file:
@@ -251,10 +253,10 @@ def write_rows(
     file: h5py.File, count: int, rows: Iterable[Mapping[str, np.ndarray]],
     packing: Callable[[str], Mapping[str, Any]] = lambda key: {},
 ) -> None:  # fmt: skip
-    """Write the rows of several datasets as they come, one chunk a row.
+    """Write the rows of several datasets one by one, one chunk per row.
 
-    count: of the rows; rows: dataset -> row, of one shape and type throughout; packing: of a dataset, its compression as
-    arguments of h5py's create_dataset.
+    count: number of rows; rows: dataset -> row, whose shape and dtype stay the same; packing: returns the compression
+    of a dataset as arguments of h5py's create_dataset.
     """
     for index, row in enumerate(rows):
         for key, array in row.items():
@@ -265,7 +267,7 @@ def write_rows(
 
 
 def write_attributes(file: h5py.File, attributes: Mapping[str, Any], arrays: tuple[str, ...] = ()) -> None:
-    """Write attributes; lists, tuples and dicts become JSON, but those named in `arrays` arrays."""
+    """Write attributes; lists, tuples and dicts become JSON, except those named in `arrays`, which become arrays."""
     for name, value in attributes.items():
         is_json = isinstance(value, dict | list | tuple) and name not in arrays
         file.attrs[name] = json.dumps(value) if is_json else value
@@ -277,5 +279,5 @@ def jpeg(frame: np.ndarray, quality: int = 95) -> np.ndarray:
 
 
 def text(value: Any) -> str:
-    """An attribute as text, strings and bytes alike."""
+    """An attribute as text; bytes are decoded."""
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)

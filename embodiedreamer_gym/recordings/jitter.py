@@ -2,7 +2,7 @@
 
 A stamp that is late by d shifts the position of every joint by -velocity * d at once, which no smooth motion does. Two
 signals are used: the residual of the positions about a local cubic, and the deviation of the stamps from an even clock. A
-regression of the first on the second gives the share of that deviation that is error: samples may really be uneven.
+regression of the first on the second gives the share of that deviation that is error; the rest is uneven sampling.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from scipy.sparse.linalg import spsolve
 from embodiedreamer_gym.recordings.recording import Recording
 from embodiedreamer_gym.recordings.smoothing import smoothing_half
 
-SIGNIFICANT = 4.0  # standard errors from which jitter counts
-LEAST = 0.1  # share of the stamps' unevenness from which it counts as error
-STRETCH = 0.25  # s; segments of a log whose scatter gives the standard errors
-EVEN = 100  # stamps to either side to which an even clock is fitted
-NEAR = 8  # stamps to either side that distinguish a lost sample from a late stamp
+SIGNIFICANT = 4.0  # standard errors above which jitter is significant
+LEAST = 0.1  # smallest share of the stamps' unevenness that counts as error
+STRETCH = 0.25  # s; length of the segments whose scatter gives the standard errors
+EVEN = 100  # stamps on either side to which an even clock is fitted
+NEAR = 8  # stamps on either side used to distinguish a lost sample from a late stamp
 USUAL = 0.003  # s, jitter for which the weights of the moments are optimal
-WIDEST = 0.45  # of a sample period, that a stamp may be off
+WIDEST = 0.45  # largest error of a stamp, in sample periods
 
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
     """Signals of one log.
 
-    residual, speed (T, n): of the positions about the local cubic, and the cubic's slope, in sensor noises; unevenness
-    (T,): stamps minus an even clock, s; highpass (T, T): identity minus the cubic's smoothing; period: usual step, s;
-    segment (T,): number of the stretch of STRETCH seconds.
+    residual (T, n): positions minus the local cubic, and speed (T, n): the cubic's slope, both in units of the sensor
+    noise; unevenness (T,): stamps minus an even clock, s; highpass (T, T): identity minus the cubic's smoothing matrix;
+    period: median step, s; segment (T,): number of the segment of STRETCH seconds.
     """
 
     residual: np.ndarray
@@ -43,22 +43,22 @@ class _Evidence:
     segment: np.ndarray
 
     def effect_of(self, delay: np.ndarray) -> np.ndarray:
-        """Residual (T, n) that stamps late by (T,) s cause."""
+        """Residual (T, n) caused by stamps that are late by `delay` (T,) s."""
         return -(self.highpass @ (self.speed * delay[:, None]))
 
 
 def estimate_jitter(recording: Recording) -> float:
     """Standard deviation of a log's time stamps, s; 0 where none is significant.
 
-    Needs two joints that move at once, or uneven stamps; a motion that a cubic follows for 0.12 s.
+    Needs two joints that move at the same time, or uneven stamps, and a motion that a cubic fits over 0.12 s.
     """
     return stamp_errors([recording])[0]
 
 
 def stamp_errors(recordings: Sequence[Recording]) -> tuple[float, list[np.ndarray]]:
-    """Standard deviation of the stamps of logs of one clock, s, and the delay (T,) s of each stamp; 0 where none.
+    """Standard deviation (s) of the stamp errors of logs with one clock, and the delay (T,) s of each stamp; 0 if none.
 
-    The delays are conditional means: near 0 where a log does not show a stamp's error.
+    The delays are conditional means: they are near 0 where the log has no evidence of a stamp's error.
     """
     logs = [_evidence(r) for r in recordings]
     trust = _share_of_unevenness(logs)
@@ -83,7 +83,7 @@ def _evidence(recording: Recording) -> _Evidence:
 
 
 def _local_cubic(time: np.ndarray, half: int) -> tuple[csr_array, csr_array]:
-    """Matrices (T, T) to the value and the slope of a cubic through the neighbours at their own times."""
+    """Matrices (T, T) that give the value and slope of a cubic fitted to the neighbours at their own times."""
     count, width = len(time), min(2 * half + 1, len(time))
     columns = np.clip(np.arange(count) - half, 0, count - width)[:, None] + np.arange(width)
     scale = half * float(np.median(np.diff(time)))
@@ -95,7 +95,7 @@ def _local_cubic(time: np.ndarray, half: int) -> tuple[csr_array, csr_array]:
 
 
 def _unevenness(time: np.ndarray) -> np.ndarray:
-    """Delay (T,) s of each stamp on an even clock fitted to its neighbours, fitted anew after lost samples."""
+    """Delay (T,) s of each stamp relative to an even clock fitted to its neighbours; lost samples start a new fit."""
     usual, late = float(np.median(np.diff(time))), np.zeros(len(time))
     for part in np.split(np.arange(len(time)), _gaps(time, usual)):
         if len(part) > NEAR:
@@ -105,15 +105,15 @@ def _unevenness(time: np.ndarray) -> np.ndarray:
 
 
 def _gaps(time: np.ndarray, usual: float) -> np.ndarray:
-    """Samples before which others are lost: then the stamps stay late, after a single late stamp they do not."""
+    """Indices of samples that follow lost ones: all later stamps are late, unlike after a single late stamp."""
     late = np.pad(time - usual * np.arange(len(time)), NEAR, mode="reflect", reflect_type="odd")
     level = np.median(np.lib.stride_tricks.sliding_window_view(late, NEAR), axis=1)
-    shift = level[NEAR:] - level[:-NEAR]  # of a sample and those after it, from those before
+    shift = level[NEAR:] - level[:-NEAR]  # level from this sample on, minus the level before it
     return np.flatnonzero((np.diff(time) > 1.4 * usual) & (shift[1 : len(time)] > 0.5 * usual)) + 1
 
 
 def _local_line(x: np.ndarray) -> np.ndarray:
-    """Values (k,) of a line through the neighbours of each of evenly spaced x (k,)."""
+    """Value (k,), at each of the evenly spaced x (k,), of a line fitted to its neighbours."""
     count, width = len(x), min(2 * EVEN + 1, len(x))
     columns = np.clip(np.arange(count) - width // 2, 0, count - width)[:, None] + np.arange(width)
     place = np.arange(width) - (width - 1) / 2
@@ -122,7 +122,7 @@ def _local_line(x: np.ndarray) -> np.ndarray:
 
 
 def _ratio(logs: Sequence[_Evidence], parts: Callable[[int], tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:
-    """Ratio of two sums over samples, and its standard error by the scatter of the segments; parts: of log i, (T,) each."""
+    """Ratio of two sums over samples, and its standard error from the scatter of segments; parts: terms of log i."""
     above, below = [], []
     for i, w in enumerate(logs):
         for sums, values in zip((above, below), parts(i), strict=True):
@@ -136,7 +136,7 @@ def _ratio(logs: Sequence[_Evidence], parts: Callable[[int], tuple[np.ndarray, n
 
 
 def _share_of_unevenness(logs: Sequence[_Evidence]) -> float:
-    """Share of the stamps' unevenness that is their error, 0 .. 1: by regression of the positions' residual on it."""
+    """Share (0 .. 1) of the stamps' unevenness that is error, from a regression of the position residual on it."""
 
     def parts(i: int) -> tuple[np.ndarray, np.ndarray]:
         expected = logs[i].effect_of(logs[i].unevenness)
@@ -148,7 +148,7 @@ def _share_of_unevenness(logs: Sequence[_Evidence]) -> float:
 
 
 def _common_variance(logs: Sequence[_Evidence], residuals: Sequence[np.ndarray]) -> float:
-    """Variance of the stamps, s^2, from residuals (T, n): by products of different joints, whose noises differ."""
+    """Variance of the stamp errors, s^2, from products of residuals (T, n) of different joints, whose noise differs."""
 
     def parts(i: int) -> tuple[np.ndarray, np.ndarray]:
         w = logs[i]
@@ -163,7 +163,7 @@ def _common_variance(logs: Sequence[_Evidence], residuals: Sequence[np.ndarray])
 
 
 def _common_part(w: _Evidence, residual: np.ndarray, variance: float) -> np.ndarray:
-    """Errors (T,) s of the stamps, their conditional mean given a residual (T, n) and their variance."""
+    """Stamp errors (T,) s: their conditional mean, given a residual (T, n) and their variance."""
     matrix = diags_array(np.full(len(residual), 1.0 / variance)).tocsc()
     right = np.zeros(len(residual))
     for j in range(residual.shape[1]):

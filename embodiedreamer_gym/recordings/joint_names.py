@@ -1,4 +1,4 @@
-"""Which joints of a log are those that are asked for, by name."""
+"""Find the requested joints of a log by name."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from embodiedreamer_gym.errors import RecordingError
 
 
 def find_joints(have: Sequence[str], wanted: Sequence[str], source: str) -> tuple[list[int], tuple[str, ...]]:
-    """Columns of the joints wanted among those of a log, and a note on those that are left out.
+    """Columns of the requested joints in a log, and a note about the joints that are left out.
 
-    A name matches itself, or the one name of the log that ends in it: `main_elbow` and `arm/elbow` are `elbow`.
+    A name matches itself, or the only name of the log that ends with it: `elbow` matches `main_elbow` or `arm/elbow`.
     Raises: RecordingError for a joint that the log does not have.
     """
     columns, missing = [], []

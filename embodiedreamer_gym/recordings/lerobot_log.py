@@ -1,6 +1,7 @@
 """Episodes of a LeRobot set as recordings: `observation.state` is the position, `action` the command.
 
-Names of the numbers may end in the signal, as LeRobot's robots write them: `elbow.pos`, `elbow.vel`, `elbow.torque`.
+The names of a feature's numbers may end with the signal, as LeRobot's robots write them: `elbow.pos`, `elbow.vel`,
+`elbow.torque`.
 """
 
 from __future__ import annotations
@@ -23,20 +24,20 @@ from embodiedreamer_gym.recordings.recording import Recording
 
 ENDS = {"pos": "position", "position": "position", "vel": "velocity", "velocity": "velocity", "torque": "effort",
         "effort": "effort"}  # fmt: skip
-NEXT = 1e-4  # of the span: an action that is a later state differs by less, a command by more
-CLOSE = 0.95  # share of the steps that have to agree; the last ones are often repeated
-MOVES = 1e-3  # of the largest span: a number that covers less tells nothing
+NEXT = 1e-4  # of the span: an action that is really a later state differs by less, a command by more
+CLOSE = 0.95  # share of the steps that must agree; the last steps are often repeated
+MOVES = 1e-3  # of the largest span: a joint that moves less is ignored
 
 
 def read_lerobot_set(
     folder: str | Path, numbers: Sequence[int] | None = None, joints: Sequence[str] | None = None,
     units: MotorUnits | None = None, command_hold: str = "unknown",
 ) -> Iterator[Recording]:  # fmt: skip
-    """Recordings of the episodes of a LeRobot set, v2.0 to v3; only the numbers are read.
+    """Read the episodes of a LeRobot set, v2.0 to v3, as recordings; videos are not read.
 
-    numbers: of the episodes, all by default; joints: those to take, by default all; units: of the numbers.
+    numbers: episodes to read, default: all; joints: joints to take, default: all; units: units of the set's values.
     Raises: RecordingError where the set cannot be used, the units are not known, an episode does not exist, or the actions
-    are later states; MissingExtraError without pyarrow.
+    are states instead of commands; MissingExtraError without pyarrow.
     """
     episodes = LeRobotEpisodes(folder, videos=False)
     numbers = range(len(episodes)) if numbers is None else numbers
@@ -52,7 +53,7 @@ def read_lerobot_set(
 
 
 class _Columns:
-    """Where the position, velocity, effort and command of each joint stand."""
+    """Columns of the position, velocity, effort and command of each joint."""
 
     def __init__(self, info: Info, joints: Sequence[str] | None, source: str) -> None:
         signals = _signals(info, STATE, joints)
@@ -121,7 +122,7 @@ def _recording(
 
 
 def check_command(position: np.ndarray, command: np.ndarray, source: str) -> None:
-    """Raises: RecordingError where the command (T, n) is the state of this or a later step, or its change, and so no command."""
+    """Raises: RecordingError where the command (T, n) is really the state of this or a later step, or its change."""
     span = np.ptp(position, axis=0)
     moving = span > MOVES * span.max(initial=0.0)
     if len(position) < 10 or not moving.any():

@@ -1,9 +1,9 @@
-"""Units of logs that carry none: LeRobot's degrees and -100 .. 100, with its calibration file.
+"""Units for logs that do not state them: LeRobot's degrees and -100 .. 100, converted with its calibration file.
 
-Source: `MotorsBus._normalize` of lerobot/motors/motors_bus.py (huggingface/lerobot 0.4.4): of a motor's ticks, with lo and hi of
-the calibrated range, RANGE_M100_100 is 200 (ticks - lo) / (hi - lo) - 100, negated by drive_mode; RANGE_0_100 is
-100 (ticks - lo) / (hi - lo), 100 minus it by drive_mode; DEGREES is 360 (ticks - (lo + hi) / 2) / 4095. Feetech's bus applies
-drive_mode, that of Dynamixel does not.
+Source: `MotorsBus._normalize` of lerobot/motors/motors_bus.py (huggingface/lerobot 0.4.4). For a motor's ticks and the
+ends lo and hi of its calibrated range, RANGE_M100_100 is 200 (ticks - lo) / (hi - lo) - 100, negated if drive_mode is
+set; RANGE_0_100 is 100 (ticks - lo) / (hi - lo), or 100 minus that if drive_mode is set; DEGREES is
+360 (ticks - (lo + hi) / 2) / 4095. Feetech's bus applies drive_mode, Dynamixel's does not.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from embodiedreamer_gym.recordings.joint_names import find_joints
 from embodiedreamer_gym.recordings.tracking import is_gripper
 
 UNIT_KINDS = ("rad", "degrees", "degrees-middle", "range")
-TICKS = 4096  # of a turn
+TICKS = 4096  # per turn
 DYNAMIXEL = ("koch", "omx", "aloha", "viperx", "widowx")  # robots whose bus does not apply drive_mode
-MOST = {"rad": 6 * math.pi, "degrees": 1100.0, "degrees-middle": 1100.0, "range": 101.0}  # of a value in such units
+MOST = {"rad": 6 * math.pi, "degrees": 1100.0, "degrees-middle": 1100.0, "range": 101.0}  # largest plausible value
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,11 @@ class MotorCalibration:
 
 @dataclass(frozen=True)
 class MotorUnits:
-    """How numbers of a log become angles.
+    """How the numbers of a log are converted to angles.
 
-    kind: one of UNIT_KINDS, None where the user has not said; calibration: of motors by name; limits: joint -> lowest and
-    highest angle, whose middle is that of a calibrated range; normalised, sliding: joints that are 0 .. 1, or in m.
+    kind: one of UNIT_KINDS, None if not given; calibration: motor name -> calibration; limits: joint -> lowest and
+    highest angle, whose middle is taken as the middle of the calibrated range; normalised: joints in 0 .. 1; sliding:
+    joints in m.
     """
 
     kind: str | None = None
@@ -56,9 +57,9 @@ class MotorUnits:
             raise RecordingError(f"units {self.kind!r} are not one of {', '.join(UNIT_KINDS)}")
 
     def line(self, joint: str, robot: str, source: str) -> tuple[float, float, str]:
-        """Factor and offset that turn a joint's numbers into rad (m, or 0 .. 1), and a note, "" for none.
+        """Factor and offset that convert a joint's numbers to rad (m, or 0 .. 1), and a note ("" if there is none).
 
-        Raises: RecordingError where the motor's calibration is needed and not there.
+        Raises: RecordingError where the motor's calibration is needed but missing, or a sliding joint is in degrees.
         """
         if self.kind == "rad":
             return 1.0, 0.0, ""
@@ -116,7 +117,7 @@ class MotorUnits:
     def _of_range(
         self, motor: MotorCalibration, gripper: bool, low: float, high: float, robot: str
     ) -> tuple[float, float, str]:
-        """Factor and offset of 0 .. 100 or -100 .. 100, whose drive_mode is undone."""
+        """Factor, offset and note for values in 0 .. 100 or -100 .. 100; drive_mode is undone."""
         inverted = motor.inverted and not robot.startswith(DYNAMIXEL)
         whole = (motor.high - motor.low) * 2 * math.pi / TICKS
         note = "its drive_mode was undone: it counts in the motor's own direction" if inverted else ""
@@ -126,7 +127,7 @@ class MotorUnits:
         return (-whole if inverted else whole) / 200, self._middle(motor, low, high), note
 
     def _middle(self, motor: MotorCalibration | None, low: float, high: float) -> float:
-        """Angle at the middle of the calibrated range: the middle of the limits; 0 where a range of a whole turn shows none."""
+        """Angle at the middle of the calibrated range: middle of the limits; 0 without limits or for a whole turn."""
         turns = motor is not None and motor.high - motor.low >= TICKS - 1
         return 0.0 if turns or not math.isfinite(low + high) else (low + high) / 2
 
@@ -134,7 +135,7 @@ class MotorUnits:
 def read_motor_calibration(path: str | os.PathLike[str]) -> dict[str, MotorCalibration]:
     """Motors of LeRobot's calibration file: name -> {id, drive_mode, homing_offset, range_min, range_max}.
 
-    Raises: RecordingError where it is missing, or of another form.
+    Raises: RecordingError where the file is missing or has another form.
     """
     data = read_json(Path(path), RecordingError, "motor calibration")
     if not isinstance(data, dict) or not data or not all(isinstance(one, dict) for one in data.values()):

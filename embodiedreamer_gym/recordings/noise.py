@@ -1,4 +1,4 @@
-"""What the position sensor itself adds: the encoder's step and the noise beside it."""
+"""Errors of the position sensor: the encoder's step and the sensor noise."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import numpy as np
 
 from embodiedreamer_gym.recordings.rounded_noise import WINDOW, rounded_noise
 
-SMALLEST_SIGMA = 1e-5  # rad; a sensor better than that is not believed
+SMALLEST_SIGMA = 1e-5  # rad; smaller estimates are not plausible
 
 _ROUNDING = 4 * float(np.finfo(np.float32).eps)  # logs are often stored as float32
-_ORDERS = (2, 3, 4, 5)  # differences of these orders remove smooth motion more and more
+_ORDERS = (2, 3, 4, 5)  # orders of the differences; a higher order removes more of a smooth motion
 _GAIN = {2: 6.0, 3: 20.0, 4: 70.0, 5: 252.0}  # variance of the k-th difference of white noise, C(2k, k)
-_WINDOW = 16  # samples over which a signal counts as quiet or moving
+_WINDOW = 16  # samples of a window that is classified as quiet or moving
 _COARSE = 0.45  # noise, in steps, below which the rounding errors of a resting signal are not independent
 
 
 def estimate_quantum(x: np.ndarray) -> float:
-    """Encoder step of a signal (T,), in its unit: the largest step its values are whole multiples apart.
+    """Encoder step of a signal (T,), in its unit: the largest step that divides all differences of its values.
 
-    0 where none is found: continuous signals, constant ones, and those of fewer than 4 changes.
+    0 where none is found: continuous signals, constant ones, and those with fewer than 4 changes.
     """
     values = np.unique(np.asarray(x, dtype=float))
     if values.size < 2 or np.count_nonzero(np.diff(x)) < 4:
@@ -40,7 +40,7 @@ def estimate_quantum(x: np.ndarray) -> float:
 
 
 def _refined(gaps: np.ndarray, step: float) -> float:
-    """Least-squares step, from the small gaps to the large: a rough step miscounts large gaps."""
+    """Least-squares step, refined from small gaps to large ones: a rough step gives wrong counts for large gaps."""
     for most in (1.5, 4.0, 16.0, 64.0):
         used = gaps[gaps < most * step]
         counts = np.round(used / step)
@@ -58,11 +58,11 @@ def _explains(gaps: np.ndarray, step: float, rounding: float) -> bool:
 
 
 def estimate_noise(time: np.ndarray, x: np.ndarray, quantum: float = 0.0) -> float:
-    """Standard deviation of the white sensor noise of a signal (T,) beside its quantisation, in its unit.
+    """Standard deviation of the white sensor noise of a signal (T,), excluding quantisation, in its unit.
 
-    High differences of the quieter half of the signal, outliers clipped, so that motion does not count;
-    the step's own variance quantum^2 / 12 is taken off, and what is within 30 % of it counts as no noise.
-    Where the step is coarse and the signal rests at times, `rounded_noise` takes their place.
+    Uses high-order differences of the quieter half of the signal, with outliers clipped, to exclude motion. The
+    variance of rounding, quantum^2 / 12, is subtracted; a total within 30 % of it counts as no noise.
+    If the step is coarse and the signal rests at times, `rounded_noise` is used instead.
     """
     x = np.asarray(x, dtype=float)
     if x.size < 10 or np.ptp(x) == 0:
@@ -81,7 +81,7 @@ def estimate_noise(time: np.ndarray, x: np.ndarray, quantum: float = 0.0) -> flo
 def _quiet(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Samples (T,) bool of the half of the windows that drift least and have no gap in time.
 
-    A window's drift is the difference of the means of its halves: it knows the motion and hardly the noise.
+    A window's drift is the difference of the means of its halves: it depends on the motion and hardly on the noise.
     """
     if x.size < 4 * _WINDOW:
         return np.ones(x.size, dtype=bool)
@@ -134,7 +134,7 @@ def sensor_sd(time: np.ndarray, signal: np.ndarray) -> np.ndarray:
 
 
 def noise_floor(sigmas: Sequence[np.ndarray]) -> np.ndarray:
-    """Sensor's sd (n,) from that of each recording: their rms, but a joint that stands still shows none."""
+    """Sensor sd (n,): the rms of the recordings' values, without those in which the joint stands still."""
     squares = np.array(sigmas) ** 2
     shown = np.maximum((squares > SMALLEST_SIGMA**2).sum(axis=0), 1)
     return np.maximum(np.sqrt(squares.sum(axis=0) / shown), SMALLEST_SIGMA)

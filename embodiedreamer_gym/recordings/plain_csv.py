@@ -1,10 +1,11 @@
-"""Plain CSV logs, one row a sample.
+"""Plain CSV logs, one row per sample.
 
-Header: `time,<joint>.command,<joint>.position[,<joint>.velocity,<joint>.effort]`; `time_ms`, `time_us` and `time_ns` for
-other units; `<joint>.current` in place of `<joint>.effort` is a motor's current in A (`effort_unit: mA` for mA), and a log of position and effort may
-lack the command. Comment lines before it may state more, as `# name: value`: `command_hold: linear`, `units: rad` (one for
-all, or a JSON list), `kind: step`, `effort_unit: N m` (or `A`, `mA`), `time_unit: ms`, `noise: [..]`, `quantum: [..]`, `gain: 4` (or a
-JSON list). The column `<joint>.usable` (0 or 1) is optional too.
+Header: `time,<joint>.command,<joint>.position[,<joint>.velocity,<joint>.effort]`. `time_ms`, `time_us` and `time_ns`
+are times in other units. `<joint>.current` in place of `<joint>.effort` is a motor current in A (in mA with
+`effort_unit: mA`). The column `<joint>.usable` (0 or 1) is optional. A log with position and effort may lack the
+command. Comment lines before the header may add `# name: value`: `command_hold: linear`, `units: rad` (one for all
+joints, or a JSON list), `kind: step`, `effort_unit: N m` (or `A`, `mA`), `time_unit: ms`, `noise: [..]`,
+`quantum: [..]`, `gain: 4` (or a JSON list).
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ FORM = "time,<joint>.command,<joint>.position[,<joint>.velocity,<joint>.effort]"
 
 
 def read_plain_csv(path: str | Path, time_unit: str | None = None) -> Recording:
-    """Recording of a plain CSV file; a velocity or effort that some joints lack is left out for all.
+    """Read a plain CSV file as a recording; velocity or effort is left out unless all joints have it.
 
-    time_unit: "s", "ms", "us" or "ns", where the times are not seconds and do not show it.
+    time_unit: "s", "ms", "us" or "ns", if the unit of the times is not seconds and cannot be inferred.
     Raises: RecordingError where the file is missing, too large or not of this form.
     """
     path = Path(path)
@@ -88,7 +89,7 @@ def read_plain_csv(path: str | Path, time_unit: str | None = None) -> Recording:
 def read_commands(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     """Joints, times (T,) s and commands (T, n) of a csv of commands, as `embodiedreamer excite` writes it.
 
-    Raises: RecordingError where the file is missing, too large, not of this form, or its times do not increase.
+    Raises: RecordingError where the file is missing, too large or not of this form, or its times do not increase.
     """
     path = Path(path)
     if not path.is_file():
@@ -108,7 +109,7 @@ def read_commands(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, np.nda
 
 
 def _comments(lines: Iterator[str]) -> tuple[dict[str, str], str, int]:
-    """Comment lines `# name: value` at the head, and the first line after them with its number."""
+    """Comment lines `# name: value` at the start, and the first line after them with its number."""
     comments: dict[str, str] = {}
     for number, line in enumerate(lines, 1):
         if line.strip() and not line.lstrip().startswith("#"):
@@ -172,7 +173,7 @@ def _units(text: str, count: int, path: Path) -> tuple[str, ...]:
 
 
 def write_plain_csv(recording: Recording, path: str | Path) -> None:
-    """Write a recording as plain CSV, without its frames, in full precision: it reads back equal."""
+    """Write a recording as plain CSV, without frames, in full precision; reading it back gives equal values."""
     signals = [s for s in SIGNALS[:4] if getattr(recording, s) is not None]
     signals += [] if recording.usable.all() else ["usable"]
     comments = {

@@ -12,7 +12,7 @@ from embodiedreamer_gym.recordings.checks import SEVERITIES, Finding
 from embodiedreamer_gym.recordings.recording import Recording
 from embodiedreamer_gym.recordings.tracking import runs, track
 
-FOLLOWS = 0.5  # correlation of a joint with its command from which it follows it
+FOLLOWS = 0.5  # correlation with its command above which a joint follows it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,8 +56,8 @@ def preflight_all(
 ) -> list[Preflight]:
     """Check the recordings of one robot.
 
-    A joint that moves against its command in one recording and follows it in another is not wired the wrong way round: it
-    may be too weak for its load. That is a warning then, not an error.
+    A joint that moves against its command in one recording but follows it in another does not have the wrong sign; it
+    may be too weak for its load. The finding is then a warning, not an error.
     limits: see `preflight`.
     """
     checked = [preflight(recording, limits) for recording in recordings]
@@ -70,7 +70,7 @@ def preflight_all(
 
 
 def _mended(findings: Sequence[Finding], follows: set[str]) -> tuple[Finding, ...]:
-    """Findings in which no joint has a wrong sign that follows its command in another recording."""
+    """Findings, with wrong signs turned into warnings for joints that follow their command in another recording."""
     changed = []
     for finding in findings:
         if finding.code == "sign-flipped" and finding.joints[0] in follows:
@@ -100,7 +100,7 @@ def preflight(recording: Recording, limits: Mapping[str, tuple[float, float]] | 
         push = contact.pushed(recording, tracking, recording.command)
         pinned[:, [*mixed]] = False
         ends = [finding for finding in ends if pinned[:, recording.joints.index(finding.joints[0])].any()]
-        mixed |= set(np.flatnonzero(pinned.any(axis=0)).tolist())  # a pinned joint is beside its command too
+        mixed |= set(np.flatnonzero(pinned.any(axis=0)).tolist())  # a pinned joint is off its command too
         findings += [*more, *stuck, *ends, *checks.offset(recording, tracking, mixed)]
         findings += _touches(recording, grip, "held", "closes on something it holds")
         findings += _touches(recording, push, "pushed", "is moved from outside while it should stand still")

@@ -19,10 +19,10 @@ COMMAND_HOLDS = ("linear", "hold", "unknown")
 EFFORT_UNITS = ("N m", "A", "unknown")
 SPELLINGS = {"N m": ("N m", 1.0), "Nm": ("N m", 1.0), "N*m": ("N m", 1.0), "A": ("A", 1.0), "mA": ("A", 1e-3)}
 FEWEST_SAMPLES = 10
-LARGEST = 1e9  # beyond it a value in rad, m or N m is a damaged log
+LARGEST = 1e9  # a larger value in rad, m or N m means a damaged log
 LONGEST_STEP = 10.0  # s; a longer one means the times are not in seconds
 SHORTEST_STEP = 1e-6  # s
-MOST_MISSING = (20, 100_000)  # samples lost in gaps: so many times those there are, and so many more
+MOST_MISSING = (20, 100_000)  # limit of samples lost in gaps: factor times the samples present, plus a constant
 
 
 def _empty() -> np.ndarray:
@@ -34,12 +34,12 @@ class Recording:
     """Joint log of one motion; arrays are float64 and read-only.
 
     time (T,) s, strictly increasing; position, command, velocity, effort (T, n) in units[j], unit/s, effort_unit;
-    the last three may be None. units: "rad", "m", or "1" for a normalised gripper. effort_unit: "N m", "A" of a
-    motor's current, or "unknown".
+    the last three may be None. units: "rad", "m", or "1" for a normalised gripper. effort_unit: "N m", "A" for a
+    motor current, or "unknown".
     noise and quantum (n,): sensor sd and encoder step, estimated where not given (0: none found).
     command_hold: how the controller got from one command to the next, "linear", "hold" or "unknown".
     nominal_time: whether the times are sample numbers divided by a rate, and not measured.
-    gain (n,): the firmware's position gain over the one that the model's stiffness stands for; one number for all joints.
+    gain (n,): the firmware's position gain relative to that of the model's stiffness; may be given as one number.
     kind: kind of motion, by default the name without its number. usable (T, n) bool: samples a physics fit
     may use. frames: camera name -> frames read on demand. source: the file it was read from. notes: what the reader
     converted, one sentence each.
@@ -280,10 +280,10 @@ class Recordings(Sequence[Recording]):
         return Recordings(recording for name in wanted for recording in self if recording.name == name)
 
     def split(self, test: float = 0.5) -> tuple[Recordings, Recordings]:
-        """Train and test part: whole recordings, assigned alternately within each kind; always the same split.
+        """Split into train and test recordings, assigned alternately within each kind; always the same split.
 
-        The alternation continues from one kind to the next, so kinds of one recording are divided too; neither part is
-        empty.
+        The alternation continues from one kind to the next, so kinds with a single recording are distributed too;
+        neither part is empty.
 
         Raises: RecordingError for fewer than two recordings or a share outside 0..1.
         """

@@ -1,4 +1,4 @@
-"""Recordings of ROS 2 bags: positions of a topic of joint states, commands of another topic."""
+"""Recordings from ROS 2 bags: positions from a topic of joint states, commands from another topic."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from embodiedreamer_gym.recordings.rosbag import (
 from embodiedreamer_gym.recordings.sage_csv import resample
 
 STATES, COMMANDS = (JOINT_STATE, CONTROLLER), (CONTROLLER, JOINT_STATE, TRAJECTORY, NUMBERS)
-USUAL = "joint_states"  # end of the topic of a robot's states, where there are several
+USUAL = "joint_states"  # usual end of the state topic's name, preferred where there are several topics
 SIGNALS = ("position", "velocity", "effort")
-CLOCKS = 1_000_000_000  # ns between stamps and arrival, from which on they are of different clocks
+CLOCKS = 1_000_000_000  # ns; a larger difference between stamps and arrival means different clocks
 
 
 @dataclass
 class Track:
-    """Numbers of a topic: stamps and arrival in ns, and columns of the joints; names: of the first message."""
+    """Data of a topic: stamps and arrival times in ns, and joint values; names: joint names of the first message."""
 
     topic: str
     names: tuple[str, ...] = ()
@@ -64,11 +64,11 @@ def read_rosbag(
     path: str | Path, joints: Sequence[str] | None = None, state_topic: str | None = None, command_topic: str | None = None,
     command_hold: str | None = None,
 ) -> Recording:  # fmt: skip
-    """Recording of an MCAP file or a rosbag2 at the times of its states, by their header stamps where they have any.
+    """Read an MCAP file or a rosbag2 as a recording at the times of its states (header stamps if there are any).
 
-    Commands at other times are held from the latest one before, or interpolated for command_hold "linear"; trajectories are
-    followed in straight lines from point to point. States before the first command are left out.
-    Raises: RecordingError where a topic is missing or has to be chosen, or messages do not fit.
+    Each state gets the latest command before it, or an interpolated one for command_hold "linear"; trajectories are
+    interpolated linearly between their points. States before the first command are left out.
+    Raises: RecordingError where a topic is missing or has to be chosen, or messages do not match.
     """
     path = Path(path)
     with open_bag(path) as bag:
@@ -98,7 +98,7 @@ def _start(state: Track) -> np.ndarray | None:
 def _track(
     bag: Bag, topic: str, joints: Sequence[str] | None, point: str, path: Path, start: np.ndarray | None = None
 ) -> Track:
-    """Read a topic; point: that of a controller's state, "wanted" or "actual"; start: position before a trajectory."""
+    """Read a topic; point: "wanted" or "actual" point of a controller's state; start: position before a trajectory."""
     kind, track = bag.topics[topic], Track(topic)
     columns: dict[tuple[str, ...], list[int]] = {}
     for message in bag.messages(topic, MAX_NUMBERS // (3 * max(len(joints or ()), 1))):
@@ -148,7 +148,7 @@ def _add(
 
 
 def _chosen(row: Any, columns: list[int], count: int) -> np.ndarray | None:
-    """Columns of a row; None where it has not one number for each name."""
+    """The chosen columns of a row; None if the row does not have one number for each name."""
     return np.asarray(row, float)[columns] if len(row) == count else None
 
 
@@ -189,7 +189,7 @@ def _recording(path: Path, names: tuple[str, ...], state: Track, command: Track 
 
 
 def _times(state: Track, command: Track | None) -> tuple[list[np.ndarray], tuple[str, ...]]:
-    """Times of both topics in ns: stamps where they have them, else those of arrival."""
+    """Times of both topics in ns (header stamps if there are any, else times of arrival), and notes."""
     tracks = [state] if command is None else [state, command]
     unstamped = [one.topic for one in tracks if not one.stamped]
     apart = int(np.median(np.subtract(state.received, state.stamps))) if state.stamped else 0
@@ -220,9 +220,9 @@ def _command(
 def _knots(
     trajectories: Iterable[list[tuple[int, np.ndarray]]], stamps: np.ndarray, start: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the path that trajectories command, each of which replaces what is left of the one before.
+    """Corner points of the path that trajectories command; each trajectory replaces the rest of the previous one.
 
-    A point for its very beginning is jumped to, 1 ns later.
+    A point at the start time of its trajectory is reached by a jump, 1 ns later.
     """
     times: list[int] = [int(stamps.min())]
     rows: list[np.ndarray] = [np.asarray(start, float)]

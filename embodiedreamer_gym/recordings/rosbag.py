@@ -1,7 +1,8 @@
-"""MCAP files and rosbag2 folders: topics and decoded messages, within bounds.
+"""MCAP files and rosbag2 folders: topics and decoded messages, with size limits.
 
-Messages are decoded by the definitions that stand here, never by those of a file, of which the library would make code.
-A controller's state is read up to its second point, which is the same in every ROS 2: what was asked for, and what is.
+Messages are decoded with the definitions in this module, never with those in a file, which the library would turn into
+code. A controller's state is read only up to its second point, because this part is the same in every ROS 2 release:
+the desired point, then the actual point.
 """
 
 from __future__ import annotations
@@ -32,12 +33,12 @@ trajectory_msgs/JointTrajectoryPoint wanted
 trajectory_msgs/JointTrajectoryPoint actual
 """
 MAGIC = b"\x89MCAP0\r\n"
-CHUNK, CHUNK_INDEX = 6, 8  # kinds of an MCAP's records
+CHUNK, CHUNK_INDEX = 6, 8  # MCAP record types
 ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 class Message(NamedTuple):
-    """A message, and when it was received, ns."""
+    """A message and its time of arrival, ns."""
 
     received: int
     data: Any
@@ -49,7 +50,7 @@ def is_rosbag(path: Path) -> bool:
 
 
 class Bag:
-    """An open bag. topics: name -> type, of those whose messages can be read."""
+    """An open bag. topics: name -> type, for topics whose messages can be read."""
 
     def __init__(self, reader: Any, path: Path) -> None:
         self._reader, self._path = reader, path
@@ -58,7 +59,7 @@ class Bag:
     def messages(self, topic: str, most: int) -> Iterator[Message]:
         """Messages of a topic in the order of their arrival.
 
-        Raises: RecordingError where one cannot be decoded, and for more than so many.
+        Raises: RecordingError where a message cannot be decoded or is too large, and for more than `most` messages.
         """
         connections = [one for one in self._reader.connections if one.topic == topic]
         kind, types = self.topics[topic], _types()
@@ -85,7 +86,7 @@ class Bag:
 def open_bag(path: Path) -> Iterator[Bag]:
     """Open an MCAP file or a rosbag2.
 
-    Raises: RecordingError where it is damaged, compressed as files or messages, or claims more than fits into memory;
+    Raises: RecordingError where it is damaged, compressed per file or message, or claims more than fits into memory;
     MissingExtraError without rosbags.
     """
     library = load_extra("rosbags.rosbag2")
@@ -104,7 +105,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
             yield Bag(reader, path)
     except EmbodieDreamerError:
         raise
-    except Exception as error:  # of ruamel, apsw, lz4, zstd, struct and rosbags
+    except Exception as error:  # raised by ruamel, apsw, lz4, zstd, struct or rosbags
         text = " ".join(str(error).split())[:200]
         raise RecordingError(
             f"{path}: no readable MCAP or rosbag2 of ROS 2 ({type(error).__name__}: {text})"
@@ -113,7 +114,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
 
 @cache
 def _types() -> Any:
-    """The messages of ROS 2 that are read."""
+    """Type store of the ROS 2 messages that are read."""
     typesys = load_extra("rosbags.typesys")
     whole = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     wanted = [JOINT_STATE, TRAJECTORY, NUMBERS, "trajectory_msgs/msg/JointTrajectoryPoint"]
@@ -126,7 +127,7 @@ def _types() -> Any:
 
 
 def _check_metadata(path: Path) -> None:
-    """Raises: RecordingError for a metadata.yaml that is too large, or compression that the library would not bound."""
+    """Raises: RecordingError for a metadata.yaml that is too large, or compression that the library does not limit."""
     check_regular(path, RecordingError)
     if path.stat().st_size > MOST_METADATA:
         raise RecordingError(f"{path}: it is larger than {MOST_METADATA // 1_000_000} MB; this is no metadata of a bag")
@@ -138,7 +139,7 @@ def _check_metadata(path: Path) -> None:
 
 
 def _check_mcap(path: Path) -> None:
-    """Raises: RecordingError for an MCAP whose records are longer than it, or whose chunks would fill the memory."""
+    """Raises: RecordingError for an MCAP file with records longer than the file, or chunks too large for memory."""
     size, total = path.stat().st_size, 0
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
@@ -160,12 +161,12 @@ def _check_mcap(path: Path) -> None:
 
 
 def _claims(file: BinaryIO, kind: int, length: int) -> Sequence[int]:
-    """Sizes in bytes that a chunk, or its entry in the index, claims to have when it is decompressed."""
+    """Decompressed sizes in bytes that a chunk, or its entry in the index, claims."""
     data = file.read(min(length, 4096 if kind == CHUNK else length))
     number = lambda at, width: int.from_bytes(data[at : at + width], "little")  # noqa: E731
     if kind == CHUNK_INDEX:
         return (number(len(data) - 8, 8), number(len(data) - 16, 8))
-    at = 28 + 4 + number(28, 4) + 8  # behind times, sizes, checksum and the compression's name
+    at = 28 + 4 + number(28, 4) + 8  # after times, sizes, checksum and the compression's name
     if data[at : at + 4] != ZSTD:
         return (number(16, 8),)
     info = load_extra("rosbags.rosbag2.storage_mcap").zstd.get_frame_info(data[at:])
@@ -173,9 +174,9 @@ def _claims(file: BinaryIO, kind: int, length: int) -> Sequence[int]:
 
 
 def chosen_topic(topics: Sequence[str], given: str | None, option: str, what: str, path: Path) -> str:
-    """The one topic there is, or the one that the user names.
+    """The only topic, or the one that the user names.
 
-    Raises: RecordingError where it is not there, or one has to be named.
+    Raises: RecordingError where the named topic does not exist, or none is named and there is not exactly one.
     """
     listed = ", ".join(topics) or "none"
     if given is not None:

@@ -1,4 +1,7 @@
-"""Noise that a coarse encoder shows by flips between neighbouring codes: maximum likelihood over the rests of a signal."""
+"""Noise of a coarse encoder from flips between neighbouring codes: maximum likelihood over the rests of a signal.
+
+A rest is a period in which the signal stands still, apart from noise and a slow drift.
+"""
 
 from __future__ import annotations
 
@@ -7,25 +10,26 @@ from functools import cache
 import numpy as np
 from scipy.special import ndtr
 
-WINDOW = 8  # samples within which a resting signal is a line
+WINDOW = 8  # samples within which a resting signal is taken as a line
 
-_WINDOWS = 4  # of a rest, at least: a motion that turns round is not one
-_DRIFT = 0.75  # steps between the means of a window's halves, up to which it may be at rest
-_SAME = 0.25  # steps between the means of windows of one rest
-_SPAN = 4  # codes that a rest may hold
-_LEAST = 0.1  # steps of noise, below which it adds less than 6 % to the rounding error
-_ODD = 1e-3  # share of samples that are anywhere
-_NOISES = np.concatenate([[0.02], np.arange(0.05, 0.61, 0.05)])  # steps; the first stands for none
+_WINDOWS = 4  # fewest windows of a rest, so that a reversal of a motion does not count as one
+_DRIFT = 0.75  # steps; largest difference of the means of a window's halves at rest
+_SAME = 0.25  # steps; largest difference of the means of windows of one rest
+_SPAN = 4  # codes that a rest may span
+_LEAST = 0.1  # steps; smaller noise adds less than 6 % to the rounding error
+_ODD = 1e-3  # share of outliers, at any code
+_NOISES = np.concatenate([[0.02], np.arange(0.05, 0.61, 0.05)])  # steps; the first represents no noise
 _SLOPES = np.linspace(-1.5, 1.5, 5)  # steps per window
-_CREEP = (-3, 0, 3)  # phases that a window may be off its rest's
+_CREEP = (-3, 0, 3)  # offsets of a window from the phase of its rest, in grid points
 _PHASES = np.arange(-0.5, _SPAN - 0.5, 1 / 16) + 1 / 32  # steps above the lowest code of a rest
 
 
 def rounded_noise(x: np.ndarray, quantum: float, whole: np.ndarray) -> float | None:
-    """Standard deviation of the white noise before rounding, in the unit of a signal (T,), from its rests; None without any.
+    """Standard deviation of the white noise of a signal (T,) before rounding, in its unit, from its rests; else None.
 
-    Of a rest the position within the encoder's step is unknown, and of each window in it the slope and a small creep; the
-    likelihood of the codes is its mean over these, each value being as likely as another. 0 for less than 0.1 quantum.
+    The position of a rest within the encoder's step is unknown, and so are the slope and a small creep of each window
+    in it; the likelihood of the codes is averaged over these with equal weights. A noise below 0.1 quantum is returned
+    as 0.
 
     quantum: encoder's step; whole (T // WINDOW,) bool: windows without a gap in time.
     Source: the likelihood of rounded normal values, Heitjan, Statistical Science 4 (1989), "Inference from grouped
@@ -49,9 +53,10 @@ def rounded_noise(x: np.ndarray, quantum: float, whole: np.ndarray) -> float | N
 
 
 def mean_rounding_error(noise: np.ndarray, quantum: np.ndarray) -> np.ndarray:
-    """Rms (n,) over positions of the rounding error's mean at one position, in the joints' unit.
+    """Rms (n,), over positions, of the mean rounding error at a fixed position, in the joints' unit.
 
-    Noise much smaller than the encoder's step does not average the rounding error out while a joint rests: it stays the same.
+    While a joint rests, noise much smaller than the encoder's step does not average out the rounding error, which stays
+    constant.
 
     noise (n,): sd before rounding; quantum (n,): encoder's step.
     Source: Widrow and Kollar, Quantization Noise, 2008: each harmonic of the sawtooth falls by the noise's characteristic function.
@@ -62,9 +67,9 @@ def mean_rounding_error(noise: np.ndarray, quantum: np.ndarray) -> np.ndarray:
 
 
 def rest_numbers(x: np.ndarray, quantum: np.ndarray) -> np.ndarray:
-    """Number (T, n) of the rest of each sample of signals (T, n): neighbours that are at most one step (n,) apart.
+    """Rest (T, n) of each sample of signals (T, n), as the index of its first sample: neighbours within one step (n,).
 
-    A sample between moves is a rest of its own; so is each sample of a signal without steps.
+    Each sample of a motion is a rest of its own; so is each sample of a signal without steps.
     """
     rests = np.tile(np.arange(len(x))[:, None], (1, x.shape[1]))
     for j in np.flatnonzero(quantum > 0):
@@ -79,7 +84,7 @@ def rest_numbers(x: np.ndarray, quantum: np.ndarray) -> np.ndarray:
 
 
 def _rests(mean: np.ndarray, slow: np.ndarray) -> np.ndarray:
-    """Number (W,) of the rest that each window belongs to: of consecutive slow windows whose means (W,) are the same."""
+    """Number (W,) of the rest that each window belongs to: consecutive slow windows with nearly the same mean (W,)."""
     rests, rest, start = np.zeros(mean.size, dtype=int), 0, np.nan
     for k in range(mean.size):
         if not (slow[k] and abs(mean[k] - start) <= _SAME):
@@ -89,7 +94,7 @@ def _rests(mean: np.ndarray, slow: np.ndarray) -> np.ndarray:
 
 
 def _log_likelihood(above: np.ndarray) -> np.ndarray:
-    """Log likelihood (W, phases, noises) of windows of codes (W, WINDOW) above a rest's lowest; those too high say nothing."""
+    """Log likelihood (W, phases, noises) of windows of codes (W, WINDOW) above a rest's lowest, up to _SPAN - 1."""
     shown = (above[:, :, None] == np.arange(_SPAN)).astype(np.float32).reshape(len(above), -1)
     found = shown @ _log_probabilities()
     by_phase = _log_mean(found.reshape(-1, _SLOPES.size, _PHASES.size, _NOISES.size))
@@ -98,7 +103,7 @@ def _log_likelihood(above: np.ndarray) -> np.ndarray:
 
 
 def _log_mean(logs: np.ndarray) -> np.ndarray:
-    """Logarithm of the mean over the second axis of what these are the logarithms of."""
+    """Logarithm of the mean of exp(logs) over the second axis."""
     top = logs.max(axis=1)
     return top + np.log(np.mean(np.exp(logs - top[:, None]), axis=1))
 

@@ -35,10 +35,10 @@ def is_sage_folder(path: str | Path) -> bool:
 
 
 def read_sage_csv(folder: str | Path, command_hold: str = "unknown", time_unit: str | None = None) -> Recording:
-    """Recording of a SAGE folder at the times of its states.
+    """Read a SAGE folder as a recording at the times of its states.
 
-    Commands at other times are held from the latest one before, or interpolated for command_hold "linear". time_unit: of
-    the timestamps, where they are not microseconds and do not show it.
+    Each state gets the latest command before it, or an interpolated one for command_hold "linear". time_unit: unit of
+    the timestamps, if it is not microseconds and cannot be inferred.
 
     Raises: RecordingError where a file is missing, too large or not of this form.
     """
@@ -71,7 +71,7 @@ def read_sage_csv(folder: str | Path, command_hold: str = "unknown", time_unit: 
 
 
 def _read(path: Path, columns: tuple[str, ...], count: int) -> tuple[np.ndarray, Signals, tuple[str, ...]]:
-    """Time stamps (T,), signals (T, n) and notes; all but the first column are left out where absent or zero."""
+    """Time stamps (T,), signals (T, n) and notes; all but the first column are left out where missing or zero."""
     with open_text(path) as file:
         rows = csv.reader(lines_of(file, path))
         header = next(rows, [])
@@ -93,7 +93,7 @@ def _read(path: Path, columns: tuple[str, ...], count: int) -> tuple[np.ndarray,
 
         values = table(rows, 2, 1 + count * len(present), path, parse)
         notes = line_end_notes(file)
-    late = np.flatnonzero(~(np.diff(values[:, 0], prepend=-np.inf) > 0))  # a NaN is not greater either
+    late = np.flatnonzero(~(np.diff(values[:, 0], prepend=-np.inf) > 0))  # also catches NaN
     if late.size:
         raise RecordingError(f"{path}: time is not finite, repeats or runs backwards at row {late[0]} (counted from 0)")
     signals = {name: values[:, 1 + count * i : 1 + count * (i + 1)] for i, name in enumerate(present)}
@@ -111,7 +111,7 @@ def _numbers(text: str | None, count: int, path: Path, name: str, line: int) -> 
 
 
 def resample(time: np.ndarray, command: np.ndarray, at: np.ndarray, linear: bool) -> np.ndarray:
-    """Command (T, n) at other times: linear, or the latest before; the first one before that."""
+    """Command (T, n) at the times `at`: interpolated if linear, else the latest one before (or the first one)."""
     if time.shape == at.shape and np.array_equal(time, at):
         return command
     if linear:

@@ -11,9 +11,9 @@ from embodiedreamer_gym.recordings.recording import Recording, Recordings
 
 SHORTEST = 4.0  # s
 LONGEST = 12.0  # s
-FEWEST = 16  # samples of a piece
-EFFORT_HZ = 100.0  # of logs without commands, whose efforts are compared after smoothing over 0.12 s
-BURN_IN = 0.5  # s at a window's start that are simulated but not compared: the motion before is not in the window
+FEWEST = 16  # fewest samples of a piece
+EFFORT_HZ = 100.0  # rate of logs without commands, whose efforts are smoothed over 0.12 s and then compared
+BURN_IN = 0.5  # s at a window's start that are simulated but not compared, as the motion before is unknown
 
 
 def window(recording: Recording, start: float, end: float) -> Recording:
@@ -44,10 +44,10 @@ def pieces(recordings: Sequence[Recording], seconds: float) -> Recordings:
 
 
 def thin(recordings: Sequence[Recording], seconds: float) -> Recordings:
-    """Recordings of at most about `seconds` in all: where they hold more, the window of each with the most motion.
+    """Reduce recordings to about `seconds` in total, if they are longer: keep the windows with the most motion.
 
-    Windows are 4 to 12 s long; of more recordings than have room at 4 s, every second, third, ... is taken.
-    Those without a command are averaged to 100 Hz.
+    Windows are 4 to 12 s long; if there are too many recordings for 4 s each, every second, third, ... is taken.
+    Recordings without a command are averaged to 100 Hz.
     """
     recordings = [averaged(r, EFFORT_HZ) if r.command is None else r for r in recordings]
     if sum(r.duration for r in recordings) <= 1.2 * seconds:
@@ -64,7 +64,7 @@ def thin(recordings: Sequence[Recording], seconds: float) -> Recordings:
 
 
 def averaged(recording: Recording, hz: float) -> Recording:
-    """The recording at about `hz` samples per second where it has at least half as many more: means of consecutive samples.
+    """Reduce a recording to about `hz` by means of consecutive samples; below 1.5 times `hz` it stays unchanged.
 
     A mean is usable where all of its samples are.
     """

@@ -1,11 +1,11 @@
-"""Smoothed motion: position, speed and acceleration of a logged signal, and what noise is left in them."""
+"""Smoothed motion: position, speed and acceleration of a logged signal, and the noise left in them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # loads its parts when they are used
+import scipy  # its submodules load on first use
 
 from embodiedreamer_gym.recordings.recording import Recording
 
@@ -16,7 +16,7 @@ SMOOTHED_OVER = 0.12  # s, shorter than the quickest move of a servo-driven join
 class Motion:
     """Smoothed signal: position, velocity, acceleration (T, n) in unit, unit/s, unit/s^2.
 
-    speed_noise, acceleration_noise (n,): standard deviation that the sensor's noise leaves in them.
+    speed_noise, acceleration_noise (n,): standard deviation of the sensor noise left in them.
     """
 
     position: np.ndarray
@@ -45,11 +45,11 @@ def smooth(recording: Recording, signal: np.ndarray) -> np.ndarray:
 
 
 def smooth_derivatives(recording: Recording) -> Motion:
-    """Smoothed position and its own central differences, for sums of them that are smoothed once more.
+    """Smoothed position and its central differences, for quantities that are computed from them and smoothed again.
 
-    The derivatives of `smooth_motion` pass less of a quick motion than its position does (5 % less of an acceleration at
-    2 Hz). These pass as much, so that efforts that are computed from them and smoothed, and measured efforts that are
-    smoothed twice, have passed the same filter. Their noise is what is left after the second smoothing.
+    The derivatives of `smooth_motion` attenuate a fast motion more than its position does (an acceleration at 2 Hz by 5
+    % more). These derivatives do not: efforts computed from them and then smoothed have passed the same filter as
+    measured efforts that are smoothed twice. The noise is what is left after the second smoothing.
 
     Source: parallel filtering of Gautier, ICRA 1997.
     """
@@ -61,14 +61,14 @@ def smooth_derivatives(recording: Recording) -> Motion:
 
 
 def smoothing_gain(recording: Recording, derivative: int = 0) -> float:
-    """Sd of the smoothed signal, or of a derivative, where the signal's own white noise has sd 1."""
+    """Noise sd of the smoothed signal, or of a derivative, if the signal has white noise of sd 1."""
     window, order = _window(recording)
     weights = scipy.signal.savgol_coeffs(window, order, deriv=derivative, delta=1.0 / recording.hz)
     return float(np.linalg.norm(np.asarray(weights)))
 
 
 def twice_smoothed_gain(recording: Recording, derivative: int = 0) -> float:
-    """Sd of the signal smoothed twice, or of central differences of it, where the signal's own white noise has sd 1."""
+    """Noise sd of the signal smoothed twice, or of its central differences, if the signal has white noise of sd 1."""
     once = np.asarray(scipy.signal.savgol_coeffs(*_window(recording)))
     difference = {0: [1.0], 1: [0.5, 0.0, -0.5], 2: [1.0, -2.0, 1.0]}[derivative]
     weights = np.convolve(np.convolve(once, once), np.array(difference) * recording.hz**derivative)
@@ -76,12 +76,12 @@ def twice_smoothed_gain(recording: Recording, derivative: int = 0) -> float:
 
 
 def smoothing_half(recording: Recording) -> int:
-    """Samples to either side that smoothing looks at."""
+    """Number of samples on either side that smoothing uses."""
     return _window(recording)[0] // 2
 
 
 def _filtered(recording: Recording, signal: np.ndarray, derivative: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """An even grid of times (K,) and the smoothed signal, or a derivative of it, (K, n) there."""
+    """An even grid of times (K,), and on it the smoothed signal or a derivative of it (K, n)."""
     dt, (window, order) = 1.0 / recording.hz, _window(recording)
     grid = recording.time[0] + np.arange(max(round(recording.duration / dt) + 1, window)) * dt
     even = np.stack([np.interp(grid, recording.time, x) for x in signal.T], axis=1)

@@ -1,7 +1,7 @@
-"""The unit of a log's time stamps, from what the log states, the stamps and the motion; or a question to the user.
+"""Find the unit of a log's time stamps from what the log states, the stamps and the motion; if unclear, ask the user.
 
-Stamps may be seconds, milliseconds, microseconds or nanoseconds, from any origin or since 1970. A unit is taken only
-where one alone gives a control rate between 1 Hz and 10 kHz and speeds that a joint can have.
+Stamps may be seconds, milliseconds, microseconds or nanoseconds, from any origin or since 1970. A unit is inferred only
+if it is the only one with a control rate between 1 Hz and 10 kHz and with speeds that a joint can reach.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from embodiedreamer_gym.errors import RecordingError
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # s
 NAMES = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
-PLAUSIBLE_HZ = (0.98, 10_200.0)  # of a log whose unit has to be found: 1 Hz to 10 kHz
-SLOWEST_HZ = 0.1  # of a log in the unit that its format documents
-ALLOWED_HZ = (1e-3, 1e6)  # of a rate that is stated
+PLAUSIBLE_HZ = (0.98, 10_200.0)  # of a log whose unit is inferred: 1 Hz to 10 kHz
+SLOWEST_HZ = 0.1  # of a log in the unit documented by its format
+ALLOWED_HZ = (1e-3, 1e6)  # range of a stated rate
 SINCE_1970 = (9e8, 4.2e9)  # s; the years 1998 to 2103
 SPEEDS = (0.02, 50.0)  # rad/s, m/s or 1/s that the fastest joint of a log may reach
-MOVES = 0.05  # rad, m or 1: a joint that covers less says nothing about the unit
+MOVES = 0.05  # rad, m or 1: a joint that moves less is not used to infer the unit
 
 
 def check_unit(unit: str | None) -> None:
-    """Raises: RecordingError for a time unit that there is not; None is none given."""
+    """Raises: RecordingError for an unknown time unit; None means that none is given."""
     if unit is not None and unit not in TIME_UNITS:
         raise RecordingError(f"time_unit {unit!r} is not one of {', '.join(TIME_UNITS)}")
 
@@ -34,7 +34,7 @@ def check_unit(unit: str | None) -> None:
 def check_hz(hz: Any, source: str) -> float:
     """A stated sampling rate as a float, Hz; source: file, for the message.
 
-    Raises: RecordingError where it is no number of 0.001 Hz to 1 MHz.
+    Raises: RecordingError where it is not a number from 0.001 Hz to 1 MHz.
     """
     try:
         value = float(hz)
@@ -77,12 +77,12 @@ def find_clock(
     stamps: np.ndarray, position: np.ndarray, source: str, unit: str | None = None, stated: str | None = None,
     default: str = "s",
 ) -> Clock:  # fmt: skip
-    """The unit of time stamps; those since 1970 are counted from the first one.
+    """Find the unit of time stamps; stamps since 1970 are counted from the first one.
 
-    stamps: (T,) numbers; position: (T, n), whose speeds tell units apart; source: file, for messages; unit: given by the
-    user; stated: by the log itself, such as "ms"; default: unit that the format documents, also of stamps that are not
-    finite or do not increase (Recording names their row).
-    Raises: RecordingError with a question where no unit, or more than one, is plausible.
+    stamps: (T,) numbers; position: (T, n), whose speeds help to infer the unit; source: file, for messages; unit: given
+    by the user; stated: stated by the log, such as "ms"; default: unit documented by the format, also used for stamps
+    that are not finite or do not increase (Recording reports their row).
+    Raises: RecordingError that asks for the unit where none, or more than one, is plausible.
     """
     check_unit(unit)
     raw = np.asarray(stamps, dtype=float)
@@ -103,9 +103,9 @@ def find_clock(
 
 
 def _infer(raw: np.ndarray, step: float, position: np.ndarray, source: str, default: str) -> str:
-    """The one unit that is plausible.
+    """The only plausible unit.
 
-    Raises: RecordingError with a question where there is none or more than one.
+    Raises: RecordingError that asks for the unit where none, or more than one, is plausible.
     """
     hz = {unit: 1 / (step * scale) for unit, scale in TIME_UNITS.items()}
     plausible = [unit for unit in hz if PLAUSIBLE_HZ[0] <= hz[unit] <= PLAUSIBLE_HZ[1]]
@@ -132,7 +132,7 @@ def _infer(raw: np.ndarray, step: float, position: np.ndarray, source: str, defa
 
 
 def _is_motion(time: np.ndarray, position: np.ndarray) -> bool:
-    """Whether the fastest joint moves as fast as joints do, by the 99th percentile of its speed."""
+    """Whether the fastest joint has a plausible speed, by the 99th percentile."""
     if position.ndim != 2 or len(position) != len(time) or not np.isfinite(position).all():
         return False
     moving = np.asarray(position, float)[:, np.ptp(position, axis=0) > MOVES]

@@ -1,4 +1,4 @@
-"""How well each joint follows its command, and helpers that the checks before a fit share."""
+"""How well each joint follows its command, and helpers shared by the checks before a fit."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from embodiedreamer_gym.recordings.recording import Recording
 
-LONGEST_DELAY = 0.15  # s; a servo that responds later is not an ordinary one
-SMALL = {"rad": 0.02, "m": 0.001, "1": 0.02}  # error that backlash, friction and a dead zone leave on any servo
+LONGEST_DELAY = 0.15  # s; ordinary servos respond sooner
+SMALL = {"rad": 0.02, "m": 0.001, "1": 0.02}  # error that backlash, friction and a dead zone cause on any servo
 
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """A recording beside its delayed command.
+    """A recording compared with its delayed command.
 
-    expected (T, n): the command, delayed by the best fit for each joint, at most 150 ms; error (T, n): position minus
-    expected; span (n,): range of the command; small (n,): a deviation that is not significant, in units[j].
+    expected (T, n): the command, delayed by the best-fitting time of each joint, at most 150 ms; error (T, n): position
+    minus expected; span (n,): range of the command; small (n,): a deviation that is not significant, in units[j].
     """
 
     expected: np.ndarray
@@ -46,15 +46,15 @@ def track(recording: Recording, command: np.ndarray) -> Tracking:
 
 
 def samples(recording: Recording, seconds: float) -> int:
-    """How many samples cover this time, at least 2."""
+    """Number of samples that cover this time, at least 2."""
     return max(2, round(seconds * recording.hz) + 1)
 
 
 def trailing_range(x: np.ndarray, count: int) -> np.ndarray:
-    """Range of the last `count` samples at each sample (T, n); infinite where there are not as many yet."""
+    """Range of the last `count` samples at each sample (T, n); infinite where there are fewer so far."""
     result = np.full(x.shape, np.inf)
     if len(x) >= count:
-        last = (count - 1) // 2  # of the filter's window
+        last = (count - 1) // 2  # shifts the filter's window to end at the sample
         extremes = (f(x, count, axis=0, origin=last) for f in (maximum_filter1d, minimum_filter1d))
         span = np.subtract(*extremes)
         result[count - 1 :] = span[count - 1 :]
@@ -69,7 +69,7 @@ def runs(mask: np.ndarray) -> Iterator[slice]:
 
 
 def arms(joints: tuple[str, ...]) -> list[list[int]]:
-    """Columns of each arm: joints that share the prefix left or right; the others together."""
+    """Columns of each arm: joints with the prefix left or right; all others form one group."""
     groups: dict[str, list[int]] = {}
     for column, joint in enumerate(joints):
         prefix = joint.lower().split("_")[0].split("/")[0]

@@ -1,4 +1,4 @@
-"""A URDF with one more shape of a link, which is seen and not touched."""
+"""Adds a visual shape without collisions to a link of a URDF."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ CARVED = "carved"  # name of the visual
 def add_visual(
     urdf: Path, link: str, vertices: np.ndarray, faces: np.ndarray, colour: Sequence[float], out: Path
 ) -> None:
-    """Write a URDF with a mesh beside it, <name>_<link>.obj, as one more visual of a link; one added before is replaced.
+    """Write a URDF in which a link has one more visual, a mesh <name>_<link>.obj beside it; it replaces an earlier one.
 
     vertices (V, 3): m, in the link's frame; faces (F, 3); colour (3,): RGB, 0 to 1; out: path of the new URDF.
-    Raises: ModelError for a link that the URDF does not have, a mesh of it that is missing, or a file that cannot be written.
+    Raises: ModelError for a link that the URDF does not have, a missing mesh, or a file that cannot be written.
     """
     root = read_xml(urdf)
     found = [one for one in root.iter("link") if one.get("name") == link]
@@ -50,7 +50,7 @@ def _add(link: Element, mesh: str, colour: Sequence[float]) -> None:
     for visual in link.findall("visual"):
         if visual.get("name") == CARVED:
             link.remove(visual)
-    if link.find("visual") is None:  # such a link is drawn by its collision shapes, and must still be
+    if link.find("visual") is None:  # its collision shapes were drawn so far: keep them visible
         for shape in link.findall("collision"):
             drawn = copy.deepcopy(shape)
             drawn.tag = "visual"

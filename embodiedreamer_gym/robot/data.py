@@ -1,4 +1,4 @@
-"""The data of a robot model: its fields, the checks they must pass, and what follows from them."""
+"""The data of a robot model: its fields, their checks, and values derived from them."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from embodiedreamer_gym.robot.tree import KinematicTree
 
 SERVO_GROUPS = ("stiffness", "damping", "rotor_inertia", "viscous_friction")
 GRAVITY = np.array([0.0, 0.0, -9.81])
-LEAST_GEAR = 0.03  # of the largest rotor inertia and viscous friction in the arm, that a joint's may reach as well
-FINGER_FORCE = 10.0  # N, of a sliding joint too light to show what drives it
+LEAST_GEAR = 0.03  # of the arm's largest rotor inertia and viscous friction: every joint's may reach this
+FINGER_FORCE = 10.0  # N, assumed for a sliding joint, whose mass says little about its drive
 HOLDS = ("linear", "hold", "unknown")
 
 
 @dataclass(frozen=True)
 class UrdfError:
-    """Standard deviations of what a URDF says of each link.
+    """Standard deviations of the errors in a URDF's values for each link.
 
     mass: relative, of the mass.
     centre: m, of each coordinate of the centre of mass.
@@ -67,10 +67,10 @@ class RobotData:
     gravity_compensation (n,): share of the URDF's weight that the servo carries by itself, without an error;
     urdf_error: how far the URDF's masses, centres and inertias may be off;
     fixed: groups of parameters and effects that no fit changes, as text ("stiffness", "coulomb_friction");
-    transmission: between the motors of the logs and the joints; None where the logs are of the joints;
+    transmission: between the motors of the logs and the joints; None if the logs are of the joints;
     end_effectors: links whose pose is compared; () takes the last link of each arm;
     catalogue: effects that `RobotModel.with_effect` finds by name.
-    Raises: ModelError when a value is out of place.
+    Raises: ModelError for an invalid value.
     """
 
     name: str
@@ -124,7 +124,7 @@ class RobotData:
                 raise ModelError(f"model {self.name}: fixed names '{text}', which is no servo parameter and no effect.")
 
     def _check_names(self, effect: Effect, parameter: Parameter) -> None:
-        """Every joint (or arm) an effect names is one of the model's, and its value lies inside the bounds."""
+        """Check that an effect names only joints (or arms) of the model, and that its values are within bounds."""
         allowed = self.places(parameter)
         low, high = self.parameter_bounds(parameter)
         for joint, value in effect.values[parameter.name].items():
@@ -187,7 +187,10 @@ class RobotData:
 
     @cached_property
     def torque_scale(self) -> np.ndarray:
-        """A torque (n,) N m typical of the joint, from the URDF alone: gravity's largest of 64 poses + 10 rad/s^2."""
+        """Typical torque (n,), N m, from the URDF alone.
+
+        It is the largest torque by gravity in 64 poses, plus the torque for 10 rad/s^2.
+        """
         return self._scales[1]
 
     @cached_property
@@ -201,7 +204,7 @@ class RobotData:
         gain = np.array([np.abs(self.tree.gain[self.tree.coordinate == j]).max() for j in range(self.n)])
         sliding = np.array([self.tree.prismatic[self.tree.coordinate == j].any() for j in range(self.n)])
         torque = np.abs(bias).max(0) + inertia * 10.0 / gain
-        for arm in range(self.tree.arms):  # a light wrist's gears are not lighter than that of its arm in proportion
+        for arm in range(self.tree.arms):  # the gears of a light wrist are not light in proportion
             same = self.tree.arm == arm
             strongest = torque[same & ~sliding].max(initial=0.0)
             torque[same] = np.maximum(
@@ -234,7 +237,7 @@ class RobotData:
         raise ModelError(f"model {self.name} has no parameter '{key.group}'.")
 
     def group_values(self, key: ParameterKey) -> np.ndarray:
-        """Present values (n,) or (arms,) of a group of parameters, a copy; "off" where an effect names no value.
+        """Copy of the current values (n,) or (arms,) of a group of parameters; "off" where an effect has no value.
 
         Raises: ModelError when the model has no such group.
         """
@@ -254,7 +257,7 @@ class RobotData:
         return self.torque_scale if parameter.scale == "torque" else 1.0 / self.torque_scale
 
     def servo_bounds(self, group: str) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds (n,) inside which a servo group is looked for; wide, and around the present value too."""
+        """Search bounds (n,) of a servo group: wide, and around the current value too."""
         inertia = self.inertia_scale + self.rotor_inertia
         typical = {
             "stiffness": inertia * (2 * np.pi * 5.0) ** 2,  # 5 Hz
@@ -270,7 +273,7 @@ class RobotData:
         return low, np.maximum(typical * spread, value * 10)
 
     def _of_arm(self, values: np.ndarray) -> np.ndarray:
-        """Largest value (n,) among the revolute joints of each joint's arm; a sliding joint's own."""
+        """Largest value (n,) among the revolute joints of each joint's arm; for a sliding joint, its own value."""
         largest = values.copy()
         for arm in range(self.tree.arms):
             same = (self.tree.arm == arm) & (np.array(self.units) == "rad")
@@ -278,7 +281,7 @@ class RobotData:
         return largest
 
     def first_guess(self) -> dict[str, np.ndarray]:
-        """Servo values (n,) from the inertia alone: 5 Hz, damping ratio 0.7, rotor as heavy as half the load."""
+        """Servo values (n,) from the inertia alone: 5 Hz, damping ratio 0.7, rotor inertia half of the load's."""
         rotor = 0.5 * self.inertia_scale
         omega = 2 * np.pi * 5.0
         return {

@@ -14,14 +14,14 @@ import numpy as np
 from embodiedreamer_gym.effects import Mechanics
 from embodiedreamer_gym.robot.tree import KinematicTree
 
-LANES = (0,) * 8  # samples worked on side by side, so that the compiler can use vector instructions:
+LANES = (0,) * 8  # samples computed side by side, so that the compiler can use vector instructions:
 ONE = (0,)  # the length of a tuple is part of its type, hence a constant of the compiled loops
 
 PARENT, COORDINATE, SLIDES, ARM = range(4)  # columns of a tree's links
 ORIGIN, AXIS, GAIN, OFFSET = 9, 12, 15, 16  # columns of its frames, after the nine of the rotation
 NO_MATRIX = np.empty((0, 0, 0))
 Masses = tuple[np.ndarray, np.ndarray]  # of `RigidBodies.pack`
-UPPER = [0, 1, 2, 4, 5, 8]  # entries of an inertia (3, 3) that say all
+UPPER = [0, 1, 2, 4, 5, 8]  # independent entries of an inertia (3, 3)
 
 UNWRAPPED: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # for calls from compiled code only
 jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -114,7 +114,7 @@ def _momentum(lanes, i, total, motion, out):
 
 @inner
 def _motion(lanes, i, up, rate, push, gravity, groups, arm, screw, speed, accel):
-    """Velocity and acceleration (6, L) of body i from its parent's; gravity is an acceleration of the world."""
+    """Velocity and acceleration (6, L) of body i from its parent's; gravity acts as an acceleration of the world."""
     for r in range(6):
         for l in range(len(lanes)):
             speed[i, r, l] = screw[i, r, l] * rate[l] + (speed[up, r, l] if up >= 0 else 0.0)
@@ -163,7 +163,7 @@ def _dot(lanes, a, b, out):
 
 @jit
 def run_dynamics(lanes, q, v, a, links, frames, bodies, gravity, matrix, bias, body_force):
-    """Mass matrix (B, n, n), or none where it has no samples, and torques (B, n) and (B, k) of the motion q, v, a."""
+    """Compute the mass matrix (B, n, n), unless it is empty, and torques (B, n) and (B, k) for the motion q, v, a."""
     batch, k, with_matrix = q.shape[0], len(links), len(matrix) > 0
     turned, placed, total = np.empty((k, 9, len(lanes))), np.empty((k, 3, len(lanes))), np.empty((k, 10, len(lanes)))
     vectors, momentum, rows = np.empty((4, k, 6, len(lanes))), np.empty((6, len(lanes))), np.empty((6, len(lanes)))
@@ -218,7 +218,7 @@ def run_dynamics(lanes, q, v, a, links, frames, bodies, gravity, matrix, bias, b
 
 
 def lanes(batch: int) -> tuple[int, ...]:
-    """The lanes that a batch of samples is worked on in."""
+    """The lanes for a batch of samples."""
     return ONE if batch == 1 else LANES
 
 
@@ -236,21 +236,21 @@ class RigidBodies:
 
     @staticmethod
     def pack(mechanics: Mechanics) -> Masses:
-        """Masses as the compiled functions take them: mass, first moment and inertia (Bm, k, 10), and gravity."""
+        """Masses in the form of the compiled functions: mass, first moment and inertia (Bm, k, 10), and gravity."""
         mass, moment, inertia = mechanics.mass, mechanics.first_moment, mechanics.inertia
         upper = inertia.reshape(*mass.shape, 9)[..., UPPER]
         return np.concatenate([mass[..., None], moment, upper], axis=-1), mechanics.gravity
 
     def mass_matrix_and_bias(self, q, v, mechanics: Mechanics | Masses) -> tuple[np.ndarray, np.ndarray]:
         """Mass matrix (B, n, n) and bias torque (B, n): gravity, centrifugal and Coriolis; N m."""
-        still = self._still  # a local name: threads of other batches may put theirs in its place
+        still = self._still  # a local name: threads with other batches may replace the attribute
         if still.shape != q.shape:
             still = self._still = np.zeros_like(q)
         matrix = np.empty((*q.shape, q.shape[1]))
         return matrix, self._run(q, v, still, mechanics, matrix)[0]
 
     def inverse_dynamics(self, q, v, a, mechanics: Mechanics | Masses) -> tuple[np.ndarray, np.ndarray]:
-        """Torque (B, n) that makes the acceleration a, and the same for each body's joint (B, k)."""
+        """Torque (B, n) that produces the acceleration a, and the torque of each body's joint (B, k)."""
         return self._run(q, v, a, mechanics, NO_MATRIX)
 
     def _run(self, q, v, a, mechanics: Mechanics | Masses, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""The JSON form of a robot model: read and checked."""
+"""Reading and checking the JSON form of a robot model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from embodiedreamer_gym.io.files import read_json as read_checked_json
 
 ASSETS = Path(str(resources.files("embodiedreamer_gym") / "assets"))
 BUILT_IN_URDF = "embodiedreamer:"  # prefix of a URDF that the package ships
-LARGEST = 1e100  # of a number in a model file, whose square is finite
+LARGEST = 1e100  # largest number in a model file: its square is finite
 KEYS = ("name", "robot", "servo", "rotor_inertia", "viscous_friction", "command_hold", "effects", "estimated", "fixed",
         "urdf_error", "transmission", "intervals")  # fmt: skip
 
@@ -39,7 +39,7 @@ def find_model(source: str | Path) -> Path:
 def read_json(path: Path) -> dict[str, Any]:
     """Read a model's JSON object.
 
-    Raises: ModelError when it is no JSON object, lacks `robot` or holds a key that no model has.
+    Raises: ModelError when it is no JSON object, lacks `robot` or has an unknown key.
     """
     data = read_checked_json(path, ModelError, "model")
     if not isinstance(data, dict):
@@ -74,7 +74,7 @@ def urdf_path(text: str, model_path: Path) -> Path:
 
 
 def urdf_text(urdf: Path, model_path: Path) -> str:
-    """How a model's file names its URDF."""
+    """Text by which a model's file refers to its URDF."""
     if urdf.parent == ASSETS / "urdf":
         return BUILT_IN_URDF + urdf.name
     return Path(os.path.relpath(os.path.realpath(urdf), os.path.dirname(os.path.realpath(model_path)))).as_posix()
@@ -101,7 +101,7 @@ def numbers(value: Any, count: int, what: str, path: Path) -> list[float]:
 
 
 def table(data: Mapping[str, Any], key: str, known: tuple[str, ...] | None, path: Path) -> dict[str, Any]:
-    """A JSON object inside another, empty where it is left out; known: the keys it may have.
+    """A JSON object inside another, empty if it is left out; known: the keys it may have.
 
     Raises: ModelError for anything else, or a key that is not known.
     """

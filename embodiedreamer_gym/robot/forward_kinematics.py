@@ -14,7 +14,7 @@ from embodiedreamer_gym.robot.urdf import MOVABLE, read_urdf
 
 
 def joints_from_root(robot: yourdfpy.Robot, root: str) -> list[yourdfpy.Joint]:
-    """Joints in an order in which parents come first."""
+    """Joints, ordered so that parents come first."""
     below: dict[str, list[yourdfpy.Joint]] = {}
     for joint in robot.joints:
         below.setdefault(joint.parent, []).append(joint)
@@ -26,7 +26,7 @@ def joints_from_root(robot: yourdfpy.Robot, root: str) -> list[yourdfpy.Joint]:
 
 
 def joint_values(joint: yourdfpy.Joint, values: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Values (T,) of a joint: its own, else those that follow from the joint it mimics, else None."""
+    """Values (T,) of a joint: its own, else those given by the joint it mimics, else None."""
     if joint.name in values:
         return values[joint.name]
     if joint.mimic is None or joint.mimic.joint not in values:
@@ -49,7 +49,7 @@ def joint_poses(joint: yourdfpy.Joint, values: np.ndarray | None, rows: int) -> 
 
 
 class EndEffector:
-    """Forward kinematics of one link of a URDF (its path or its text), seen from the root link.
+    """Forward kinematics of one link of a URDF (given by path or text), in the root link's frame.
 
     joints: names of the movable joints that move the link.
     Raises: ModelError for a URDF that cannot be read, or without that link.

@@ -1,4 +1,4 @@
-"""Where an end effector is, how its joints move it, and which joint angles put it somewhere."""
+"""Forward kinematics, Jacobian and inverse kinematics of an end effector."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.robot.model import RobotModel
 from embodiedreamer_gym.robot.tree import WORLD
 
-RADIUS = 0.1  # m; an error of orientation counts as the arc it makes at this distance from the end effector
+RADIUS = 0.1  # m; an orientation error counts as its arc at this distance from the end effector
 ACCURACY = 1e-4  # m, of a solution
 TOLERANCE = 1e-9  # of the search
 TRIALS = 100
-EDGE = 1e-6  # rad kept from a joint's limit, because least squares starts inside
+EDGE = 1e-6  # rad kept from a joint's limit, because least squares must start inside
 
 
 class Kinematics:
     """Forward and inverse kinematics of one end effector, without any physics engine.
 
-    tip: link; joints (m,): indices of the driven joints that move it; lower, upper (m,): their limits; base (3,): where
-    the first of them is, m.
+    tip: link; joints (m,): indices of the driven joints that move it; lower, upper (m,): their limits; base (3,):
+    position of the first of them, m.
     Raises: ModelError when the model has no such end effector.
     """
 
@@ -62,12 +62,12 @@ class Kinematics:
     def solve(self, position: np.ndarray, rotation: np.ndarray, start: np.ndarray) -> np.ndarray | None:
         """Angles (m,) within the joints' limits at which the end effector has this pose, found from a start (m,).
 
-        position (3,), m; rotation (3, 3). None where the search ends further than 0.1 mm or 1 mrad from the pose.
+        position (3,), m; rotation (3, 3). None if the search ends further than 0.1 mm or 1 mrad from the pose.
         """
         seen: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
         def look(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            """Residual (6,) and its derivative (6, m): both are wanted at the same angles, one after the other."""
+            """Residual (6,) and its derivative (6, m): least squares requests both at the same angles."""
             key = angles.tobytes()
             if key not in seen:
                 at, turned, jacobian = self._walk(angles)
@@ -116,7 +116,7 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 
 def rotation_vector(rotation: np.ndarray) -> np.ndarray:
-    """Axis times angle (3,), rad, of a rotation (3, 3); at half a turn, where that is not unique, one of them."""
+    """Axis times angle (3,), rad, of a rotation (3, 3); at half a turn, where it is not unique, one of the two."""
     twice = np.array(
         [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
     )
@@ -132,7 +132,7 @@ def rotation_vector(rotation: np.ndarray) -> np.ndarray:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products (k, 3); numpy's own takes five times as long on so few."""
+    """Cross products (k, 3); numpy's own takes five times as long for so few."""
     return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
 
 

@@ -1,4 +1,4 @@
-"""Which joint of a two-armed robot is the other's mirror image."""
+"""Mirror images of the joints of a two-armed robot."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.robot.kinematics import Kinematics
 from embodiedreamer_gym.robot.model import RobotModel
 
-ACCURACY = 1e-3  # m, rad: how well the arms are each other's image
+ACCURACY = 1e-3  # m, rad: largest deviation between an arm and the other's mirror image
 TRIALS = 8  # postures that are compared
 PLANE = np.array([1.0, -1.0, 1.0])  # positions are mirrored in y = 0
 
 
 def mirrored_joints(model: RobotModel) -> tuple[int, ...]:
-    """Joint numbers (n,), counted from 1, with a sign: joint i of a mirrored posture is sign times joint |number|.
+    """Signed joint numbers (n,), counted from 1: joint i of a mirrored posture is sign times joint |number|.
 
-    The plane is y = 0. Raises: ModelError for a robot whose arms are not two that mirror each other.
+    The plane is y = 0. Raises: ModelError for a robot without exactly two arms that mirror each other.
     """
     if len(model.arms) != 2:
         raise ModelError(f"{model.name} has {len(model.arms)} arms; only two can be each other's mirror image.")
@@ -37,6 +37,6 @@ def mirrored_joints(model: RobotModel) -> tuple[int, ...]:
     of = dict(zip(left.joints.tolist(), signs.tolist(), strict=True))
     numbers = np.zeros(model.n, int)
     for mine, other in zip(*own, strict=True):
-        sign = of.get(int(mine), 1)  # grippers open alike
+        sign = of.get(int(mine), 1)  # grippers open in the same direction
         numbers[mine], numbers[other] = sign * (other + 1), sign * (mine + 1)
     return tuple(numbers.tolist())

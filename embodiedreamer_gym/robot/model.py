@@ -25,7 +25,7 @@ SERVO_UNITS = {
 
 
 class RobotModel(RobotData):
-    """Model of a robot: URDF, servos and effects; frozen, `with_...` returns a new one. Its fields are those of `RobotData`."""
+    """Model of a robot: URDF, servos and effects; frozen, `with_...` returns a new one. For fields see `RobotData`."""
 
     @staticmethod
     def load(source: str | Path, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> RobotModel:
@@ -37,7 +37,7 @@ class RobotModel(RobotData):
 
     @staticmethod
     def of_urdf(urdf: str | Path, joints: Sequence[str]) -> RobotModel:
-        """A model of a URDF alone; joints: names of those that the logs have, in the order of their columns.
+        """A model from a URDF alone; joints: names of the joints in the logs, in the order of the columns.
 
         Raises: ModelError in one sentence.
         """
@@ -48,7 +48,7 @@ class RobotModel(RobotData):
         return model_file.model_of(data, path, CATALOGUE, RobotModel)
 
     def save(self, path: str | Path) -> None:
-        """Write the model as JSON (beside, then renamed); the URDF's path is stored relative to it.
+        """Write the model as JSON, atomically; the URDF's path is stored relative to the file.
 
         Raises: ModelError when the folder does not exist or cannot be written.
         """
@@ -59,8 +59,10 @@ class RobotModel(RobotData):
         return replace(self, **changes)
 
     def with_effect(self, effect: str | Effect | type[Effect], joints: tuple[str, ...] | None = None) -> RobotModel:
-        """Return a copy with one more effect; a name or class starts off (vanishing) on the joints given, else on all.
+        """Return a copy with one more effect.
 
+        effect: given by name or class, it starts with the values at which it vanishes.
+        joints: of such an effect, None for all.
         Raises: EffectError for an unknown name, ModelError when the model has that effect already.
         """
         if not isinstance(effect, Effect):
@@ -89,10 +91,10 @@ class RobotModel(RobotData):
         return replace(self, effects=tuple(e for e in self.effects if e.name != name), intervals=intervals)
 
     def with_fixed(self, *names: str) -> RobotModel:
-        """Return a copy in which fits change less: no parameter of these names.
+        """Return a copy in which fits do not change the parameters of these names.
 
-        names: servo parameters, effects, "gains" (stiffness and damping), "urdf" (the errors of its masses) or a family of effects,
-            such as "friction" (with viscous friction).
+        names: servo parameters, effects, "gains" (stiffness and damping), "urdf" (the errors of its masses) or a family
+        of effects, such as "friction" (with viscous friction).
         Raises: ModelError for any other name.
         """
         groups = {"gains": {"stiffness", "damping"}, "urdf": {InertialError.name}, "friction": {"viscous_friction"}}
@@ -102,7 +104,7 @@ class RobotModel(RobotData):
         return replace(self, fixed=self.fixed.union(*(groups.get(name, {name}) for name in names)))
 
     def from_motors(self, recordings: Iterable[Recording]) -> Recordings:
-        """Recordings of the motors as recordings of the joints, by the model's transmission; unchanged without one."""
+        """Convert recordings of the motors to recordings of the joints by the transmission; unchanged without one."""
         if self.transmission is None:
             return Recordings(recordings)
         return Recordings(
@@ -110,7 +112,7 @@ class RobotModel(RobotData):
         )
 
     def parameters(self) -> ParameterTable:
-        """Every number of the model as a table: servo, rotor inertia, viscous friction, then the effects'."""
+        """All parameters of the model as a table: servo, rotor inertia, viscous friction, then the effects'."""
         return ParameterTable((*self._servo_rows(), *self._effect_rows()))
 
     def _servo_rows(self) -> Iterator[ParameterRow]:
@@ -135,7 +137,7 @@ class RobotModel(RobotData):
         values: Mapping[str, Mapping[str, float]] | Mapping[ParameterKey, Mapping[str, float]],
         intervals: Mapping[str, tuple[float, float]] | None = None,
     ) -> RobotModel:
-        """Return a copy with numbers changed: group ("stiffness", "payload.mass") -> joint or arm -> value."""
+        """Return a copy with values changed: group ("stiffness", "payload.mass") -> joint or arm -> value."""
         changes, servo = by_key(values), {}
         for group in SERVO_GROUPS:
             if ParameterKey(group) in changes:

@@ -1,4 +1,4 @@
-"""A robot model's JSON file: what each key means, and how the file is written."""
+"""A robot model's JSON file: interpreting its keys, and writing it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def read_model(source: str | Path, catalogue: Mapping[str, type[Effect]], kind: 
 
 
 def model_of(data: dict[str, Any], path: Path, catalogue: Mapping[str, type[Effect]], kind: type[Model]) -> Model:
-    """The model of a file's JSON object; path: of the file, for relative paths and messages.
+    """The model in a file's JSON object; path: of the file, for relative paths and messages.
 
     Raises: ModelError (EffectError for an unknown effect) in one sentence.
     """
@@ -95,12 +95,12 @@ def _read_fixed(data: Mapping[str, Any], path: Path) -> frozenset[str]:
 
 
 def _present(key: ParameterKey) -> ParameterKey:
-    """A parameter's key with the present name of its effect."""
+    """A parameter's key with the current name of its effect."""
     return replace(key, effect=RENAMED.get(key.effect, key.effect))
 
 
 def _read_transmission(data: dict[str, Any], joints: tuple[str, ...], path: Path) -> Transmission | None:
-    """The key `transmission`, of which every part may be left out."""
+    """Read the key `transmission`; each of its parts is optional."""
     if "transmission" not in data:
         return None
     table = files.table(data, "transmission", TRANSMISSION_KEYS, path)
@@ -177,7 +177,7 @@ def write_model(model: RobotData, path: Path) -> None:
 
 
 def _transmission(of: Transmission) -> dict[str, Any]:
-    """A transmission as it stands in a model's file, without what is as usual."""
+    """A transmission as written in a model's file, without default values."""
     data: dict[str, Any] = {"motors": list(of.motors)}
     data |= {} if of.is_direct else {"matrix": of.matrix.tolist()}
     data |= {"sign": dict(zip(of.motors, of.sign.tolist(), strict=True))} if (of.sign != 1).any() else {}

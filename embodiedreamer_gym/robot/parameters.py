@@ -1,4 +1,4 @@
-"""The parameters of a robot model: how one is named, and all of them as a table with bounds, units and intervals."""
+"""The parameters of a robot model: their names, and a table of them with bounds, units and intervals."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ParameterKey:
 
 
 def by_key(values: Mapping[str, Value] | Mapping[ParameterKey, Value]) -> dict[ParameterKey, Value]:
-    """Return a mapping whose keys are read by `ParameterKey.of`."""
+    """Return a mapping with keys converted by `ParameterKey.of`."""
     return {ParameterKey.of(key): value for key, value in values.items()}
 
 
@@ -68,7 +68,7 @@ class ParameterRow:
     index: number of its joint or arm;
     value, low, high: the value and its bounds, in `unit`;
     off: value at which the effect vanishes, None for the servo's parameters;
-    interval: 95 % interval of the last calibration, None where there is none.
+    interval: 95 % interval of the last calibration, None if there is none.
     """
 
     key: ParameterKey
@@ -105,7 +105,7 @@ class ParameterTable:
         raise KeyError(f"no parameter '{name}'; there are {', '.join(r.name for r in self.rows)}")
 
     def select(self, *groups: str | ParameterKey) -> ParameterTable:
-        """Return the rows of these groups; an effect's name that is not a group's selects all parameters of it."""
+        """Return the rows of these groups; an effect's name that is no group's selects all of its parameters."""
         keys = {ParameterKey.of(group) for group in groups}
         effects = {key.parameter for key in keys - {r.key.group for r in self.rows}}
         return ParameterTable(tuple(r for r in self.rows if r.key.group in keys or r.key.effect in effects))

@@ -1,4 +1,4 @@
-"""Smooth ways of one arm's joints: straight in the joints, or along a straight line of the end effector."""
+"""Smooth paths of one arm: straight in joint space, or along a straight line of the end effector."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from embodiedreamer_gym.robot.kinematics import Kinematics
 SPEED = 1.3  # rad/s, of the fastest joint at its peak; the arms can do 3
 SHORTEST = 0.4  # s
 KNOT = 0.02  # m from one solved pose to the next on a straight line
-FLIP = 1.0  # rad between two of them: the arm would change its posture
+FLIP = 1.0  # rad between two of them: for more, the arm would change its posture
 PEAK = 1.875  # highest speed over mean speed of a minimum-jerk motion
 
 
 class Path:
-    """A motion from rest to rest through joint angles (k, m), rad, that takes `seconds`; not less than `shortest`."""
+    """A motion from rest to rest through joint angles (k, m), rad, that takes `seconds`, at least `shortest`."""
 
     def __init__(self, knots: np.ndarray, shortest: float = SHORTEST) -> None:
         shares = np.linspace(0.0, 1.0, len(knots))
@@ -35,7 +35,7 @@ class Path:
         return f"Path({self.seconds:.1f} s)"
 
     def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Angles (m,), rad, and speeds (m,), rad/s, at a time, s: minimum jerk along the way."""
+        """Angles (m,), rad, and speeds (m,), rad/s, at a time, s: minimum jerk along the path."""
         x = min(max(time / self.seconds, 0.0), 1.0)
         share = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
         rate = 30.0 * x**2 * (1.0 - x) ** 2 / self.seconds
@@ -43,7 +43,7 @@ class Path:
 
 
 def line(arm: Kinematics, start: np.ndarray, end: Pose, speed: float) -> Path | None:
-    """From angles (m,) to a pose, the end effector straight, at most that fast, m/s; None where it does not reach."""
+    """Path from angles (m,) to a pose along a straight line, at most at a speed, m/s; None if it cannot be reached."""
     position, rotation = arm.pose(start)
     length = float(np.linalg.norm(end.position - position))
     turns = Slerp(

@@ -1,4 +1,4 @@
-"""Play a motion on a real arm at its rate, within limits, and log what the arm does with measured stamps."""
+"""Play a motion on a real arm at its rate and within limits, and log the arm's motion with measured stamps."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from embodiedreamer_gym.robot.transmission import direct
 APPROACH = 0.3  # rad/s, towards the first command
 APPROACH_HZ = 50.0
 PATIENCE = 0.1  # s for which a joint may be further from its command than allowed
-OLDEST = 0.5  # s, of a measurement
+OLDEST = 0.5  # s: largest age of a measurement
 SLACK = 1.02  # of limits, for commands written with few digits
 
 
 class Sample(NamedTuple):
-    """What an arm measured: stamp, s, of its own clock; position (n,), and velocity and effort where it has them."""
+    """A measurement of an arm: time stamp, s, of its own clock; position (n,); velocity and effort if it has them."""
 
     time: float
     position: np.ndarray
@@ -38,11 +38,11 @@ class Arm(Protocol):
     """An arm with position servos."""
 
     def now(self) -> float:
-        """Time of the clock that the stamps are of, s."""
+        """Current time, s, of the clock of the time stamps."""
         ...
 
     def wait(self, until: float) -> None:
-        """Return at that time, or at once where it is past."""
+        """Return at that time, or at once if it has passed."""
         ...
 
     def read(self) -> Sample:
@@ -58,7 +58,7 @@ class Arm(Protocol):
 class SafeMotion:
     """Commands to play: joints, time (T,) s, command (T, n), and limits of each joint (n,).
 
-    lower, upper: of commands; speed: per s; error: between command and position, at which the arm is stopped.
+    lower, upper: of commands; speed: per s; error: distance between command and position at which the arm is stopped.
     Raises: RobotError for commands beyond the limits.
     """
 
@@ -86,10 +86,10 @@ class SafeMotion:
 
     @staticmethod
     def load(path: str | Path, model: RobotData, speed: float = 2.0, error: float = 0.35) -> SafeMotion:
-        """The commands of a csv, within the model's limits.
+        """Read the commands of a csv file, with the model's limits.
 
-        speed: at most, rad/s, where the URDF does not allow less; error: rad (a share of the stroke of a gripper).
-        Raises: RobotError for commands beyond the limits, or of other joints; RecordingError for another file.
+        speed: limit, rad/s, unless the URDF's limit is lower; error: rad (for a gripper, share of its stroke).
+        Raises: RobotError for commands beyond the limits or of other joints; RecordingError for another kind of file.
         """
         joints, time, command = read_commands(path)
         if set(joints) != set(model.joints):
@@ -107,7 +107,7 @@ class SafeMotion:
 
 
 class ModelArm:
-    """An arm whose numbers are those of its motors, as one of the model's joints."""
+    """An arm with motor values, presented as an arm of the model's joints."""
 
     def __init__(self, arm: Arm, model: RobotData, units: MotorUnits | None = None, robot: str = "") -> None:
         self._arm, self._between, self._joints = arm, model.transmission or direct(model.joints), model.joints
@@ -131,7 +131,7 @@ class ModelArm:
 
 
 def motor_units(model: RobotData, kind: str | None, calibration: Mapping[str, MotorCalibration]) -> MotorUnits:
-    """How numbers of a model's motors become angles; kind: as `--units`."""
+    """Conversion of a model's motor values to angles; kind: as in `--units`."""
     between = model.transmission or direct(model.joints)
     limits = between.motor_limits(list(zip(model.tree.lower.tolist(), model.tree.upper.tolist(), strict=True)))
     kinds = dict(zip(between.motors, model.units, strict=True)) if limits else {}
@@ -140,12 +140,12 @@ def motor_units(model: RobotData, kind: str | None, calibration: Mapping[str, Mo
 
 
 def play(arm: Arm, motion: SafeMotion, name: str = "motion", command_hold: str = "hold") -> Recording:
-    """Go slowly to the first command, play the motion, and return what was sent and measured, by the arm's stamps.
+    """Go slowly to the first command, play the motion, and return what was sent and measured, with the arm's stamps.
 
-    A command that is due late is left out where the next one is due too, so nothing is sent faster than planned.
+    A late command is left out if the next one is due as well, so that nothing is sent faster than planned.
     command_hold: what the servos do between two commands.
-    Raises: RobotError where a joint stays too far from its command, or a measurement is old or not finite; the arm is then told to
-    stay where it is, as it is after an interrupt.
+    Raises: RobotError if a joint stays too far from its command, or a measurement is old or not finite; the arm is then
+    commanded to hold its position, as after an interrupt.
     """
     try:
         _approach(arm, motion)
@@ -205,7 +205,7 @@ def _finite(sample: Sample, motion: SafeMotion) -> Sample:
 
 
 class _Watch:
-    """Stops where a joint is too far from its command for too long."""
+    """Stops the motion if a joint is too far from its command for too long."""
 
     def __init__(self, motion: SafeMotion) -> None:
         self._motion, self._since = motion, np.full(len(motion.joints), np.inf)

@@ -1,4 +1,4 @@
-"""What the firmware of known servos does: settings that a maker or a driver states, as effects of a model."""
+"""Firmware settings of known servos, as stated by a manufacturer or a driver, as effects of a model."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def presets() -> tuple[str, ...]:
 
 
 def read_preset(name: Any, path: Path) -> dict[str, Any]:
-    """A preset's JSON object: effects, and perhaps gravity_compensation; nothing for None.
+    """A preset's JSON object: effects, and perhaps gravity_compensation; {} for None.
 
     Raises: ModelError that lists the names.
     """
@@ -35,7 +35,7 @@ def read_preset(name: Any, path: Path) -> dict[str, Any]:
 
 
 def preset_effects(preset: Mapping[str, Any], model: RobotData, own: Set[str]) -> tuple[Effect, ...]:
-    """A preset's effects other than the `own` of a model's file, on the model's turning joints."""
+    """A preset's effects on the model's revolute joints, without those that the model's file defines itself (`own`)."""
     entries = [entry for entry in preset.get("effects", []) if entry["name"] not in own]
     return tuple(_effect(entry, model) for entry in entries)
 

@@ -1,4 +1,4 @@
-"""The visible surface of a robot: the shapes of its URDF, link by link, and where they are at given joint angles."""
+"""The visible surface of a robot: the shapes of its URDF, link by link, and their poses at given joint angles."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ ROUND = 32  # sides of a cylinder
 
 
 class Surface:
-    """Shapes of a URDF's links, and their places.
+    """Shapes of a URDF's links, and their poses.
 
     joints: names of the columns of joint angles; normalised: joint -> its values, rad or m, at 0 and at 1. Movable
     joints not named stay at zero, or follow the joint they mimic. body: triangles of every link that has a shape.
-    skeleton: show rods between the joints where the URDF's shapes are missing or cannot be read.
+    skeleton: show rods between the joints if the URDF's shapes are missing or cannot be read.
     Raises: ModelError for a joint the URDF does not have, a mesh that cannot be read, or a robot without shapes.
     """
 
@@ -68,7 +68,7 @@ class Surface:
         return np.stack([places[name] for name in self.body.names], axis=1)
 
     def link_poses(self, link: str, angles: np.ndarray) -> np.ndarray:
-        """Poses (T, 4, 4) of a link, whether it has a shape or not, as `poses`.
+        """Poses (T, 4, 4) of a link, with or without a shape; frame and units as in `poses`.
 
         Raises: ModelError for a link that the robot does not have, or when the angles are not (T, n) finite numbers.
         """
@@ -100,7 +100,7 @@ class Surface:
         return self.body.at(self.poses(angles))
 
     def locate(self, link: str, points: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Where points (T, 3), m, of a visible link's frame are in the root link's, (T, 3), at joint angles (T, n).
+        """Convert points (T, 3), m, from a visible link's frame to the root link's, (T, 3), at joint angles (T, n).
 
         Raises: ModelError for a link without shape, or when there are not as many points as rows of angles.
         """
@@ -113,7 +113,7 @@ class Surface:
         return np.einsum("tij,tj->ti", pose[:, :3, :3], points) + pose[:, :3, 3]
 
     def movers(self) -> tuple[str | None, ...]:
-        """The joint of `joints` that moves each part of the body last, None for parts that stand still."""
+        """For each part of the body, the last joint of `joints` that moves it; None for parts that do not move."""
         above = {joint.child: joint for joint in self._order}
 
         def mover(link: str) -> str | None:
@@ -136,7 +136,7 @@ class Surface:
 
 
 def _body(robot: yourdfpy.Robot, path: Path) -> Body:
-    """Triangles of all links that have a shape: what is seen, or else what collides."""
+    """Triangles of all links that have a shape: its visuals, or else its collision shapes."""
     vertices, faces, part, names = [], [], [], []
     count = 0
     for link in robot.links:
@@ -197,7 +197,7 @@ def _mesh(geometry: yourdfpy.Geometry, link: str, path: Path) -> trimesh.Trimesh
         )
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of materials, which are not looked at
+            warnings.simplefilter("ignore")  # about materials, which are not used
             mesh = trimesh.load(str(file), force="mesh", process=False, skip_materials=True)
     except Exception as error:  # trimesh's readers raise many kinds
         text = " ".join(str(error).split())[:200]

@@ -1,4 +1,4 @@
-"""What lies between the motors of a log and the joints of a model: gears, coupled joints, signs and zeros."""
+"""The transmission between the motors of a log and the joints of a model: gears, coupled joints, signs and zeros."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.recordings import Recording
 
-WORST = 1e6  # condition number of a matrix that can still be inverted
+WORST = 1e6  # largest condition number of a matrix that can be inverted
 
 
 @dataclass(frozen=True, eq=False)
 class Transmission:
-    """joint = matrix (sign (motor - zero)); efforts of the motors become torques of the joints by its inverse, transposed.
+    """joint = matrix (sign (motor - zero)); its transposed inverse converts motor efforts to joint torques.
 
-    motors: names in the logs, in the order of the columns; matrix (n, n): rows are joints, and units are joint's per motor's;
-    sign (n,): 1 or -1; zero (n,): what the log shows of each motor where the joint is at zero, in the motor's unit.
-    Raises: ModelError where the names repeat, or the matrix has no inverse.
+    motors: names in the logs, in the order of the columns; matrix (n, n): rows are joints, in joint units per motor
+    unit; sign (n,): 1 or -1; zero (n,): value of each motor in the log when the joint is at zero, in the motor's unit.
+    Raises: ModelError if names repeat, or the matrix has no inverse.
     """
 
     motors: tuple[str, ...]
@@ -56,7 +56,7 @@ class Transmission:
     def with_motors(self, zero: Mapping[str, float], reversed_motors: Sequence[str]) -> Transmission:
         """A copy with the zeros of some motors replaced, and the signs of some set to -1.
 
-        Raises: ModelError for a motor that there is not.
+        Raises: ModelError for an unknown motor.
         """
         for name in (*zero, *reversed_motors):
             if name not in self.motors:
@@ -68,18 +68,21 @@ class Transmission:
         )  # fmt: skip
 
     def motor_limits(self, limits: Sequence[tuple[float, float]]) -> dict[str, tuple[float, float]]:
-        """Limits of the motors before their zeros are taken off, from those of the joints; {} where there are gears."""
+        """Limits of the motors before their zeros are subtracted, from those of the joints; {} if there are gears."""
         if not self.is_direct:
             return {}
         ends = zip(self.motors, self.sign, limits, strict=True)
         return {name: (low, high) if sign > 0 else (-high, -low) for name, sign, (low, high) in ends}
 
     def to_motors(self, joints: np.ndarray) -> np.ndarray:
-        """Positions (n,) or (T, n) of the motors at which the joints have these."""
+        """Motor positions (n,) or (T, n) for these joint positions."""
         return np.linalg.solve(self.matrix, np.asarray(joints, float).T).T * self.sign + self.zero
 
     def to_joints(self, recording: Recording, joints: Sequence[str]) -> Recording:
-        """A recording of the motors, in their order, as one of the joints; a joint's sample counts where all its motors' do."""
+        """Convert a recording of the motors, in their order, to the joints.
+
+        A joint's sample is usable if the samples of all its motors are.
+        """
         if self.is_direct and (self.sign == 1).all() and not self.zero.any():
             return recording.with_(joints=tuple(joints))
         linear = self.matrix * self.sign
@@ -106,6 +109,6 @@ class Transmission:
 
 
 def direct(joints: Sequence[str]) -> Transmission:
-    """The transmission of a robot whose motors are its joints."""
+    """The transmission of a robot whose motors drive its joints directly."""
     n = len(joints)
     return Transmission(tuple(joints), np.eye(n), np.ones(n), np.zeros(n))

@@ -16,13 +16,13 @@ WORLD = -1
 
 @dataclass(frozen=True, eq=False)
 class KinematicTree:
-    """Moving bodies in an order in which parents come first (k bodies, n driven joints).
+    """Moving bodies, ordered so that parents come first (k bodies, n driven joints).
 
     parent (k,): body index or -1 for the world; rotation (k, 3, 3), origin (k, 3) m: the joint's frame in the
     parent's; axis (k, 3): in the joint's frame; prismatic (k,) bool; coordinate (k,): the driven joint that moves
     it; gain, offset (k,): joint value = gain * coordinate + offset (mimic joints, normalised grippers);
-    mass (k,) kg, first_moment (k, 3) kg m, inertia (k, 3, 3) kg m^2 about the body's origin; arm (n,): which
-    branch of the robot each driven joint belongs to; tips: end-effector link -> (body, rotation, point).
+    mass (k,) kg, first_moment (k, 3) kg m, inertia (k, 3, 3) kg m^2 about the body's origin; arm (n,):
+    branch of the robot that each driven joint belongs to; tips: end-effector link -> (body, rotation, point).
     """
 
     joint_names: tuple[str, ...]
@@ -211,7 +211,7 @@ def _arms(parent: np.ndarray, coordinate: np.ndarray, n: int) -> np.ndarray:
 
 
 def _outermost(frames, arm: np.ndarray, coordinate: np.ndarray) -> dict:
-    """The deepest link of each arm, where the user names no end effector."""
+    """The deepest link of each arm, if the user names no end effector."""
     tips: dict[int, str] = {}
     for link, (body, _, _) in frames.items():  # parents come before children
         if body != WORLD:

@@ -1,4 +1,4 @@
-"""The one reader of URDFs: XML checked first, then yourdfpy; one sentence says what is wrong with a file."""
+"""Reader for all URDFs: it checks the XML, then uses yourdfpy; an error says in one sentence what is wrong."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from embodiedreamer_gym.errors import ModelError
 
 MOST_JOINTS = 300
 MOST_BYTES = 20_000_000
-DEEPEST = 20  # tags inside each other; a URDF needs six
+DEEPEST = 20  # nested tags; a URDF needs six
 FARTHEST = 1e4  # m, from one joint to the next
 MOVABLE = ("revolute", "continuous", "prismatic")
 SHAPE = {"box": 3, "cylinder": 2, "sphere": 1}  # numbers that a shape has
@@ -28,7 +28,7 @@ def read_xml(urdf: str | Path) -> ElementTree.Element:
     """
     data, name = _bytes(urdf)
     try:
-        root = ElementTree.fromstring(data)  # yourdfpy's parser would repair broken XML without a word
+        root = ElementTree.fromstring(data)  # yourdfpy's parser would silently repair broken XML
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise ModelError(f"{name} cannot be read: it is no XML: {' '.join(str(error).split())}.") from error
     if root.tag != "robot":
@@ -61,7 +61,7 @@ def read_urdf(urdf: str | Path) -> yourdfpy.Robot:
 
 
 def _bytes(urdf: str | Path) -> tuple[bytes, str]:
-    """Content of a URDF given as a path or as text, and what to call it in a sentence."""
+    """Content of a URDF given as a path or as text, and its name for error messages."""
     if isinstance(urdf, str) and urdf.lstrip().startswith("<"):
         return urdf.encode(), "the URDF"
     path = Path(urdf)
@@ -163,7 +163,7 @@ def _check_shape(shape: yourdfpy.Visual | yourdfpy.Collision, link: str, path: P
 
 
 def find_mesh(name: str, urdf: Path) -> Path | None:
-    """Where a mesh is: its path, or what follows the package's name, from the URDF's folder or one above it."""
+    """Find a mesh by its path, or the part after the package's name, from the URDF's folder or one above it."""
     scheme, _, rest = name.rpartition("://")
     given = Path(rest)
     inner = Path(*given.parts[1:]) if scheme == "package" and len(given.parts) > 1 else given
@@ -175,7 +175,7 @@ def find_mesh(name: str, urdf: Path) -> Path | None:
 
 
 def resolve_meshes(root: ElementTree.Element, urdf: Path, suffixes: tuple[str, ...] = ()) -> list[str]:
-    """Name the meshes of a URDF's XML by where they are; shapes whose mesh is missing, or of another suffix, are removed.
+    """Set the absolute paths of meshes in a URDF's XML; remove shapes whose mesh is missing or has another suffix.
 
     Returns the names of the meshes that were removed.
     """

@@ -1,4 +1,4 @@
-"""What in a URDF looks made up or is missing, and what follows for results: one sentence each."""
+"""Notes on values in a URDF that look made up or are missing, and on their consequences: one sentence each."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from embodiedreamer_gym.robot.urdf import find_mesh, read_urdf, root_link
 
 FEWEST = 3  # moving links, below which equal numbers may be chance
 LIGHTEST = 1e-3  # kg; lighter links are frames
-GYRATION = (5e-4, 1.0)  # m, of a link of an arm
+GYRATION = (5e-4, 1.0)  # m: plausible range for a link of an arm
 
 
 def urdf_notes(urdf: str | Path) -> tuple[str, ...]:
-    """Sentences on a URDF's inertias and meshes; none where nothing stands out.
+    """Sentences on a URDF's inertias and meshes; none if nothing is unusual.
 
-    Raises: ModelError where it cannot be read.
+    Raises: ModelError if it cannot be read.
     """
     path = Path(urdf)
     robot = read_urdf(path)
@@ -25,7 +25,7 @@ def urdf_notes(urdf: str | Path) -> tuple[str, ...]:
 
 
 def _moving(robot: yourdfpy.Robot, path: Path) -> list[tuple[str, float, np.ndarray]]:
-    """Name, mass (kg) and inertia (3, 3), kg m^2, of the links that have a mass, but for the root."""
+    """Name, mass (kg) and inertia (3, 3), kg m^2, of the links that have a mass, except the root."""
     root = root_link(robot, path)
     found = []
     for link in robot.links:
@@ -36,7 +36,7 @@ def _moving(robot: yourdfpy.Robot, path: Path) -> list[tuple[str, float, np.ndar
 
 
 def _inertias(robot: yourdfpy.Robot, path: Path) -> str:
-    """Whether the links have placeholders: all the same numbers, or spheres of a round inertia."""
+    """Note on placeholders: equal values of all links, or an inertia that is a power of ten about every axis."""
     links = _moving(robot, path)
     if len(links) < FEWEST:
         return ""
@@ -58,7 +58,7 @@ def _inertias(robot: yourdfpy.Robot, path: Path) -> str:
 
 
 def _is_round(inertia: np.ndarray) -> bool:
-    """Whether an inertia is a power of ten about every axis, as editors fill it in."""
+    """Whether an inertia is a power of ten about every axis, as some editors insert."""
     value = inertia[0, 0]
     if not value > 0 or not np.array_equal(inertia, value * np.eye(3)):
         return False
@@ -67,7 +67,7 @@ def _is_round(inertia: np.ndarray) -> bool:
 
 
 def _gyration(robot: yourdfpy.Robot, path: Path) -> str:
-    """Which links have an inertia that does not fit their mass, as after a change of units."""
+    """Note on links whose inertia does not fit their mass, as after a change of units."""
     odd = []
     for name, mass, inertia in _moving(robot, path):
         radius = float(np.sqrt(max(np.trace(inertia), 0.0) / 2 / mass))
@@ -83,7 +83,7 @@ def _gyration(robot: yourdfpy.Robot, path: Path) -> str:
 
 
 def _meshes(robot: yourdfpy.Robot, path: Path) -> str:
-    """Which meshes are missing."""
+    """Note on missing meshes."""
     shapes = [shape.geometry for link in robot.links for shape in (*link.visuals, *link.collisions)]
     meshes = [one.mesh for one in shapes if one is not None and one.mesh is not None]
     names = list(dict.fromkeys(mesh.filename for mesh in meshes))

@@ -41,7 +41,7 @@ def substitute(low, right, out, work, first, end):
 
 @inner
 def invert(low, inverse, first, end):
-    """Inverse of low low^T on one block, all columns side by side for the vector instructions."""
+    """Inverse of low low^T on one block; all columns are processed together to use vector instructions."""
     for i in range(first, end):
         for c in range(first, end):
             inverse[i, c] = 1.0 if i == c else 0.0

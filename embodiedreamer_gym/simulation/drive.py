@@ -27,20 +27,20 @@ from embodiedreamer_gym.simulation.drive_setup import (
 from embodiedreamer_gym.simulation.joint_solver import solve_step, step_joints, within_limits
 from embodiedreamer_gym.simulation.servo_torque import ServoTorque
 
-TIME_STEP = 1.0 / 240.0  # s, the environment's own
+TIME_STEP = 1.0 / 240.0  # s, the same as in the environment
 UNLIMITED = 1e12  # N m or rad/s
-SAGS = 3  # passes to the rest of joints that hang on gears that give way
-PASSES = 2  # over a law of the drive that is no line
-NUDGE, STRAIGHT = 1e-4, 1e-6  # relative torque by which its slope is felt out, and by which it may differ from a line
+SAGS = 3  # iterations to find the rest position of joints on compliant gears
+PASSES = 2  # iterations for a nonlinear law of the drive
+NUDGE, STRAIGHT = 1e-4, 1e-6  # relative torque step for its slope, and relative error up to which it counts as linear
 # group of parameters, or its text form ("stiffness", "payload.mass") -> values (P, joints or arms)
 Sets = Mapping[str, np.ndarray] | Mapping[ParameterKey, np.ndarray]
 
 
 class Drive:
-    """Turns commands into joint accelerations; what fits simulate and what environments run.
+    """Computes joint accelerations from commands, for the simulations of fits and for environments.
 
     A batch holds P parameter sets for each of R rollouts, B = R * P samples, sample b = rollout * P + set.
-    gains: (R, n) by which a firmware's position gains multiply the stiffness, and nothing else, of each rollout.
+    gains: (R, n) factors of the stiffness of each rollout, from the firmware's position gains; nothing else is scaled.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Drive:
         return dict(zip(SERVO_GROUPS, self._servo, strict=True))
 
     def start(self, measured: np.ndarray, velocity: np.ndarray, command: np.ndarray) -> None:
-        """Put the joints where the sensors (B, n) saw them, with all memories at rest at the first command."""
+        """Set the joints to the measured positions (B, n), with all memories at rest at the first command."""
         self.velocity = np.array(velocity, float)
         self.time = 0.0
         self._joint = JointState(measured, self.velocity, np.zeros_like(self.velocity), self.dt, 0.0)
@@ -104,12 +104,12 @@ class Drive:
         self._neutral()
 
     def _weight(self) -> np.ndarray:
-        """Torque (B, n) that holds the joints where they are."""
+        """Torque (B, n) that holds the joints at their positions."""
         still = np.zeros_like(self.position)
         return self.model.bodies.mass_matrix_and_bias(self.position, still, self._masses)[1]
 
     def _carried(self) -> np.ndarray:
-        """Torque (B, n) that the servo has to ask for to hold the joints where they are."""
+        """Torque (B, n) that the servo has to command to hold the joints at their positions."""
         carried = self._weight() - self._begin("load", np.zeros_like(self.position))
         if not self.laws["drive"]:
             return carried
@@ -118,7 +118,7 @@ class Drive:
         return np.divide(carried - shift, gain, out=carried, where=gain > 0.0)
 
     def _begin(self, stage: str, signal: np.ndarray) -> np.ndarray:
-        """Put a stage's memories at rest at its first signal (B, n); what the stage makes of that signal."""
+        """Put a stage's memories at rest at its first signal (B, n), and return its output for that signal."""
         signal = np.array(signal, float)
         for law in self.laws[stage]:
             law.memory = law.effect.start(signal, law.p, self.dt)
@@ -126,7 +126,7 @@ class Drive:
         return signal
 
     def _neutral(self) -> None:
-        """Arrays of a drive without friction, limits and laws, of what the budgets gave last, nothing, and of the solver."""
+        """Create arrays for a drive without friction, limits and laws, the budgets' last results, and the solver."""
         shape, bodies = self.position.shape, self.model.bodies
         self._rigid = lanes(self.batch), bodies.links, bodies.frames, *self._masses
         self._inertia = np.empty((*shape, self.model.n)), np.empty(shape)  # mass matrix and bias of the last step
@@ -139,8 +139,8 @@ class Drive:
     def accelerate(self, command: np.ndarray) -> np.ndarray:
         """Acceleration (B, n) of this step under the command (B, n); sets `measured` and `torque` of this instant.
 
-        torque is the drive's before its laws: the one its current stands for. What the sensors see accelerates by
-        `measured_acceleration`, which is the motor's where a gear gives way.
+        `torque` is that of the drive before its laws, to which its current is proportional. `measured_acceleration` is
+        that of the measured positions: of the motor if a gear is compliant.
         """
         joint, motor = self._instant()
         self.measured = self._pass("sensor", motor.position, motor)
@@ -160,7 +160,7 @@ class Drive:
         wound, spin = (motor.position - joint.position, self.spin) if self._gives else (self._zero, self.velocity)
         solution: np.ndarray[Any, Any] = np.empty((4, *pull.shape))
         state = joint.position, self.velocity, wound, spin, self._servo, limits, *self._fixed, self._impulse, solution
-        if self._feels_external:  # which has found the bodies' inertia
+        if self._feels_external:  # then `_friction` has computed the bodies' inertia
             solve_step(*self._inertia, pull, load, line, friction, *state)
         else:
             step_joints(joint.velocity, *self._rigid, *self._inertia, pull, load, line, friction, *state)
@@ -175,7 +175,7 @@ class Drive:
         return acceleration
 
     def _instant(self) -> tuple[JointState, JointState]:
-        """The joints and the motors now, whose velocities belong to half a step ago; the same where no gear gives way."""
+        """State of joints and motors now, equal without compliant gears; velocities are extrapolated by half a step."""
         now = self.velocity + 0.5 * (self.velocity - self._before)
         self._before = self.velocity
         joint = JointState(self.position, now, self.torque, self.dt, self.time)
@@ -189,7 +189,7 @@ class Drive:
         return joint, JointState(self.motor, now, self.torque, self.dt, self.time)
 
     def _turn(self, spin: np.ndarray, acceleration: np.ndarray) -> None:
-        """Move the motors on by their new velocity (B, n)."""
+        """Advance the motors with their new velocity (B, n)."""
         self.measured_acceleration = acceleration
         if self._gives:
             self.measured_acceleration = np.where(self._loose, (spin - self.spin) / self.dt, acceleration)
@@ -197,7 +197,7 @@ class Drive:
             self.motor = self.motor + self.spin * self.dt
 
     def _line(self, torque: np.ndarray, joint: JointState) -> np.ndarray:
-        """What arrives at the joints of a drive's torque about this one (B, n): gain and shift (2, B, n) of a line."""
+        """Gain and shift (2, B, n) of the drive's laws, linearised at a torque (B, n) of the drive."""
         if not self.laws["drive"]:
             return self._straight
         given, step = self._try("drive", torque, joint), NUDGE * (1.0 + np.abs(torque))
@@ -205,18 +205,18 @@ class Drive:
         return np.stack([gain, given - gain * torque])
 
     def _bent(self, torque: np.ndarray, joint: JointState, line: np.ndarray) -> bool:
-        """Whether the drive's laws give something else at a torque (B, n) than their line."""
+        """Whether the drive's laws differ from their linearisation at a torque (B, n)."""
         given = self._try("drive", torque, joint)
         return bool(np.any(np.abs(given - line[0] * torque - line[1]) > STRAIGHT * (1.0 + np.abs(given))))
 
     def read(self) -> np.ndarray:
-        """What the sensors (B, n) see of the present position; no memory moves on."""
+        """Sensor readings (B, n) at the current position; memories are not advanced."""
         seen = np.where(self._loose, self.motor, self.position) if self._gives else self.position
         joint = JointState(seen, self.velocity, self.torque, self.dt, self.time)
         return np.array(self._try("sensor", seen, joint), float)
 
     def clock_jitter(self) -> np.ndarray:
-        """Standard deviation (B, arms), s, of the errors of a log's time stamps."""
+        """Standard deviation (B, arms), s, of the errors of a log's timestamps."""
         jitter, rest = np.zeros((self.batch, self.model.tree.arms)), np.zeros((self.batch, self.model.n))
         for law in self.laws["clock"]:
             joint = JointState(rest, rest, rest, self.dt, 0.0)
@@ -254,7 +254,7 @@ class Drive:
         return signal
 
     def _try(self, stage: str, signal: np.ndarray, joint: JointState) -> np.ndarray:
-        """What a stage makes of a signal (B, n); no memory moves on."""
+        """Output of a stage for a signal (B, n); memories are not advanced."""
         for law in self.laws[stage]:
             signal, _ = law.effect.law(signal, joint, law.memory, law.p)
         return signal
@@ -270,7 +270,7 @@ class Drive:
         return self._limited[1]
 
     def _friction(self, joint: JointState, torque: np.ndarray, load: np.ndarray) -> np.ndarray:
-        """Friction's torque forward and backward (2, B, n) of all budgets, the gears between a drive's torque and a load."""
+        """Friction forward and backward (2, B, n) of all budgets, for gears between a drive's torque and a load."""
         joint = JointState(joint.position, joint.velocity, torque, joint.dt, joint.time)
         if self._feels_external:
             motion = joint.position, joint.velocity
@@ -286,5 +286,5 @@ class Drive:
 
 
 def _same(a: Sequence[Any], b: Sequence[Any]) -> bool:
-    """Whether two lists hold the same arrays: laws return new arrays where a value changes."""
+    """Whether two lists contain the same array objects; laws return new arrays if a value changes."""
     return len(a) == len(b) and all(map(is_, a, b))

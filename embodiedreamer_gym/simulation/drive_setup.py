@@ -1,4 +1,4 @@
-"""What a drive is made of, from a model and its parameter sets."""
+"""Parts of a drive, built from a model and its parameter sets."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from embodiedreamer_gym.robot.data import GRAVITY
 class Law:
     """A signal law in a drive.
 
-    effect: whose law it is.
+    effect: the effect that defines the law.
     p: its parameters, arrays (B, joints or arms).
-    memory: what it keeps from step to step.
+    memory: its state between steps.
     """
 
     effect: SignalLaw
@@ -29,7 +29,7 @@ class Law:
 
 
 def gear_parts(mechanics: Mechanics, sets: int, n: int, rollouts: int) -> np.ndarray:
-    """Compliance, settling time and half the gap (3, B, n) between motors and joints; of no samples where none gives."""
+    """Compliance, settling time and half the gap (3, B, n) between motors and joints; (3, 0, 0) if all are rigid."""
     parts = mechanics.compliance, mechanics.settling, mechanics.gap / 2
     if not (mechanics.compliance.any() or mechanics.gap.any()):
         return np.zeros((3, 0, 0))
@@ -37,27 +37,27 @@ def gear_parts(mechanics: Mechanics, sets: int, n: int, rollouts: int) -> np.nda
 
 
 def tile(values: np.ndarray, rollouts: int) -> np.ndarray:
-    """Values (P, m) once for each rollout, in C order: each memory layout would be compiled on its own."""
+    """Values (P, m) repeated for each rollout, in C order, because Numba compiles each memory layout separately."""
     return np.ascontiguousarray(np.tile(values, (rollouts, 1)))
 
 
 def parameter_values(
     effect: Effect, model: RobotModel, sets: Mapping[ParameterKey, np.ndarray], count: int
 ) -> dict[str, np.ndarray]:
-    """An effect's parameters as arrays (P, joints or arms): what the sets give, else the model's own values."""
+    """An effect's parameters as arrays (P, joints or arms): from the sets if given, else the model's own values."""
     arrays = {}
     for p in effect.parameters:
         key = ParameterKey(p.name, effect.name)
         own = model.group_values(key)
         values = np.array(np.broadcast_to(sets.get(key, own), (count, len(own))))
-        if p.is_limit:  # a limit that is off is none
+        if p.is_limit:  # a limit that is off is infinite
             values[values >= model.parameter_off(p) * (1 - 1e-9)] = np.inf
         arrays[p.name] = values
     return arrays
 
 
 def arm_blocks(arm: np.ndarray) -> np.ndarray:
-    """First joint of each arm, then n; one block when the arms' joints are not in a row."""
+    """First joint of each arm, then n; a single block if the joints of an arm are not consecutive."""
     starts = [0, *(np.flatnonzero(np.diff(arm)) + 1).tolist()]
     if len(starts) > len(np.unique(arm)):
         starts = [0]

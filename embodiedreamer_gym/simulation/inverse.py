@@ -1,9 +1,10 @@
-"""Inverse runs: the effort that a model needs for a measured motion, where a log holds no command.
+"""Inverse runs: the effort that a model needs for a measured motion, if a log contains no command.
 
-The motion is smoothed, the rigid bodies' torque follows from it (recursive Newton-Euler), friction and the loads of the
-effects are added, and the drive's laws are turned round. What lies before the drive (command, servo) plays no part,
-nor does a gear that gives way. Torques pass the filter that the log's effort is to pass, which is smoothing twice (see
-`smooth_derivatives`; Swevers et al., IEEE Control Systems 27, 2007). The memories of loads and friction run through the log.
+The motion is smoothed, the torque of the rigid bodies is computed from it (recursive Newton-Euler), friction and the
+loads of the effects are added, and the drive's laws are inverted. Stages before the drive (command, servo) and
+compliant gears are ignored. Torques pass the same filter as the log's effort, which is smoothing twice (see
+`smooth_derivatives`; Swevers et al., IEEE Control Systems 27, 2007). The memories of loads and friction are advanced
+along the log.
 """
 
 from __future__ import annotations
@@ -21,19 +22,19 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation.drive import TIME_STEP, Drive, Sets
 from embodiedreamer_gym.simulation.rollout import Rollout, check_names, simulate_sets
 
-RESTING = 3.0  # standard deviations of its noise, of a speed that may be none
-SLOWEST = 1e-4  # unit/s; the like where a sensor shows no noise
-LOOPS = 2  # over a friction that grows with the torque it is part of
-NUDGE = 1e-3  # relative torque by which the drive's law is felt out
+RESTING = 3.0  # standard deviations of its noise below which a speed may be zero
+SLOWEST = 1e-4  # unit/s; the same for a sensor that shows no noise
+LOOPS = 2  # iterations for friction that depends on the torque
+NUDGE = 1e-3  # relative torque step for the slope of the drive's laws
 
 
 def run_sets(
     model: RobotModel, recordings: Sequence[Recording], sets: Sets | None = None, hold: str | None = None,
     dt: float = TIME_STEP,
 ) -> list[Rollout]:  # fmt: skip
-    """What a model makes of recordings under P parameter sets: free runs, or inverse runs where no log has a command.
+    """Runs of a model on recordings under P parameter sets: free runs, or inverse runs if no log has a command.
 
-    Raises: SimulationError when a recording is not of this robot, or only some hold a command.
+    Raises: SimulationError if a recording is not of this robot, or only some contain a command.
     """
     without = [r for r in recordings if r.command is None]
     if not without:
@@ -46,9 +47,9 @@ def run_sets(
 
 
 def inverse_sets(model: RobotModel, recording: Recording, sets: Sets | None = None) -> Rollout:
-    """Torque and effort (P, T, n) that a recording's motion takes under P parameter sets; position and velocity smoothed.
+    """Torque and effort (P, T, n) that a recording's motion needs under P parameter sets, and its smoothed motion.
 
-    Raises: SimulationError when the recording is not of this robot or has no effort to compare with.
+    Raises: SimulationError if the recording is not of this robot or has no effort to compare with.
     """
     check_names(model, recording)
     if recording.effort is None:
@@ -59,7 +60,7 @@ def inverse_sets(model: RobotModel, recording: Recording, sets: Sets | None = No
 
 
 def resting(recording: Recording, motion: Motion | None = None) -> np.ndarray:
-    """Samples (T, n) at which a joint may stand still, where friction is anything."""
+    """Samples (T, n) at which a joint may stand still, so that its friction is undetermined."""
     motion = motion or smooth_motion(recording)
     return np.abs(motion.velocity) <= slow_speed(motion)
 
@@ -83,7 +84,7 @@ class _Track:
         self.position = 2 * seen - self._laws("sensor", seen, seen)  # exact for an offset
 
     def torque(self) -> np.ndarray:
-        """Torque (P, T, n) N m that the drive has to be asked for."""
+        """Torque (P, T, n) in N m that the drive has to produce before its laws."""
         rigid = self._rigid_bodies()
         load = self._smoothed(self._laws("load", np.zeros_like(rigid), rigid), 2)
         torque = carried = rigid - load
@@ -94,7 +95,7 @@ class _Track:
         return self._asked(torque)
 
     def effort(self, torque: np.ndarray) -> np.ndarray:
-        """What the log's effort shows of torques (P, T, n); these laws have no memory."""
+        """The log's effort for torques (P, T, n); laws of this stage have no memory."""
         joint, arm = self._joint(0, torque), self.drive.model.tree.arm
         joint.dt = 1.0 / self.recording.hz
         for law in self.drive.laws["effort"]:
@@ -104,7 +105,7 @@ class _Track:
         return torque
 
     def _rigid_bodies(self) -> np.ndarray:
-        """Torque (P, T, n) of the motion, with the rotors' and viscous friction."""
+        """Torque (P, T, n) of the rigid bodies, including that of the rotors and of viscous friction."""
         speed, acceleration, servo = self.derivatives.velocity, self.derivatives.acceleration, self.drive.servo
         rotor, viscous = servo["rotor_inertia"][:, None], servo["viscous_friction"][:, None]
         return self._smoothed(self._bodies(acceleration) + rotor * acceleration + viscous * speed)
@@ -125,7 +126,7 @@ class _Track:
         return np.swapaxes(torque.reshape(samples, len(first), n), 0, 1)[place]
 
     def _different_bodies(self) -> tuple[np.ndarray, np.ndarray]:
-        """Parameter sets (k,) whose bodies or positions differ, and for each set (P,) which of those it equals."""
+        """Parameter sets (k,) whose bodies or positions differ, and for each set (P,) the index of its equal there."""
         if self.drive.laws["sensor"]:
             return np.arange(self.count), np.arange(self.count)
         m = self.drive.mechanics
@@ -139,7 +140,7 @@ class _Track:
         return JointState(self.position[:, k], self.velocity[:, k], torque[:, k], float(self.steps[k]), time, external)
 
     def _all_samples(self, torque: np.ndarray) -> JointState:
-        """The state at all samples of all parameter sets, in rows (P T, n), for laws without memory; dt, time (P T, 1)."""
+        """State at all samples of all parameter sets, in rows (P T, n), for laws without memory; dt, time (P T, 1)."""
         n = torque.shape[2]
         dt, time = (np.tile(x, self.count)[:, None] for x in (self.steps, self.recording.time - self.recording.time[0]))
         external = None if self.external is None else self.external.reshape(-1, n)
@@ -147,7 +148,7 @@ class _Track:
         return JointState(position, velocity, drive, dt, time, external)
 
     def _laws(self, stage: str, signal: np.ndarray, torque: np.ndarray) -> np.ndarray:
-        """What a stage makes of a signal (P, T, n), sample by sample; the memories of its laws run along."""
+        """Output of a stage for a signal (P, T, n), sample by sample; the memories of its laws are advanced."""
         laws = self.drive.laws[stage]
         if not laws:
             return signal
@@ -163,7 +164,7 @@ class _Track:
         return out
 
     def _friction(self, torque: np.ndarray) -> np.ndarray:
-        """Torque (P, T, n) that all friction takes of the motion; where a joint may stand still, in proportion."""
+        """Friction torque (P, T, n) of all budgets; proportional to the speed where a joint may stand still."""
         taken, joint = np.zeros_like(torque), self._all_samples(torque)
         for effect, p in self.drive.budgets:
             of_samples = {k: np.repeat(v, torque.shape[1], axis=0) for k, v in vars(p).items()}
@@ -183,7 +184,7 @@ class _Track:
         return np.swapaxes(columns.reshape(samples, sets, n), 0, 1)
 
     def _asked(self, torque: np.ndarray) -> np.ndarray:
-        """Effort whose share that arrives at the joint is this torque: the drive's laws as a line about it."""
+        """Torque of the drive of which this torque reaches the joint, with the drive's laws linearised."""
         if not self.drive.laws["drive"]:
             return torque
         step = NUDGE * (1.0 + np.abs(torque))

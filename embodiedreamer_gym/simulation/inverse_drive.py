@@ -1,4 +1,4 @@
-"""The drive run backwards: which command moves the joints as wanted, link by link of the chain from joint to command."""
+"""Inverse of the drive: the command that moves the joints as wanted, computed stage by stage from joint to command."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation.drive import TIME_STEP, Drive
 
 Array = np.ndarray
-LOOPS = 2  # over a friction that grows with the torque it is part of
-NUDGE, CLOSE = 1e-4, 1e-9  # relative step and error of the search for a law's input
-WIDENED, HALVED = 24, 40  # passes of that search
-SLOPE, SETTLED = 0.1, 1.0  # unit/s and s of the ramp that shows how late a command acts
+LOOPS = 2  # iterations for friction that depends on the torque
+NUDGE, CLOSE = 1e-4, 1e-9  # relative step and tolerance of the search for a law's input
+WIDENED, HALVED = 24, 40  # iterations of that search
+SLOPE, SETTLED = 0.1, 1.0  # unit/s and s of the ramp that measures the lag of commands
 
 
 class InverseDrive(Drive):
-    """Finds the commands for wanted motions of one robot, instant by instant; `step` moves the memories of its laws on.
+    """Computes the commands for wanted motions of one robot, instant by instant; `step` advances its laws' memories.
 
-    The rigid bodies' torque, the laws of the stage "load" and friction give what has to arrive at a joint. The stages
-    "drive", "torque" and "servo" are searched for the input that gives it, whatever their laws are, so a user's own
-    effect needs no inverse. `lag` says how late the stage "command" is. A gear that gives way adds what its load winds it up.
+    The torque of the rigid bodies, the laws of the stage "load" and friction give the torque that has to reach a joint.
+    For the stages "drive", "torque" and "servo", the input that gives it is searched numerically, whatever their laws
+    are, so a user's own effect needs no inverse. `lag` is the delay of the stage "command". The deflection of a
+    compliant gear under its load is added.
 
     dt: time between two instants, s.
     """
@@ -34,7 +35,7 @@ class InverseDrive(Drive):
         self.short = np.zeros(model.n, bool)
 
     def begin(self, position: Array) -> None:
-        """Put the joints (n,) and all memories at rest."""
+        """Put the joints at rest at a position (n,), with all memories at rest."""
         q = np.array(position, float)[None]
         still = np.zeros_like(q)
         self.start(q, still, q)
@@ -43,20 +44,20 @@ class InverseDrive(Drive):
         self._wound = self._after_gear(self._weight() - self._try("load", still, self._joint))
 
     def memories(self) -> tuple[Any, ...]:
-        """What `step` changes, to go back to with `recall`."""
+        """The state that `step` changes, to be restored by `recall`."""
         laws = [law for laws in self.laws.values() for law in laws]
         return self.torque, self.time, self._joint, self._wound, self._pulled, tuple((law, law.memory) for law in laws)
 
     def recall(self, memories: tuple[Any, ...]) -> None:
-        """Go back to the instant at which `memories` was called."""
+        """Restore the state at the time when `memories` was called."""
         self.torque, self.time, self._joint, self._wound, self._pulled, laws = memories
         for law, memory in laws:
             law.memory = memory
 
     def step(self, position: Array, velocity: Array, acceleration: Array, direction: Array) -> Array:
-        """Command (n,) that must reach the servo now for joints that move so (n,); `short` says where the drive is too weak.
+        """Command (n,) that must reach the servo now for this motion (n,); `short` shows where the drive is too weak.
 
-        direction: -1 to 1, of the motion that friction resists, and how much of it.
+        direction: -1 to 1; its sign is that of the motion that friction resists, its size the share of the friction.
         """
         q, v, a, way = (np.array(x, float)[None] for x in (position, velocity, acceleration, direction))
         self._joint = joint = JointState(q, v, self.torque, self.dt, self.time)
@@ -82,22 +83,22 @@ class InverseDrive(Drive):
         return (self._pass("sensor", motor.position, motor) + error)[0]
 
     def reading(self, position: Array) -> Array:
-        """What the sensors (n,) show where the joints are at a position (n,) as wanted."""
+        """Sensor readings (n,) if the joints are at a position (n,) as wanted."""
         q = np.array(position, float)[None] + self._wound
         return self._try("sensor", q, JointState(q, np.zeros_like(q), self.torque, self.dt, self.time))[0]
 
     def reading_at_rest(self, position: Array) -> Array:
-        """What the sensors (n,) show of motors that rest at a position (n,)."""
+        """Sensor readings (n,) of motors that rest at a position (n,)."""
         q = np.array(position, float)[None]
         still = np.zeros_like(q)
         self.start(q, still, q)
         return self._try("sensor", q, JointState(q, still, still, self.dt, 0.0))[0]
 
     def _after_gear(self, carried: Array) -> Array:
-        """By how much the motors are ahead (1, n) of joints that carry a torque."""
+        """Position difference (1, n) between motors and joints that carry a torque."""
         if not self._gives:
             return np.zeros_like(carried)
-        turn = carried / (0.01 * self.servo["stiffness"])  # within 0.01 unit of error the teeth change sides
+        turn = carried / (0.01 * self.servo["stiffness"])  # the teeth change sides within 0.01 unit of error
         return self._gear[0] * carried + self._gear[2] * np.clip(turn, -1.0, 1.0)
 
     def _strongest(self, motor: JointState) -> tuple[Array, Array]:
@@ -107,7 +108,7 @@ class InverseDrive(Drive):
         return np.minimum(ahead, stall * (1 - v / fast)), np.minimum(back, stall * (1 + v / slow))
 
     def _error(self, asked: Array, motor: JointState) -> Array:
-        """Position error (1, n) at which the servo asks for a torque, before its damping; its memories move on."""
+        """Position error (1, n) at which the servo commands a torque, before its damping; its memories are advanced."""
         measured = self._try("sensor", motor.position, motor)
         pull, stiffness = asked, self.servo["stiffness"]
         if self._asked.counts:
@@ -115,7 +116,7 @@ class InverseDrive(Drive):
 
             def given(x: Array, keep: bool = False) -> Array:
                 turned = x - before if before is not None else np.zeros_like(x)
-                # the command moves as the motor and the error do
+                # the command's velocity is that of the motor plus that of the error
                 slope = np.divide(turned, stiffness * self.dt, out=np.zeros_like(x), where=stiffness > 0.0)
                 return self._asked.given(x, measured, motor, motor.velocity + slope, keep)
 
@@ -129,10 +130,10 @@ class InverseDrive(Drive):
 
 
 def searched(law: Callable[[Array], Array], wanted: Array, guess: Array) -> Array:
-    """The x (B, n) nearest the guess at which a law that does not fall with x gives what is wanted, or comes nearest to it."""
+    """The x (B, n) at which a non-decreasing law gives the wanted value or comes nearest to it, close to the guess."""
     x = np.array(guess, float)
     step = NUDGE * (1.0 + np.abs(x))
-    for left in (2, 1, 0):  # a law that is a line needs no more
+    for left in (2, 1, 0):  # a linear law needs no more
         given = law(x)
         near = np.abs(wanted - given) <= CLOSE * (1.0 + np.abs(wanted))
         if near.all():
@@ -155,7 +156,7 @@ def searched(law: Callable[[Array], Array], wanted: Array, guess: Array) -> Arra
 
 
 def command_path(model: RobotModel, commands: Array, dt: float = TIME_STEP) -> Array:
-    """What of commands (K, n), dt apart, reaches the servo at each instant (K, n); at rest at first."""
+    """Commands (K, n) that reach the servo when commands (K, n) are sent at intervals dt; at rest at first."""
     drive, still = Drive(model, dt=dt), np.zeros((1, model.n))
     drive.start(commands[:1], still, commands[:1])
     heard = np.empty_like(commands)
@@ -166,7 +167,7 @@ def command_path(model: RobotModel, commands: Array, dt: float = TIME_STEP) -> A
 
 
 def _lag(model: RobotModel) -> Array:
-    """How late (n,) s a command that moves steadily reaches the servo."""
+    """Delay (n,) in s after which a steadily moving command reaches the servo."""
     if not any(getattr(effect, "stage", "") == "command" for effect in model.effects):
         return np.zeros(model.n)
     times = np.arange(round(SETTLED / TIME_STEP) + 1) * TIME_STEP

@@ -3,13 +3,14 @@
 PyBullet integrates v += a dt, q += v dt, a leapfrog whose velocity belongs to t - dt/2. Damping is therefore taken
 at the mean of the old and the new velocity, (M + R + (d + b) dt/2) a = p e - (d + b) v - h + load - friction,
 which at 240 Hz agrees with an engine at 10 kHz. Friction is a stopping impulse, solved over the coupled joints by
-projected Gauss-Seidel (Moreau's time stepping), since a joint-by-joint stop flips signs through the coupling.
+projected Gauss-Seidel (Moreau's time stepping), because stopping joints one by one changes signs through the coupling.
 
-Where a gear gives way, its motor is a mass of its own, R (w' - w) / dt = drive - b w - gear, which knows of the joint only
-its new velocity: it is eliminated joint by joint, and what is left of gear and motor is a push and a damping of the
-joint. Viscous friction is the motor's there: seen behind a gear of ratio N, a motor's bearings count N^2 times (De Luca
-and Book, Robots with flexible elements, in Springer Handbook of Robotics, 2016). The gear's spring is taken at its present wind-up, like the servo's, as far as the step resolves its mode, and
-beyond that at its new one; in a gap there is none.
+If a gear is compliant, its motor is a separate mass, R (w' - w) / dt = drive - b w - gear, which depends on the joint
+only through the joint's new velocity. It is eliminated joint by joint, so that gear and motor act on the joint as a
+torque and a damping. Viscous friction then acts on the motor: behind a gear of ratio N, a motor's bearings count N^2
+times (De Luca and Book, Robots with flexible elements, in Springer Handbook of Robotics, 2016). The gear's spring is
+taken at its current deflection, like the servo's, as far as the step resolves its mode, and beyond that at its new
+deflection; in a gap there is no spring.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ import numpy as np
 from embodiedreamer_gym.robot.dynamics import UNWRAPPED, run_dynamics
 from embodiedreamer_gym.simulation.block_solver import factor, invert, stop, substitute
 
-RINGING = 3.0  # damping at the mean speed turns a velocity by (1 - x) / (1 + x) per step, x = dt slope / 2 inertia
-PASSES = 4  # over the set of joints whose drive is at a limit
-GEAR_PASSES = 8  # over the sides on which gears with a gap touch
-LEAST_ROTOR = 0.02  # of the joint's inertia, where a gear gives way
-RESOLVED = 0.5  # inertia over squared step: up to it a gear's spring is explicit; n of them in a row add up
-RIGID = 1e6  # of the stiffness that a step resolves: teeth without compliance
+RINGING = 3.0  # damping at the mean speed scales a velocity by (1 - x) / (1 + x) per step, x = dt slope / 2 inertia
+PASSES = 4  # iterations over the set of joints whose drive is at a limit
+GEAR_PASSES = 8  # iterations over the sides on which the teeth of gears with a gap touch
+LEAST_ROTOR = 0.02  # least rotor inertia at a compliant gear, relative to the joint's inertia
+RESOLVED = 0.5  # in inertia / dt^2: a gear's stiffness up to which it is explicit; the springs of n joints add up
+RIGID = 1e6  # stiffness of teeth without compliance, relative to that which a step resolves
 FREE, TOP, FAST, BOTTOM, BACK = 0, 1, 2, 3, 4
 OPEN, AHEAD, BEHIND, MESHED = 0, 1, -1, 2
-GIVE, SLOPE, DRAG, SOFT, LATE, HEAVY, KNOWN, PUSH, HOLD = range(9)  # parts of a joint's drive
+GIVE, SLOPE, DRAG, SOFT, LATE, HEAVY, KNOWN, PUSH, HOLD = range(9)  # rows of `parts`, which describe a joint's drive
 
 jit = nb.njit(cache=True, nogil=True, error_model="numpy")
 inner = nb.njit(nogil=True, error_model="numpy", **UNWRAPPED)
@@ -36,9 +37,10 @@ inner = nb.njit(nogil=True, error_model="numpy", **UNWRAPPED)
 
 @jit
 def within_limits(pull, damping, velocity, limits, out):
-    """The servo's torque, pull - damping * velocity (B, n), as far as the drive's limits leave it at that speed, in `out`.
+    """Write the servo's torque, pull - damping * velocity (B, n), within the drive's limits at that speed, to `out`.
 
-    This and the functions below fill an array that they are given: to return one makes Numba unpickle its type each time.
+    This and the functions below write to given arrays, because Numba unpickles the type of a returned array at each
+    call.
     """
     for b in range(pull.shape[0]):
         for i in range(pull.shape[1]):
@@ -50,11 +52,11 @@ def within_limits(pull, damping, velocity, limits, out):
 @jit
 def step_joints(now, lanes, links, frames, masses, gravity, mass, bias, pull, load, line, friction, position, velocity, wound,
                 spin, servo, limits, stops, gear, blocks, dt, impulse, solution):  # fmt: skip
-    """`solve_step` under the mass matrix and bias of the rigid bodies, which are left in `mass` and `bias`.
+    """Compute mass matrix and bias of the rigid bodies, in `mass` and `bias`, then `solve_step`.
 
-    now: joint velocities at the instant of the positions (B, n), which the bias follows.
+    now: joint velocities at the instant of the positions (B, n), for the bias.
 
-    One call instead of two, because calls from Python take a fifth of the time of a batch of one.
+    This is one call instead of two, because calls from Python take a fifth of the time of a batch of one.
     """
     force = np.empty((len(position), len(links)))
     still = np.zeros_like(position)
@@ -68,28 +70,28 @@ def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound
                blocks, dt, impulse, solution):  # fmt: skip
     """Solve one step for a batch of B samples of n joints.
 
-    One loop instead of a function per part: passing tuples of arrays to such functions doubles the time at 60 samples.
+    It is one loop instead of a function per part: passing tuples of arrays doubles the time at 60 samples.
 
     Args:
         mass: mass matrix (B, n, n), kg m^2.
         bias: gravity, centrifugal and Coriolis torque (B, n), N m.
         pull: the servo's stiffness times its position error (B, n), N m.
         load: extra torque on the joint (B, n), N m.
-        line: gain and shift (2, B, n): a torque x of the drive arrives as gain x + shift; the gain is not negative.
+        line: gain and shift (2, B, n): of a drive torque x, gain x + shift reaches the joint; the gain is not negative.
         friction: highest friction in forward and in backward motion (2, B, n), N m.
         position: joint angles (B, n), rad.
-        velocity: joint velocities of half a step ago (B, n), rad/s.
-        wound: the motor's angle less the joint's (B, n), rad.
-        spin: the motor's velocity of half a step ago (B, n), rad/s.
+        velocity: joint velocities half a step ago (B, n), rad/s.
+        wound: the motor's angle minus the joint's (B, n), rad.
+        spin: the motor's velocity half a step ago (B, n), rad/s.
         servo: stiffness, N m/rad, damping, N m s/rad, rotor inertia, kg m^2, and viscous friction, N m s/rad
             (4, B, n).
-        limits: the drive's highest torque forward and backward, N m, the speeds at which it fades to nothing, rad/s,
+        limits: the drive's highest torque forward and backward, N m, the speeds at which it falls to zero, rad/s,
             and its torque at rest on that line, N m (5, B, n).
         stops: lower and upper end stops (2, n), rad.
-        gear: compliance, rad/(N m), settling time, s, and half the gap, rad (3, B, n); (3, 0, 0) where no gear gives way.
+        gear: compliance, rad/(N m), settling time, s, and half the gap, rad (3, B, n); (3, 0, 0) if all are rigid.
         blocks: first joint of each independent arm, then n.
         dt: duration of the step, s.
-        impulse: friction's impulse of the last step (B, n), N m s, as the first guess of this one.
+        impulse: friction's impulse of the last step (B, n), N m s, as the initial guess for this one.
         solution: out (4, B, n), acceleration, rad/s^2; the drive's torque at the mean velocity of the step, before the
             gain, N m; friction's impulse, N m s; the motor's new velocity, rad/s.
     """
@@ -105,7 +107,7 @@ def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound
     gives = gear.shape[1] > 0
     for b in range(batch):
         for i in range(n):
-            slowest[i] = min((stops[0, i] - position[b, i]) / dt, 0.0)  # that do not pass an end stop in a step
+            slowest[i] = min((stops[0, i] - position[b, i]) / dt, 0.0)  # does not pass an end stop in this step
             fastest[i] = max((stops[1, i] - position[b, i]) / dt, 0.0)
         for k in range(len(blocks) - 1):
             first, end = blocks[k], blocks[k + 1]
@@ -117,7 +119,7 @@ def solve_step(mass, bias, pull, load, line, friction, position, velocity, wound
                 for i in range(first, end):
                     _drive(state[i], i, b, pull, damping, limits, parts)
                     loose = gives and gear[0, b, i] + gear[2, b, i] > 0.0
-                    viscosity, rubbing = (0.0, viscous[b, i]) if loose else (viscous[b, i], 0.0)  # of joint and motor
+                    viscosity, rubbing = (0.0, viscous[b, i]) if loose else (viscous[b, i], 0.0)  # joint, motor
                     own = mass[b, i, i] + 0.5 * dt * viscosity
                     base = max(rotor[b, i], LEAST_ROTOR * mass[b, i, i]) if loose else own + rotor[b, i]
                     heavy = _motor(state[i], i, base, gain[b, i], stiffness[b, i], rubbing, dt, parts)
@@ -189,12 +191,12 @@ def _drive(state, i, b, pull, damping, limits, parts):
 
 @inner
 def _motor(state, i, base, gain, stiffness, rubbing, dt, parts):
-    """What a drive makes of the inertia that it moves; its share beyond what the step resolves as SOFT and LATE.
+    """Inertia that a drive moves, with its damping; the parts that the step does not resolve become SOFT and LATE.
 
     rubbing: the motor's own viscous friction.
     """
     parts[DRAG, i] = drag = gain * parts[SLOPE, i] + rubbing
-    parts[LATE, i] = late = max(0.0, 0.5 * dt * drag - RINGING * base)  # beyond it: a later speed
+    parts[LATE, i] = late = max(0.0, 0.5 * dt * drag - RINGING * base)  # the rest acts at the new speed
     heavy = base + 0.5 * dt * drag + late
     stiff = gain * stiffness * dt * dt if state == FREE else 0.0
     parts[SOFT, i] = soft = max(0.0, stiff - heavy)  # a mode faster than the step resolves: implicit
@@ -203,7 +205,7 @@ def _motor(state, i, base, gain, stiffness, rubbing, dt, parts):
 
 @inner
 def _limit_state(wanted, mean, i, b, limits):
-    """Which limit of the drive a torque would break: the highest torque, or the line that falls with the speed."""
+    """Which limit of the drive a torque would exceed: the highest torque, or the line that falls with the speed."""
     ahead = limits[4, b, i] * (1.0 - mean / limits[2, b, i])
     behind = limits[4, b, i] * (1.0 + mean / limits[3, b, i])
     if wanted > min(limits[0, b, i], ahead):
@@ -215,7 +217,7 @@ def _limit_state(wanted, mean, i, b, limits):
 
 @inner
 def _at_first(gear, wound, mass, rotor, side, left, lone, low, inverse, work, first, end):
-    """On which side teeth touch as a step begins, and a joint's inertia where all other joints follow it freely."""
+    """Side on which teeth touch at the start of a step, and each joint's inertia if all other joints move freely."""
     for i in range(first, end):
         loose = gear[0, i] + gear[2, i] > 0.0
         lone[i] = mass[i, i] + (0.0 if loose else rotor[i])
@@ -229,9 +231,9 @@ def _at_first(gear, wound, mass, rotor, side, left, lone, low, inverse, work, fi
 
 @inner
 def _gear(side, compliance, settling, half, wound, slip, inertia, dt):
-    """A gear's torque as still + grip * (the motor's new velocity less the joint's).
+    """A gear's torque as still + grip * (the motor's new velocity minus the joint's).
 
-    slip: the old one; inertia: that of motor and joint against each other.
+    slip: the old velocity difference; inertia: the reduced inertia of motor and joint.
     """
     if side == OPEN:
         return 0.0, 0.0
@@ -239,7 +241,7 @@ def _gear(side, compliance, settling, half, wound, slip, inertia, dt):
     if compliance * spring > 1.0:
         spring = 1.0 / compliance
     damper = settling * spring
-    mean = min(damper, 2.0 * inertia / dt)  # at the mean of both velocities, what is beyond at the new one
+    mean = min(damper, 2.0 * inertia / dt)  # acts at the mean of both velocities, the rest at the new one
     grip = damper - 0.5 * mean + max(0.0, spring * dt - RESOLVED * inertia / dt)
     away = wound if side == MESHED else wound - side * half
     return spring * away + 0.5 * mean * slip, grip
@@ -247,7 +249,7 @@ def _gear(side, compliance, settling, half, wound, slip, inertia, dt):
 
 @inner
 def _eliminate(i, heavy, known, still, grip, parts):
-    """A gear's torque as PUSH - HOLD * the joint's new velocity; the motor's is (KNOWN - that torque) / HEAVY."""
+    """A gear's torque as PUSH - HOLD * the joint's new velocity; the motor's one is (KNOWN - that torque) / HEAVY."""
     parts[HEAVY, i], parts[KNOWN, i] = heavy, known
     parts[PUSH, i] = (heavy * still + grip * known) / (heavy + grip)
     parts[HOLD, i] = heavy * grip / (heavy + grip)
@@ -255,9 +257,9 @@ def _eliminate(i, heavy, known, still, grip, parts):
 
 @inner
 def _turned(i, half, wound, joint, dt, parts, side, left, spin):
-    """Find a motor's new velocity from its joint's; whether its gear's teeth must touch on another side.
+    """Compute a motor's new velocity from its joint's; return whether its gear's teeth must touch on another side.
 
-    left: the side that they have left in this step already, to which they do not return.
+    left: side that they have already left in this step, to which they do not return.
     """
     passed = parts[PUSH, i] - parts[HOLD, i] * joint
     spin[i] = (parts[KNOWN, i] - passed) / parts[HEAVY, i]

@@ -1,4 +1,4 @@
-"""Free runs: what a model does when it hears a recording's commands, from the recording's first state."""
+"""Free runs: simulations of a model that start at a recording's first state and follow its commands."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation.drive import TIME_STEP, Drive, Sets
 
 BLOCK = 240  # steps between two samplings of the trajectory
-FIRST_WINDOW = 0.05  # s; of 5 to 50 samples, a parabola over 50 ms starts a moving arm best at 30 Hz, 100 Hz and 1 kHz
-FEWEST = 4  # samples
+FIRST_WINDOW = 0.05  # s; of 5 to 50 samples, a parabola over 50 ms gives the best start at 30 Hz, 100 Hz and 1 kHz
+FEWEST = 4  # least number of samples in that window
 
 
 @dataclass(frozen=True)
 class Rollout:
     """A simulated recording: time (T,) s, position, velocity (T, n), servo torque (T, n) N m.
 
-    reading (T, n): of an inverse run, what the log's effort shows of the torque, in its unit; None where that is the torque.
+    reading (T, n): for an inverse run, the log's effort for the torque, in its unit; None if that is the torque itself.
     """
 
     time: np.ndarray
@@ -32,11 +32,11 @@ class Rollout:
 
     @property
     def effort(self) -> np.ndarray:
-        """What the log's effort shows (T, n)."""
+        """The log's effort (T, n) for this torque."""
         return self.torque if self.reading is None else self.reading
 
     def at(self, index: int | None) -> Rollout:
-        """The run of one parameter set of P, where the arrays are (P, T, n); None adds that axis, of length one."""
+        """The run of one of P parameter sets, if the arrays are (P, T, n); None adds that axis with length one."""
         reading = None if self.reading is None else self.reading[index]
         return Rollout(self.time, self.position[index], self.velocity[index], self.torque[index], reading)
 
@@ -59,7 +59,7 @@ def check_names(model: RobotModel, recording: Recording) -> None:
 def plant_commands(recording: Recording, hold: str, dt: float = TIME_STEP) -> np.ndarray:
     """Command (K, n) at each plant step of a recording, by the controller's rule between two samples.
 
-    A held command is averaged over the step around each instant, so that its edges keep their time.
+    A held command is averaged over the step around each instant, so that the times of its edges are kept.
     """
     time, command = recording.time - recording.time[0], recording.command
     if command is None:
@@ -120,7 +120,7 @@ def simulate_sets(
         if alive < drive.rollouts:
             drive.keep(alive)
         last = min(first + BLOCK, steps[0])
-        overlap = int(first > 0)  # the last instant of the block before, so that no interval falls between two blocks
+        overlap = int(first > 0)  # the last instant of the previous block, so that no interval is lost between blocks
         block = np.empty((3, last - first + overlap, drive.batch, model.n))
         block[:, :overlap] = track[:, -1:, : drive.batch] if overlap else 0.0
         for k in range(first, last):
@@ -149,7 +149,7 @@ def simulate(model: RobotModel, recording: Recording, dt: float = TIME_STEP, hol
 
 
 def command_rule(model: RobotModel, recording: Recording) -> str:
-    """The rule between two commands: the model's where it knows one, else the recording's, else linear."""
+    """The rule between two commands: the model's if it has one, else the recording's, else linear."""
     for rule in (model.command_hold, recording.command_hold):
         if rule != "unknown":
             return rule
@@ -157,7 +157,7 @@ def command_rule(model: RobotModel, recording: Recording) -> str:
 
 
 class Sampler:
-    """Reads a trajectory on the plant's grid at a recording's own times, block by block."""
+    """Samples a trajectory on the plant's grid at a recording's own times, block by block."""
 
     def __init__(self, recording: Recording, sets: int, dt: float) -> None:
         self._time, self._dt = recording.time, dt

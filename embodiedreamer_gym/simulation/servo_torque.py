@@ -1,4 +1,4 @@
-"""What a servo asks for beyond stiffness times error: feed-forward, gravity compensation, integrals, a dead band."""
+"""Servo torque besides stiffness times error: feed-forward, gravity compensation, integrals, a dead band."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from embodiedreamer_gym.effects import CATALOGUE, JointState, ServoState
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation.drive_setup import Law
 
-ORDER = {name: place for place, name in enumerate(CATALOGUE)}  # in which laws act; those of a user before
+ORDER = {name: place for place, name in enumerate(CATALOGUE)}  # in which laws act; a user's laws act first
 
 
 class ServoTorque:
     """The laws of the stage "torque" on a batch of B robots, and the gravity compensation that the model's file states.
 
-    counts: whether there is anything to do. damping: of the servo (B, n), N m s/rad.
+    counts: whether there is any such torque. damping: of the servo (B, n), N m s/rad.
     """
 
     def __init__(self, model: RobotModel, laws: Sequence[Law], damping: np.ndarray) -> None:
@@ -30,9 +30,9 @@ class ServoTorque:
     def start(
         self, pull: np.ndarray, heard: np.ndarray, measured: np.ndarray, motor: JointState, carried: np.ndarray
     ) -> np.ndarray:
-        """Put all memories at rest; what the servo asks for (B, n) at the first command `heard`, N m.
+        """Put all memories at rest; return the servo's torque (B, n) at the first command `heard`, N m.
 
-        pull: stiffness times error; carried: torque that it has to ask for to hold the joints where they are.
+        pull: stiffness times error; carried: torque that it has to command to hold the joints at their positions.
         """
         self._heard, self._slope = heard, np.zeros_like(heard)
         state = self._state(pull, measured, motor)
@@ -44,16 +44,16 @@ class ServoTorque:
         return torque
 
     def torque(self, pull: np.ndarray, heard: np.ndarray, measured: np.ndarray, motor: JointState) -> np.ndarray:
-        """What the servo asks for (B, n) under the command `heard`, before damping and limits, N m."""
+        """Torque (B, n) that the servo commands for the command `heard`, before damping and limits, N m."""
         slope = (heard - self._heard) / motor.dt
-        speed = slope + 0.5 * (slope - self._slope)  # at this instant, as the joints' velocity is
+        speed = slope + 0.5 * (slope - self._slope)  # extrapolated to this instant, like the joints' velocity
         self._heard, self._slope = heard, slope
         return self._given(pull, self._state(pull, measured, motor, speed), keep=True)
 
     def given(
         self, pull: np.ndarray, measured: np.ndarray, motor: JointState, speed: np.ndarray, keep: bool = False
     ) -> np.ndarray:
-        """What the servo asks for (B, n) under a command of this speed; keep: the memories move on."""
+        """Torque (B, n) that the servo commands for a command of this speed; keep: whether memories are advanced."""
         return self._given(pull, self._state(pull, measured, motor, speed), keep)
 
     def keep(self, damping: np.ndarray) -> None:

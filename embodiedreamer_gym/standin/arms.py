@@ -1,4 +1,4 @@
-"""Original arms made of primitives, and the servos they truly have."""
+"""Original arms made of primitives, with the true parameters of their servos."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Servo:
-    """True servo of an arm, each (n,): N m/rad, N m s/rad, kg m^2, N m s/rad."""
+    """True servo parameters of an arm, each (n,): N m/rad, N m s/rad, kg m^2, N m s/rad."""
 
     stiffness: tuple[float, ...]
     damping: tuple[float, ...]
@@ -23,7 +23,7 @@ class Servo:
 
 @dataclass(frozen=True)
 class _Link:
-    """A joint and the link it turns: a solid bar from the joint's frame to `end`, m, kg."""
+    """A joint and the link that it moves: a solid bar from the joint's frame to `end`; m, kg."""
 
     axis: Vector
     origin: Vector
@@ -36,9 +36,9 @@ class _Link:
 
 
 X, Y, Z, MINUS_Y = (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, -1, 0)
-HIGHEST_SPEED = 3.0  # rad/s, of every joint
+HIGHEST_SPEED = 3.0  # rad/s, speed limit of every joint
 
-# Piper- and ViperX-like: waist, shoulder, elbow, then roll, pitch, roll; 4.1 kg moving, links .29 and .25 m.
+# Similar to Piper and ViperX: waist, shoulder, elbow, then roll, pitch, roll; 4.1 kg moving, links 0.29 and 0.25 m.
 _ARM6 = (
     _Link(Z, (0, 0, 0.08), (0, 0, 0.05), 0.09, 0.80, (-2.6, 2.6), 0.0, 40),
     _Link(Y, (0, 0, 0.05), (0.29, 0, 0), 0.06, 1.20, (-2.2, 0.9), -0.9, 40),
@@ -106,7 +106,7 @@ def arm_home(name: str) -> np.ndarray:
 
 
 def arm_urdf(name: str) -> str:
-    """The arm as URDF text: links `base`, `link1` ..., and the all but massless frame `tip`.
+    """The arm as URDF text: links `base`, `link1` ..., and the nearly massless frame `tip`.
 
     Raises: ModelError when there is no arm of that name.
     """
@@ -143,7 +143,7 @@ def _text(values) -> str:
 
 
 def _bar(name: str, end: Vector, width: float, mass: float) -> str:
-    """A link: a solid box from the origin to `end`, turned so that its x axis lies along the bar."""
+    """A link: a solid box from the origin to `end`, rotated so that its x axis lies along the bar."""
     x, y, z = end
     length = float(np.linalg.norm(end))
     rpy = (0.0, -float(np.arctan2(z, np.hypot(x, y))), float(np.arctan2(y, x)))

@@ -1,8 +1,8 @@
-"""Blind cases: a robot with hidden effects or none, its recordings, and the model a user starts from.
+"""Blind cases: a robot with hidden effects or none, its recordings, and the model that a user starts from.
 
-Beside the effect every case has link masses +-1.5 %, centres +-2 mm, gains +-5 %, viscous friction +-25 %,
-torque noise, and 12-bit encoders with 0.4 mrad noise: a fault-free robot is no perfect model either.
-`sizes` says how large an effect is drawn. The same seed with another effect gives the same robot and motions
+Besides the effect, every case has errors of link masses +-1.5 %, centres +-2 mm, gains +-5 %, viscous friction +-25 %,
+torque noise, and 12-bit encoders with 0.4 mrad noise, as a model of a fault-free robot is not perfect either.
+`effect_sizes` draws how large an effect is. The same seed with another effect gives the same robot and motions
 otherwise.
 """
 
@@ -41,11 +41,11 @@ ALOHA_HOME = (0.0, 1.57, -1.3485, 0.0, 0.0, 0.0, 0.5)
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Recordings to learn from and to be judged by, the nominal model (JSON), its URDF text, the truth.
+    """Recordings for training and testing, the nominal model (JSON), its URDF text, and the ground truth.
 
-    truth: {"effect": name or None, "values": {parameter: {joint or end effector: value}}, "servo": {...}}; of several
-    effects {"effects": {name: values}, "servo": {...}}. record: logs one more motion, under a name, with the same robot
-    and sensors.
+    truth: {"effect": name or None, "values": {parameter: {joint or end effector: value}}, "servo": {...}}; with several
+    effects {"effects": {name: values}, "servo": {...}}. record: function that logs another motion, under a name, with
+    the same robot and sensors.
     """
 
     train: Recordings
@@ -57,15 +57,15 @@ class Case:
 
     @property
     def hidden(self) -> dict[str, dict[str, dict[str, float]]]:
-        """The hidden effects: name -> parameter -> joint or end effector -> value; empty for a faultless robot."""
+        """The hidden effects: name -> parameter -> joint or end effector -> value; empty for a fault-free robot."""
         if "effects" in self.truth:
             return self.truth["effects"]
         return {self.truth["effect"]: self.truth["values"]} if self.truth["effect"] else {}
 
     def write(self, folder: str | Path) -> Path:
-        """Write model, URDF and logs (train/, test/) but not the truth; the path of the model.
+        """Write model, URDF and logs (train/, test/), but not the truth; returns the path of the model.
 
-        Episodes of the ALOHA pair become AgileX HDF5 files without time stamps, others CSV.
+        Episodes of the ALOHA pair become AgileX HDF5 files without time stamps, other recordings CSV files.
         """
         folder = Path(folder)
         for part, recordings in (("train", self.train), ("test", self.test)):
@@ -105,12 +105,13 @@ def draw_case(
     among: Sequence[int] | None = None,
     **sensor: Any,
 ) -> Case:
-    """One arm that plays motions to learn from and others held out, `seconds` each, at first multisine and fast moves.
+    """A case of one arm that plays training motions and held-out motions, `seconds` each.
 
-    effect: a name, several or none; strength: of all of them, a name of STRENGTHS or a number (1.0 is plain); learnt,
-    held_out: names of MOTIONS; reach, speed: of every motion, see `span_of`; hz: samples per second; with_...: what the logs hold
-    beside positions; imperfect: what replaces IMPERFECT's errors of the model; among: numbers of the joints that effects may act on,
-    None for all; sensor: what replaces SENSOR or adds to it (jitter, noise, ...).
+    effect: a name, several or none; strength: of all effects, a name of STRENGTHS or a number (1.0 is plain); learnt,
+    held_out: names of MOTIONS for training and for the held-out test; reach, speed: of every motion, see `span_of`; hz:
+    samples per second; with_...: signals that the logs contain besides positions; imperfect: replaces entries of
+    IMPERFECT, the errors of the model; among: numbers of the joints on which effects may act, None for all; sensor:
+    replaces entries of SENSOR or adds some (jitter, noise, ...).
 
     Raises: EffectError for an unknown effect or strength, ModelError for an unknown arm or motion.
     """
@@ -156,7 +157,7 @@ def aloha_case(
     seconds: float = 10.0,
     command_known: Literal["continuous", "linear", "hold"] = "linear",
 ) -> Case:
-    """Teleoperated episodes of the ALOHA pair at 30 Hz, every other one held out; one side has the effect.
+    """A case of teleoperated episodes of the ALOHA pair at 30 Hz, every second one held out; one side has the effect.
 
     Raises: EffectError for an unknown effect, ModelError for a side that is neither left nor right.
     """
@@ -193,7 +194,7 @@ def aloha_case(
 
 
 def write_agilex(recording: Recording, path: str | Path) -> None:
-    """Write the layout of AgileX's collect_data.py, single precision, without time stamps.
+    """Write a recording in the layout of AgileX's collect_data.py, in single precision, without time stamps.
 
     Source: collect_data.py of agilexrobotics/cobot_magic.
     """

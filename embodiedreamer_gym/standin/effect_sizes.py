@@ -1,11 +1,11 @@
-"""How large a hidden effect is drawn, and on which joints.
+"""Draws the sizes of hidden effects and the joints that they act on.
 
-Sizes are drawn log-uniformly between the ends given in SIZES, some as shares of what the fault-free arm does
-in the training motions: "peak" its highest torque per joint, "load" the same but at least the servo's torque
-at 0.03 rad, "soft" its reciprocal, "top" its highest speed, "top_acceleration" that times ten per second, "stiffness" and "rotor" its servo's, "mass" all that
-moves. Delay, low-pass and rate limit act on all joints alike, what only a heavy link shows (BY_GRAVITY) where
-gravity does, what else is per joint on one joint, on the half nearer to the base or on all.
-A "shape" does not grow with the strength asked for.
+Sizes are drawn log-uniformly between the bounds in SIZES. Some are relative to the fault-free arm in the training
+motions: "peak" is its highest torque per joint, "load" the same but at least the servo's torque at 0.03 rad, "soft" the
+reciprocal of "load", "top" its highest speed, "top_acceleration" that times ten per second, "stiffness" and "rotor" are
+the servo's, and "mass" is the mass of all moving links. Delay, low-pass and rate limit act on all joints alike. Effects
+that only a heavy link shows (BY_GRAVITY) act on joints with a gravity load. Other effects per joint act on one joint,
+on the half nearer to the base, or on all. A "shape" does not grow with the strength.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ SIZES: dict[str, dict[str, tuple[float, float, str]]] = {
 }
 SUPPLY = ("supply_sag",)
 FIRMWARE = tuple(name for name in PARAMETERS if name not in SUPPLY)
-FACTORS = ("command_rate_limit", "torque_saturation", "voltage_limit", "torque_constant", "profile")  # grow by powers
+FACTORS = ("command_rate_limit", "torque_saturation", "voltage_limit", "torque_constant", "profile")  # size ** strength
 MOST = {
     "torque_fade": {"loss": 0.9},
     "derivative_on_error": {"share": 1.5},
@@ -85,7 +85,7 @@ STRENGTHS = {"faint": 0.3, "plain": 1.0, "strong": 2.5}
 
 
 def strength_of(strength: str | float) -> float:
-    """Factor of a strength given by its name or as a positive number.
+    """The factor of a strength, which is given as a name or a positive number.
 
     Raises: EffectError for another name or number.
     """
@@ -108,7 +108,7 @@ def draw_values(
     joints: list[int],
     arms: list[int],
 ) -> dict[str, Array]:
-    """Values of the effect's parameters (n,) or (arms,); joints, arms: where it may act."""
+    """Values of the effect's parameters (n,) or (arms,); joints, arms: numbers of those on which it may act."""
     if effect not in SIZES:
         raise EffectError(f"there are no cases of '{effect}'; there are {', '.join(SIZES)}.")
     if effect in PER_ARM:
@@ -134,7 +134,7 @@ def draw_values(
 def _adjust(
     effect: str, values: dict[str, Array], scales: Mapping[str, Array], span: Span, rng: np.random.Generator
 ) -> dict[str, Array]:
-    """A limit that still holds the arm up, a spring at rest near home, either direction the harder one."""
+    """Adjusted values: torque limits that can hold the arm, springs at rest near home, either direction the harder."""
     for name in {"limit", "stall_torque"} & set(values):
         enough = np.maximum(values[name], 1.2 * scales["static"])
         values[name] = np.where(values[name] > 0, enough, 0.0)
@@ -152,7 +152,7 @@ def _adjust(
 
 
 def _choose(effect: str, nominal: StandIn, span: Span, rng: np.random.Generator, joints: list[int]) -> list[int]:
-    """Joints that the effect acts on."""
+    """Numbers of the joints that the effect acts on."""
     if effect in SAME_FOR_ALL:
         return joints
     joints = [j for j in joints if nominal.units[j] == "rad"]
@@ -168,7 +168,7 @@ def _choose(effect: str, nominal: StandIn, span: Span, rng: np.random.Generator,
 
 
 def _scales(nominal: StandIn, motions: Sequence[Motion]) -> dict[str, Array]:
-    """What the shares of SIZES refer to: numbers (n,) of the fault-free arm in the motions."""
+    """Reference values (n,) of the relative SIZES, from the fault-free arm in the motions."""
     runs = [nominal.run(motion, motion.duration) for motion in motions]
     position, speed, torque = (np.concatenate([run[i][::10] for run in runs]) for i in (1, 2, 3))
     peak, top = np.abs(torque).max(0), np.abs(speed).max(0)

@@ -1,4 +1,4 @@
-"""The stand-in's engine: a MuJoCo plant with hidden effects, played from rest step by step."""
+"""The stand-in's engine: a MuJoCo plant with hidden effects, simulated from rest step by step."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from embodiedreamer_gym.standin.hidden import (
 from embodiedreamer_gym.standin.plant import Plant, import_mujoco, rotation_quaternion, turned
 
 Array = np.ndarray
-CREEP = 2e-3  # rad/s
+CREEP = 2e-3  # rad/s, speed that still counts as rest
 
 
 class Engine:
-    """Plays set points on a plant; recorded unit = (URDF value - zero) / stroke, each (n,).
+    """Plays set points on a plant; value in recorded units = (URDF value - zero) / stroke, each (n,).
 
     servo: stiffness, damping, rotor_inertia and viscous_friction (n,), per recorded unit.
     """
@@ -62,11 +62,11 @@ class Engine:
         self._path = CommandPath(hidden, timestep)
 
     def _set_servo(self, strength: Array) -> None:
-        """The actuators' gains and force ranges where this share (n,) of their torque arrives."""
+        """Set the actuators' gains and force ranges so that this share (n,) of their torque arrives."""
         self._share = strength
         model, kp, kd = self._model, strength * self._kp, strength * self._kd
-        # Takes back the half step of damping that the implicit integrator adds: a six-joint arm at 0.1 ms is
-        # then within 0.001 mrad of a step of 0.02 ms.
+        # Compensates for the half step of damping that the implicit integrator adds: a six-joint arm at 0.1 ms is
+        # then within 0.001 mrad of one at 0.02 ms.
         model.dof_armature[self._plant.dof] = 0.0
         model.dof_armature[self._plant.motor_dof] = self._rotor - (kd + self._viscous) * self.timestep / 2
         model.actuator_gainprm[:, 0] = kp
@@ -88,11 +88,11 @@ class Engine:
         model.dof_frictionloss[dof] = level
         uneven = get("direction_dependent_friction", "backward") - get("direction_dependent_friction", "forward")
         self._constant_torque = get("torque_bias", "torque") + uneven / 2
-        self._beside = get("torque_bias", "torque")  # on the joints beside drive, bodies, springs and friction
+        self._beside = get("torque_bias", "torque")  # torque on the joints besides drive, bodies, springs and friction
         self._mujoco.mj_setConst(model, self._data)
 
     def _laws(self, warming: bool) -> list[Callable[[], None]]:
-        """What must be set anew before each step; warming: whether the drives' fade has begun."""
+        """Functions to call before each step; warming: whether the drives' fade has begun."""
         data, get = self._data, self._hidden.get
         q, ctrl, laws = data.qpos, data.ctrl, []
         if self._fading is not None and warming:
@@ -122,7 +122,7 @@ class Engine:
         return laws
 
     def _friction_law(self, varying: Callable[[Array, Array, Array], Array]) -> Callable[[], None]:
-        """Set the friction level by speed, the actuators' torque and what acts on the joints beside it."""
+        """Set the friction level from speed, the actuators' torque and the other torques on the joints."""
         model, data, get, at, dof = self._model, self._data, self._hidden.get, self._plant.position, self._plant.dof
         loss, none = model.dof_frictionloss, np.zeros(len(dof))
         outside = any(get("load_friction", name).any() for name in ("external", "static"))
@@ -137,7 +137,7 @@ class Engine:
         return set_friction
 
     def _torque_laws(self) -> list[Callable[[], None]]:
-        """Torques on the joints beside the actuators'."""
+        """Apply the torques on the joints besides the actuators'."""
         data, get, at, dof = self._data, self._hidden.get, self._plant.position, self._plant.dof
         amplitude, frequency, phase = (get("torque_ripple", p) for p in ("amplitude", "frequency", "phase"))
         drag, constant, bristle = get("quadratic_drag", "coefficient"), self._constant_torque, self._bristle
@@ -160,7 +160,7 @@ class Engine:
         return [set_torque]
 
     def _speed_law(self, top: Array, rise: Array, bottom: Array, fall: Array) -> Callable[[], None]:
-        """Where the servo wants more than the torque-speed line allows, put the actuator on that line."""
+        """Limit the actuator to the torque-speed line where the servo's torque exceeds it."""
         model, data, at, dof = self._model, self._data, self._plant.motor_position, self._plant.motor_dof
         gain, bias, kp, kd = model.actuator_gainprm, model.actuator_biasprm, self._kp, self._kd
 
@@ -177,9 +177,9 @@ class Engine:
         return limit_speed
 
     def run(self, setpoint: Callable[[Array], Array], duration: float) -> tuple[Array, Array, Array, Array]:
-        """Play set points (k,) s -> (k, n) from rest; time (T,), true position, velocity, torque (T, n).
+        """Play set points (k,) s -> (k, n) from rest; returns time (T,), true position, velocity, torque (T, n).
 
-        Every step of the engine, in recorded units; torque is the actuator's, position and velocity are the motor's.
+        They are of every step, in recorded units; torque is the actuator's, position and velocity are the motor's.
 
         Raises: SimulationError when the arm does not come to rest first or the engine diverges.
         """
@@ -188,13 +188,13 @@ class Engine:
         wanted -= self._offset
         self._settle(wanted[0])
         q, v, sent = self._play(wanted, warming=True)
-        q, v = q[:-1], (v[:-1] + v[1:]) / 2  # the engine's velocity belongs half a step earlier
+        q, v = q[:-1], (v[:-1] + v[1:]) / 2  # the engine's velocity is that of half a step earlier
         torque = self._drive(sent[:-1], q, v)
         time = np.arange(steps - 1) * self.timestep
         return time, (q - self._zero) / self._stroke, v / self._stroke, torque * self._stroke
 
     def begin(self, setpoint: Array) -> None:
-        """Rest at a set point (n,), recorded units: there a motion begins that `advance` plays.
+        """Bring the arm to rest at a set point (n,), recorded units, to begin a motion that `advance` plays.
 
         Raises: SimulationError when the arm does not come to rest there.
         """
@@ -202,7 +202,7 @@ class Engine:
         self._settle(self._zero + self._stroke * setpoint - self._offset)
 
     def advance(self, setpoint: Callable[[Array], Array], steps: int) -> None:
-        """Play the motion's next steps, by set points (k,) s -> (k, n) since it began, recorded units.
+        """Play the next steps of the motion; setpoint: (k,) s since it began -> (k, n), recorded units.
 
         Raises: SimulationError when the engine diverges.
         """
@@ -210,29 +210,29 @@ class Engine:
         self._play(wanted, warming=True)
 
     def refresh(self) -> None:
-        """Take over what a caller has placed in `model` and `data`."""
+        """Update MuJoCo's derived quantities after a caller has changed `model` or `data`."""
         self._mujoco.mj_forward(self._model, self._data)
 
     @property
     def model(self) -> Any:
-        """MuJoCo's model, of which a caller may place what is no part of the robot."""
+        """MuJoCo's model; a caller may move bodies that are not part of the robot."""
         return self._model
 
     @property
     def data(self) -> Any:
-        """MuJoCo's state at this instant."""
+        """MuJoCo's present state."""
         return self._data
 
     def encoders(self) -> Array:
-        """What the encoders (n,) read at this instant, without noise, recorded units."""
+        """Present encoder readings (n,), without noise, recorded units."""
         return (self._data.qpos[self._plant.motor_position] + self._offset - self._zero) / self._stroke
 
     def speeds(self) -> Array:
-        """Speed of the motors (n,) at this instant, recorded units per second."""
+        """Present speed of the motors (n,), recorded units per second."""
         return self._data.qvel[self._plant.motor_dof] / self._stroke
 
     def _drive(self, sent: Array, q: Array, v: Array) -> Array:
-        """The actuator's torque (T, n) by its own law, at the speed of the middle of the step."""
+        """The actuator's torque (T, n) from its control law, at the speed in the middle of the step."""
         torque = self._kp * (sent - q) - self._kd * v
         if self._line is not None:
             top, rise, bottom, fall = self._line
@@ -240,9 +240,10 @@ class Engine:
         return np.clip(torque, -self._limit, self._limit)
 
     def _settle(self, first: Array, longest: float = 4.0) -> None:
-        """Rest at a set point (n,); the state found is kept for the next motion that starts there.
+        """Bring the arm to rest at a set point (n,); the state is cached for the next motion that starts there.
 
-        A creep below CREEP counts as rest in the end: inside a dead zone a joint may need minutes.
+        In the last blocks, a speed below CREEP counts as rest, because inside a dead zone a joint may creep for
+        minutes.
         """
         self._reset(self._plant.pose(first), np.zeros(len(first)), np.zeros(len(first)), first)
         self._firmware.rest(self._firmware.holding(self._plant.load(self._data.qfrc_bias - self._data.qfrc_passive)))
@@ -258,7 +259,7 @@ class Engine:
         raise SimulationError(f"the stand-in does not rest at its first command within {longest:g} s.")
 
     def _reset(self, pose: Array, bend: Array, integral: Array, command: Array) -> None:
-        """Still and cool at a pose (nq,), with the servo's torque, on which friction may depend, already there."""
+        """Reset to a pose (nq,), at rest and cool, with the servo's torque computed, as friction may depend on it."""
         model, data = self._model, self._data
         self._set_servo(self._strength)
         self._bend[:] = bend
@@ -269,7 +270,7 @@ class Engine:
         self._mujoco.mj_forward(model, data)
 
     def _play(self, wanted: Array, warming: bool) -> tuple[Array, Array, Array]:
-        """Step through set points (k, n); position, velocity and actuator input at the start of each."""
+        """Step through set points (k, n); returns position, velocity and actuator input at the start of each step."""
         model, data, step, laws = self._model, self._data, self._mujoco.mj_step, self._laws(warming)
         ctrl, qpos, qvel = data.ctrl, data.qpos, data.qvel
         q, v, sent = np.empty((len(wanted), model.nq)), np.empty((len(wanted), model.nv)), np.array(wanted)

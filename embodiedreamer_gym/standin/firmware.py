@@ -1,7 +1,7 @@
-"""What the stand-in's servos do beside stiffness and damping, written on its own: firmware, and the supply of its output.
+"""Firmware and power supply of the stand-in's servos; they do not share code with the package's effects.
 
-A torque is handed to MuJoCo's actuator as a shift of its set point by torque / stiffness, so that the actuator's range cuts
-it as a drive's limit cuts all that a servo asks for.
+A torque is passed to MuJoCo's actuator as a shift of its set point by torque / stiffness, so that the actuator's force
+range limits it, as a drive's limit applies to the servo's total torque.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from scipy.signal import bilinear, lfilter
 
 Array = np.ndarray
-CRAWL = 0.01  # rad/s, of a command, below which friction is compensated in proportion
+CRAWL = 0.01  # rad/s: speed of a command below which friction compensation is proportional to it
 PARAMETERS: dict[str, dict[str, tuple[str, int]]] = {
     "profile": {"acceleration": ("joint", 1), "speed": ("joint", 1)},
     "lookahead": {"seconds": ("joint", 0), "inverse_gain": ("joint", 0)},
@@ -27,7 +27,10 @@ PARAMETERS: dict[str, dict[str, tuple[str, int]]] = {
 
 
 def trapezoid(goals: Array, state: tuple[float, float], acceleration: float, speed: float, dt: float) -> Array:
-    """Places and speeds (k, 2) of a set point that brakes in time for each goal (k,), or pulls towards it; it has the state."""
+    """Positions and speeds (k, 2) of a set point that accelerates towards each goal (k,) and brakes in time.
+
+    state: position and speed before.
+    """
     place, pace = state
     top, gain = (speed if speed > 0 else np.inf), acceleration * dt
     out = np.empty((len(goals), 2))
@@ -47,7 +50,7 @@ def trapezoid(goals: Array, state: tuple[float, float], acceleration: float, spe
 
 
 class SecondOrder:
-    """A set point x that follows one joint's commands by x'' = gain (command - x - seconds x')."""
+    """A set point x that follows one joint's commands: x'' = gain (command - x - seconds x')."""
 
     def __init__(self, seconds: float, inverse_gain: float, dt: float, first: float) -> None:
         square = (inverse_gain if inverse_gain > 0 else 0.25) * seconds**2
@@ -55,16 +58,16 @@ class SecondOrder:
         self._first, self._memory = first, np.zeros(2)
 
     def __call__(self, commands: Array) -> Array:
-        """The set points (k,) of the next commands (k,)."""
+        """The set points (k,) for the next commands (k,)."""
         out, self._memory = lfilter(*self._taps, commands - self._first, zi=self._memory)
         return out + self._first
 
 
 class ServoFirmware:
-    """Torques (n,) N m that servos ask for beside stiffness and damping; `integral` is what they remember at rest.
+    """Torques (n,) N m of the servos besides stiffness and damping; `integral` is their integrator's state.
 
     get: gives the values (n,) of a hidden effect's parameter.
-    weigh: torque (n,) that the controller's own model of the arm says its weight takes at measured joints (n,).
+    weigh: gravity torque (n,) at measured joints (n,), according to the controller's own model of the arm.
     """
 
     def __init__(
@@ -91,18 +94,18 @@ class ServoFirmware:
         self._last: Array | None = None
 
     def rest(self, integral: Array) -> None:
-        """Stand still with this memory (n,) N m."""
+        """Reset to rest, with the integrator at `integral` (n,) N m."""
         self.integral, self._last = integral.copy(), None
 
     def holding(self, weight: Array) -> Array:
-        """The memory (n,) N m after a long rest under a weight (n,)."""
+        """The integrator's state (n,) N m after a long rest under a gravity torque (n,)."""
         memory = np.where((self._rate > 0) | (self._loop > 0), weight * (1 - self._gravity), 0.0)
         return np.where(self._rate > 0, np.clip(memory, -self._clamp, self._clamp), memory)
 
     def shift(self, wanted: Array, target: Array, q: Array, v: Array) -> Array:
-        """Shift (n,) rad of the set point that stands for all these torques.
+        """Shift (n,) rad of the set point that produces all these torques.
 
-        wanted: the command; target: what the actuator hears of it, dead zone included; q, v: motors.
+        wanted: the command; target: the actuator's set point after the dead zone; q, v: of the motors.
         """
         pull = self._kp * (target - q)
         torque = np.zeros(len(q))
@@ -125,6 +128,6 @@ class ServoFirmware:
             left = np.where(size > self._level, size - self._level + self._jump, 0.0)
             torque += np.where(asked < 0, -1.0, 1.0) * left - asked
         if self._sagging:
-            resisted = self._sag * np.abs(pull + torque)  # by the supply, as a share of the winding's resistance
+            resisted = self._sag * np.abs(pull + torque)  # supply's resistance over the winding's
             torque -= (pull + torque - self._kd * v) * resisted / (1 + resisted)
         return torque / self._kp

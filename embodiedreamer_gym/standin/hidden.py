@@ -1,27 +1,27 @@
-"""Hidden effects of the stand-in, written for MuJoCo on their own: what a model has to find out.
+"""Hidden effects of the stand-in, which a model has to identify; they do not share code with the package's effects.
 
 Values are per joint (n,) or one number for all; base_tilt and payload are per arm. Units are those of the
 recording: rad, N m, s, kg (a normalised gripper's stroke counts as 1). Zero means absent, also for limits.
-A log's effort is the torque for which the actuator is driven: a motor that gives more or less than that, friction,
-springs, bias and ripple act beside it.
+A log's effort is the torque that the drive requests; errors of the motor's torque, friction, springs, bias and ripple
+are not part of it.
 
-| effect | how MuJoCo does it |
+| effect | implementation in MuJoCo |
 |---|---|
-| coulomb, stribeck, load_friction | `dof_frictionloss`, its level set anew from speed, drive and load |
-| direction_dependent_friction | `dof_frictionloss` at their mean, half their difference as a torque |
-| hysteresis | generalised force of a bristle (LuGre without damping), its bend stepped implicitly |
+| coulomb, stribeck, load_friction | `dof_frictionloss`, set before each step from speed, drive and load |
+| direction_dependent_friction | `dof_frictionloss` at the mean of both directions, half their difference as a torque |
+| hysteresis | generalised force of a bristle (LuGre without damping), its bend integrated implicitly |
 | torque_bias, torque_ripple, quadratic_drag | generalised force on the joint |
 | joint_spring | joint stiffness |
 | torque_constant, torque_fade | gains and force range of the actuator; the fade begins with the motion |
-| joint_elasticity, backlash | the motor a body of its own, a tendon's spring or its limits between it and the joint |
+| joint_elasticity, backlash | the motor is a separate body, a tendon's spring or limits couple it to the joint |
 | rotor_inertia | `dof_armature` |
 | torque_saturation | force range of the actuator |
 | voltage_limit | torque-speed line from `stall_torque` at rest; without one, 100 times the servo's damping |
 | servo_deadzone, encoder_offset | the set point the actuator sees |
 | command_delay, command_lowpass, command_rate_limit, profile, lookahead | the command at every step, in this order |
-| gravity_compensation, integral_action and other torques of firmware, supply_sag | a shift of the set point, see `firmware` |
-| payload, base_tilt | a ball welded to the end effector; the arm turned at its root |
-| timestamp_jitter | not at all: the log's one clock, as bad as that of its worst arm |
+| gravity_compensation, integral_action and other firmware torques, supply_sag | shift of the set point, see `firmware`
+| | payload, base_tilt | a ball welded to the end effector; the arm rotated at its root |
+| timestamp_jitter | not in MuJoCo: the log has one clock, with the jitter of its worst arm |
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from embodiedreamer_gym.standin.firmware import PARAMETERS, SecondOrder, trapezo
 
 Array = np.ndarray
 NEVER = 1e6  # a speed that no joint reaches
-STEEP = 100.0  # slope of a torque-speed line without a stall torque, in servo dampings
+STEEP = 100.0  # slope of a torque-speed line without a stall torque, in multiples of the servo's damping
 
-# parameter -> (per "joint" or "arm", power of the gripper's stroke that turns it into URDF units)
+# parameter -> (per "joint" or "arm", power of the gripper's stroke that converts it to URDF units)
 EFFECTS: dict[str, dict[str, tuple[str, int]]] = {
     "command_delay": {"seconds": ("joint", 0)},
     "command_lowpass": {"time_constant": ("joint", 0)},
@@ -105,12 +105,12 @@ class Hidden:
 
 
 def shape_command(setpoint: Callable[[Array], Array], hidden: Hidden, steps: int, dt: float) -> Array:
-    """Set points (steps, n) that reach the servo at 0, dt, ...; before time 0 the first one held."""
+    """Set points (steps, n) that reach the servo at 0, dt, ...; before time 0, the first one is held."""
     return CommandPath(hidden, dt).shape(setpoint, steps)
 
 
 class CommandPath:
-    """What becomes of commands on their way to the servo, a stretch of a motion after the other."""
+    """Effects on commands on their way to the servo; a motion may be processed in several pieces."""
 
     def __init__(self, hidden: Hidden, dt: float) -> None:
         self._hidden, self._dt, self._steps = hidden, dt, 0
@@ -120,7 +120,7 @@ class CommandPath:
         self._ahead: dict[int, SecondOrder] = {}
 
     def shape(self, setpoint: Callable[[Array], Array], steps: int) -> Array:
-        """The next set points (steps, n) that reach the servo, by set points (k,) s -> (k, n) known up to then."""
+        """The next set points (steps, n) that reach the servo; setpoint: commands known by then, (k,) s -> (k, n)."""
         hidden, dt = self._hidden, self._dt
         time = (self._steps + np.arange(steps)) * dt
         self._steps += steps
@@ -150,7 +150,7 @@ class CommandPath:
         return command
 
     def _first_order(self, j: int, signal: Array, constant: float) -> Array:
-        """Exact first-order filter of a signal (k,) that is linear between steps."""
+        """A signal (k,) after a first-order filter, exact for signals that are linear between steps."""
         decay = np.exp(-self._dt / constant)
         later = 1 - constant / self._dt * (1 - decay)
         rest, memory = self._filters.get(j, (signal[0], np.zeros(1)))
@@ -159,7 +159,7 @@ class CommandPath:
         return filtered + rest
 
     def _ramp(self, j: int, signal: Array, slots: Array, most: float) -> Array:
-        """Follow a signal (k,) by at most `most` whenever a slot (k,) begins, by what it is then."""
+        """A value (k,) that moves by at most `most` towards the signal (k,) whenever a new slot (k,) begins."""
         slot, value = self._reached.get(j, (-1, float(signal[0])))
         out = np.empty(len(signal))
         for k, (goal, now) in enumerate(zip(signal.tolist(), slots.tolist(), strict=True)):
@@ -171,7 +171,7 @@ class CommandPath:
 
 
 def friction_law(hidden: Hidden) -> tuple[Array, Callable[[Array, Array, Array], Array] | None]:
-    """Friction level (n,) at standstill without load; the level by speed, servo torque and outer torque if it varies."""
+    """Constant friction level (n,); and, if it varies, the level as a function of speed, servo and outer torque."""
     forward = hidden.get("direction_dependent_friction", "forward")
     backward = hidden.get("direction_dependent_friction", "backward")
     level = hidden.get("coulomb_friction", "torque") + (forward + backward) / 2
@@ -202,7 +202,7 @@ def friction_law(hidden: Hidden) -> tuple[Array, Callable[[Array, Array, Array],
 
 
 def torque_speed_line(hidden: Hidden, damping: Array) -> tuple[Array, Array, Array, Array] | None:
-    """Highest speed, its slope, lowest speed, its slope (n,): torque lies between slope * (speed - v)."""
+    """Highest speed, its slope, lowest speed, its slope (n,); the torque is between the lines slope * (speed - v)."""
     forward, backward = (hidden.get("voltage_limit", side) for side in ("forward", "backward"))
     if not (forward.any() or backward.any()):
         return None
@@ -213,7 +213,7 @@ def torque_speed_line(hidden: Hidden, damping: Array) -> tuple[Array, Array, Arr
 
 
 def gears(hidden: Hidden, joints: Sequence[str]) -> dict[str, tuple[float, float, float]]:
-    """Compliance, settling time and gap of the joints whose gear gives way."""
+    """Compliance, settling time and gap of the joints whose gear has compliance or a gap."""
     rows = (hidden.get("joint_elasticity", "compliance"), hidden.get("joint_elasticity", "settling"),
             hidden.get("backlash", "gap"))  # fmt: skip
     numbers = zip(joints, *(row.tolist() for row in rows), strict=True)
@@ -227,9 +227,10 @@ def gear_damper(hidden: Hidden) -> Array:
 
 
 def bristle_law(hidden: Hidden) -> Callable[[Array, Array, float], Array] | None:
-    """Presliding friction: the bend (n,) rad of its bristles, moved on by a speed (n,) for a time, in place; the torque.
+    """Presliding friction: a function that integrates the bristles' bend (n,) rad, in place, and returns the torque.
 
-    dz/dt = v - |v| z / travel, the torque level * z / travel (Canudas de Wit et al. 1995, without their damping).
+    Its arguments are the bend, the speed v (n,) and a time step. dz/dt = v - |v| z / travel, with the torque
+    level * z / travel (Canudas de Wit et al. 1995, without their damping).
     """
     level, travel = (hidden.get("hysteresis", name) for name in ("torque", "travel"))
     if not level.any():
@@ -247,7 +248,7 @@ def bristle_law(hidden: Hidden) -> Callable[[Array, Array, float], Array] | None
 
 
 def drive_strength(hidden: Hidden) -> tuple[Array, Callable[[float], Array] | None]:
-    """Share (n,) of its torque that the drive gives when cool; the share by time, s, if it fades."""
+    """Share (n,) of its torque that the drive gives when cool; and, if it fades, the share as a function of time, s."""
     gain = hidden.get("torque_constant", "gain")
     strength = np.where(gain > 0, gain, 1.0)
     loss, time = (hidden.get("torque_fade", name) for name in ("loss", "time"))

@@ -1,4 +1,4 @@
-"""What a hidden case may be: which effects are asked for, their families, how strong they are, how the arm is recorded."""
+"""Choices for blind cases: the effects in question, their families and strengths, and how the arm is recorded."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from embodiedreamer_gym.standin.cases import Case, draw_case
 from embodiedreamer_gym.standin.effect_sizes import FIRMWARE, SIZES, SUPPLY
 
 BARELY, PLAIN, STRONG = 0.15, 1.0, 2.5  # strengths; 1.0 is a plain effect
-ATTEMPTS = 5  # robots drawn until one rests at its first command
+ATTEMPTS = 5  # most robots drawn until one rests at its first command
 
-# With a logged command the fitted gains take up a torque constant whole: only effort without a command shows it.
-# What servos do in firmware has a benchmark of its own; a supply's sag is in no set of cases.
+# With a logged command, the fitted gains absorb a torque constant completely; only effort without a command shows it.
+# Firmware effects have their own benchmark; supply sag is in no set of cases.
 APART = (*FIRMWARE, *SUPPLY)
 SINGLES = tuple(name for name in SIZES if name != "torque_constant" and name not in APART)
-# Laws that others of the catalogue contain: left out of it, they are not outside it. Direction-dependent friction is
-# Coulomb friction and a bias.
+# Effects that other effects in the catalogue contain: without its own entry, such an effect is still in the catalogue.
+# Direction-dependent friction is Coulomb friction and a bias.
 CONTAINED = ("direction_dependent_friction", "coulomb_friction", "torque_saturation", "torque_bias", "torque_constant")
 OUTSIDE = tuple(name for name in SIZES if name not in (*CONTAINED, *APART))
 IN_EFFORT = ("payload", "coulomb_friction", "stribeck_friction", "load_friction", "direction_dependent_friction",
@@ -41,12 +41,12 @@ AS_A_PERSON: dict[str, Any] = {"learnt": ("teleoperation",) * 2, "held_out": ("t
 
 
 def draw_strength(rng: np.random.Generator, low: float, high: float = STRONG) -> float:
-    """A strength, log-uniform."""
+    """A strength, drawn log-uniformly."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def family_of(effect: str) -> str:
-    """The family of an effect, its own name where it has none."""
+    """The family of an effect; its own name if it has none."""
     return next((family for family, names in FAMILIES.items() if effect in names), effect)
 
 
@@ -61,9 +61,9 @@ def partners(effect: str) -> list[str]:
 def draw_at_rest(
     effects: Sequence[str], arm: str, rng: np.random.Generator, strength: float, **recording: Any
 ) -> Case:  # fmt: skip
-    """`draw_case`, drawn again where the arm never comes to rest, as under too much friction.
+    """`draw_case`, repeated if the arm does not come to rest, e.g. with too much friction.
 
-    Raises: SimulationError where none of ATTEMPTS robots rests.
+    Raises: SimulationError where none of ATTEMPTS robots comes to rest.
     """
     for _ in range(ATTEMPTS - 1):
         with suppress(SimulationError):

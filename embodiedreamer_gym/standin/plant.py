@@ -1,4 +1,4 @@
-"""A URDF as a MuJoCo model: fixed base, one servo per joint; contacts and limits only where things stand around it."""
+"""A URDF as a MuJoCo model with a fixed base and one servo per joint; contacts and limits only with added objects."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from embodiedreamer_gym.errors import MissingExtraError, ModelError
 
 Array = np.ndarray
 Gear = tuple[float, float, float]  # compliance, rad/(N m), settling time, s, gap, rad
-HARD = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp: the highest impedance that MuJoCo takes, at any distance
+HARD = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp: the highest impedance that MuJoCo accepts, at any distance
 
 
 def import_mujoco() -> Any:
-    """The engine of the stand-in.
+    """The mujoco module.
 
     Raises: MissingExtraError when MuJoCo cannot be imported.
     """
@@ -31,11 +31,12 @@ def import_mujoco() -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A compiled model and where its joints lie.
+    """A compiled model and the indices of its joints.
 
-    position, dof (n,): places in MuJoCo's qpos and qvel; motor_position, motor_dof: those of what the servo drives and
-    the encoder sees, another than the joint where a gear gives way; arm_root: first moving body of each arm; followers:
-    (joint's number, place in qpos, place in qvel, multiplier, offset) of each mimic joint.
+    position, dof (n,): indices in MuJoCo's qpos and qvel; motor_position, motor_dof: those of the motor, which the
+    servo drives and the encoder measures (it differs from the joint if the gear has compliance or a gap); arm_root:
+    first moving body of each arm; followers: (joint's number, index in qpos, index in qvel, multiplier, offset) of each
+    mimic joint.
     """
 
     model: Any
@@ -47,7 +48,7 @@ class Plant:
     followers: tuple[tuple[int, int, int, float, float], ...]
 
     def pose(self, q: Array) -> Array:
-        """MuJoCo's qpos for joint positions q (n,), mimic joints included; loose things where the model has them."""
+        """MuJoCo's qpos for joint positions q (n,), including mimic joints; loose objects have their initial poses."""
         full = self.model.qpos0.copy()
         full[self.position] = full[self.motor_position] = q
         for joint, place, _, multiplier, offset in self.followers:
@@ -70,7 +71,7 @@ class Plant:
         return weigh
 
     def load(self, force: Array) -> Array:
-        """Generalised force (nv,) as felt at the joints (n,), with what mimic joints pass on."""
+        """Generalised force (nv,) at the joints (n,), including that of their mimic joints."""
         out = force[self.dof].copy()
         for joint, _, dof, multiplier, _ in self.followers:
             out[joint] += multiplier * force[dof]
@@ -78,7 +79,7 @@ class Plant:
 
 
 def end_effectors(root: ElementTree.Element, joints: Sequence[str]) -> tuple[str, ...]:
-    """Childless links on a fixed joint below a moving one; without any, the last joint's link."""
+    """Links without children that are fixed to a moving link; if there are none, the last joint's link."""
     parents = {_link(j, "parent") for j in root.iter("joint")}
     moving = {_link(j, "child") for j in root.iter("joint") if j.get("type") != "fixed"}
     tips = tuple(
@@ -132,10 +133,10 @@ def build_plant(
     """Compile the URDF; joints that are neither listed nor mimic a listed one are fixed.
 
     A mimic joint follows by an equality constraint with a time constant of two steps, the stiffest that
-    MuJoCo takes. gears: of joints whose motor is a body of its own. furnish: puts things that can be touched into the
-    model's specification; links then keep their collision shapes, joints their limits, and each link is a body.
+    MuJoCo accepts. gears: of joints whose motor is a separate body. furnish: adds objects with contacts to the model's
+    specification; links then keep their collision shapes, joints their limits, and each link is a body.
 
-    Raises: ModelError when a listed joint is absent or MuJoCo refuses the URDF.
+    Raises: ModelError when a listed joint is missing or MuJoCo cannot read the URDF.
     """
     mujoco, gears = import_mujoco(), gears or {}
     mimics = _simplify(root, joints, furnish is not None)
@@ -175,7 +176,7 @@ def build_plant(
 def _connect(
     spec: Any, motors: Mapping[str, str], mimics: Mapping[str, tuple[str, float, float]], timestep: float
 ) -> None:
-    """A servo on each joint's motor, a tendon to the joint from a motor of its own, and the ties of mimic joints."""
+    """Add a servo to each joint's motor, a tendon between a separate motor and its joint, and ties of mimic joints."""
     mujoco = import_mujoco()
     for name, target in motors.items():
         motor = spec.add_actuator(name=name, target=target, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -198,7 +199,7 @@ def _rotor(joint: str) -> str:
 
 
 def _add_rotor(root: ElementTree.Element, name: str) -> None:
-    """Put a link without noticeable mass on a joint like this one, beside it; its armature will be the rotor."""
+    """Add a nearly massless link on a copy of a joint; the copy's armature will be the rotor."""
     joint = next(j for j in root.iter("joint") if j.get("name") == name)
     twin = copy.deepcopy(joint)
     child = twin.find("child")
@@ -212,10 +213,10 @@ def _add_rotor(root: ElementTree.Element, name: str) -> None:
 
 
 def _mesh(model: Any, name: str, gear: Gear, timestep: float) -> None:
-    """Make a tendon a spring outside the gap, or, without compliance, a hard end to it.
+    """Make a tendon a spring outside the gap or, without compliance, a hard limit at its ends.
 
-    The engine adds the spring's damper: a tendon's would weigh on rotor and joint, since MuJoCo's implicit steps leave
-    out what couples two branches of a tree.
+    The engine adds the spring's damper. A tendon's own damper would slow rotor and joint down, because MuJoCo's
+    implicit integrator leaves out the coupling between two branches of a tree.
     """
     compliance, _, gap = gear
     i = model.tendon(name).id
@@ -227,7 +228,7 @@ def _mesh(model: Any, name: str, gear: Gear, timestep: float) -> None:
 
 
 def _clear(model: Any, timestep: float, contacts: bool) -> None:
-    """Leave out the URDF's torques and friction, without contacts limits too; make friction as hard as MuJoCo can."""
+    """Remove the URDF's torque limits and friction, and without contacts its joint limits; make friction hard."""
     if not contacts:
         model.opt.disableflags |= int(import_mujoco().mjtDisableBit.mjDSBL_CONTACT)
         model.jnt_limited[:] = 0
@@ -237,7 +238,10 @@ def _clear(model: Any, timestep: float, contacts: bool) -> None:
 
 
 def _simplify(root: ElementTree.Element, joints: Sequence[str], touching: bool) -> dict[str, tuple[str, float, float]]:
-    """Drop shapes (but not what touches) and mimics, fix undriven joints; follower -> (leader, multiplier, offset)."""
+    """Remove shapes and mimic elements, and fix undriven joints; returns follower -> (leader, multiplier, offset).
+
+    touching: whether to keep collision shapes.
+    """
     present = {str(j.get("name")) for j in root.iter("joint")}
     absent = [name for name in joints if name not in present]
     if absent:
@@ -266,7 +270,7 @@ def _link(joint: ElementTree.Element, role: str) -> str:
 
 
 def rotation_quaternion(roll: float, pitch: float) -> Array:
-    """Quaternion (4,) w first of Ry(pitch) Rx(roll), a URDF rpy without yaw."""
+    """Quaternion (4,), w first, of Ry(pitch) Rx(roll), which is a URDF rpy without yaw."""
     cr, sr, cp, sp = np.cos(roll / 2), np.sin(roll / 2), np.cos(pitch / 2), np.sin(pitch / 2)
     return np.array([cr * cp, sr * cp, cr * sp, -sr * sp])
 

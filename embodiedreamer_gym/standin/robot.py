@@ -1,4 +1,4 @@
-"""The stand-in for a real robot: an arm in MuJoCo with hidden faults, and the logs it leaves."""
+"""The stand-in for a real robot: an arm in MuJoCo with hidden faults, which records logs."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class StandIn:
 
     stiffness, damping, rotor_inertia, viscous_friction: (n,) or one number, per recorded unit. effects: see
     `hidden`. mass_error, gain_error, viscous_error: half-widths of uniform relative errors per link or joint;
-    com_error: m. normalised: joint -> URDF values at 0 and 1. furnish: see `build_plant`; what it puts there can be
-    touched. `true` holds the servo values drawn.
+    com_error: m. normalised: joint -> URDF values at 0 and 1. furnish: adds objects with contacts, see `build_plant`.
+    `true` has the servo values that were drawn.
 
     Raises: ModelError, EffectError, MissingExtraError.
     """
@@ -102,12 +102,12 @@ class StandIn:
 
     @property
     def engine(self) -> Engine:
-        """What plays the arm, for those who play it a stretch at a time."""
+        """The engine, for callers that simulate the arm piece by piece."""
         return self._engine
 
     @property
     def moving_mass(self) -> float:
-        """Mass of everything that moves, kg."""
+        """Mass of all moving links, kg."""
         return self._engine.moving_mass
 
     def run(self, setpoint: Callable[[Array], Array], duration: float) -> tuple[Array, Array, Array, Array]:
@@ -139,8 +139,9 @@ class StandIn:
         """Play a motion and log it at `hz` samples per second.
 
         noise, quantum: sd and step of the measured position, recorded units, one number or (n,); jitter: sd
-        of the time stamps, s, cut at 0.45 of a step; effort_noise: share of `effort_scale`; velocity_noise: sd, unit/s;
-        command_known: what the controller makes of the logged commands; declare: the log's `command_hold`.
+        of the time stamps, s, clipped at 0.45 of a step; effort_noise: share of `effort_scale`; velocity_noise: sd,
+        unit/s; command_known: how the controller interpolates the logged commands, or "continuous" for the exact
+        motion; declare: the log's `command_hold`.
         """
         instants = np.arange(int(np.floor(motion.duration * hz + 1e-9)) + 1) / hz
         command, n = motion(instants), len(self.joints)

@@ -20,11 +20,11 @@ def span_of(
     speed: float = 0.8,
     normalised: Mapping[str, tuple[float, float]] | None = None,
 ) -> Span:
-    """Return the range inside a URDF's limits: at most `reach` rad about `centre`, `speed` of the limit speed.
+    """Return the range inside a URDF's limits: up to `reach` rad around `centre`, and `speed` times the speed limit.
 
     A normalised joint (URDF values at 0 and 1) gets its whole stroke, in 0..1.
 
-    Raises: ModelError when a joint is absent or has no limits.
+    Raises: ModelError when a joint is missing or has no limits.
     """
     text = Path(urdf).read_text() if isinstance(urdf, Path) or not str(urdf).lstrip().startswith("<") else urdf
     limits = {j.get("name"): j.find("limit") for j in ElementTree.fromstring(text).iter("joint")}

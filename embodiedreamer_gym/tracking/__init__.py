@@ -1,4 +1,4 @@
-"""Commands through a calibrated model: what to send so that the robot goes where it is wanted."""
+"""Commands from a calibrated model that bring the robot to its desired positions."""
 
 from embodiedreamer_gym.tracking.feed_forward import FeedForward
 from embodiedreamer_gym.tracking.tracker import MODES, Tracker

@@ -1,4 +1,4 @@
-"""Commands that a model needs for a motion, instant by instant, with the direction of its friction and the delay of its commands."""
+"""Feed-forward commands of a model for a motion, instant by instant, with friction's direction and command delay."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation.inverse_drive import InverseDrive
 
 Array = np.ndarray
-TRAVEL = {"rad": 2e-3, "m": 2e-4, "1": 2e-3}  # over which friction's direction changes from the middle to one side
-BEHIND = {"rad": 12e-3, "m": 1.2e-3, "1": 12e-3}  # of the wanted position, at which friction is overcome in full
+TRAVEL = {"rad": 2e-3, "m": 2e-4, "1": 2e-3}  # travel over which friction's direction goes from neutral to one side
+BEHIND = {"rad": 12e-3, "m": 1.2e-3, "1": 12e-3}  # error at which friction is compensated in full
 
 
 class FeedForward:
-    """The command of each instant for a wanted motion, from the model's own laws.
+    """Computes the command of each instant for a desired motion from the model's own laws.
 
-    Friction's direction follows the wanted motion through a play of `TRAVEL` to either side, as bristles that bend: it is kept
-    at rest, turns within a fixed travel at any speed, and small jitter of the wanted positions does not make it switch.
+    Friction's direction follows the desired motion with a play of `TRAVEL` to either side, like bristles that bend: it
+    is kept at rest, reverses within a fixed travel at any speed, and does not switch on small jitter of the desired
+    positions.
 
     dt: time between two instants, s.
     """
@@ -29,7 +30,7 @@ class FeedForward:
         self._behind = np.array([BEHIND[unit] for unit in model.units])
 
     def begin(self, position: Array) -> None:
-        """The joints rest at a position (n,)."""
+        """Start with the joints at rest at a position (n,)."""
         self.drive.begin(position)
         self._start: Array | None = np.array(position, float)
         self._side = np.zeros(len(position))
@@ -39,10 +40,10 @@ class FeedForward:
     def command(self, positions: Array, error: Array | float = 0.0) -> Array:
         """Command (n,) of this instant.
 
-        positions (k, n): wanted now, at the next instant and so on, as far as they are known; later ones are taken to go on
-        at the last acceleration. error (n,): by how much the joints are behind what was wanted.
+        positions (k, n): desired now, at the next instant and so on, as many as are known; after them, the last
+        acceleration is assumed to continue. error (n,): how far the joints are behind the desired positions.
         """
-        if self._start is not None:  # which need not be where the motion begins: no speed, but friction's direction
+        if self._start is not None:  # the motion may begin elsewhere: that sets friction's direction, but no speed
             self._side = np.clip((positions[0] - self._start) / self._travel, -1.0, 1.0)
             self._start, self._last = None, np.stack([positions[0]] * 2)
         path = extended(np.vstack([self._last, positions]), self.ahead + 4)[1:]
@@ -63,14 +64,14 @@ class FeedForward:
     def step(
         self, position: Array, velocity: Array, acceleration: Array, moved: Array, error: Array | float = 0.0
     ) -> Array:
-        """Command (n,) that must reach the servo at this instant; moved (n,): since the last one."""
+        """Command (n,) that must reach the servo at this instant; moved (n,): desired motion since the last instant."""
         self._side = np.clip(self._side + moved / self._travel, -1.0, 1.0)
         direction = np.clip(self._side + error / self._behind, -1.0, 1.0)
         return self.drive.step(position, velocity, acceleration, direction)
 
 
 def extended(path: Array, count: int) -> Array:
-    """The first `count` positions of a path (k, n) of three or more, which goes on at its last acceleration."""
+    """The first `count` positions of a path (k, n), k at least 3, that continues at its last acceleration."""
     k = np.arange(1, count - len(path) + 1)[:, None]
     speed, change = path[-1] - path[-2], path[-1] - 2 * path[-2] + path[-3]
     return np.vstack([path, path[-1] + k * speed + 0.5 * k * (k + 1) * change])[:count]

@@ -1,4 +1,4 @@
-"""Commands for a robot that is watched by its encoders: feed-forward of a model, and a trim by what is left of the error."""
+"""Commands for a robot with encoders: a model's feed-forward, and a trim that integrates the remaining error."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from embodiedreamer_gym.tracking.feed_forward import FeedForward
 Array = np.ndarray
 MODES = ("off", "feed_forward", "trim", "both")
 GAIN = 2.5  # 1/s, of the trim's integral
-MOST = 0.4  # unit, of the trim
+MOST = 0.4  # largest trim, in the joint's unit
 
 
 class Tracker:
-    """Turns actions into the commands that bring the robot where the actions want it, one control period at a time.
+    """Converts actions to commands that bring the robot to the desired positions, one control period at a time.
 
-    An action (n,) is where the joints are to be at the end of the period; or, with a `reference`, a command to that robot,
-    and the joints are to be where the reference would be. Commands stay within the joints' limits and change by no more
-    than their highest speed. Joints of unit "1" (grippers) get the action as it is, since they close on things.
+    An action (n,) is the desired joint positions at the end of the period. With a `reference`, it is a command to that
+    robot, and the desired positions are those that the reference would reach. Commands stay within the joints' limits
+    and change no faster than their highest speeds. Joints of unit "1" (grippers) get the action as it is, since they
+    close on objects.
 
-    model: the robot that hears the commands, as calibrated.
+    model: calibrated model of the robot that receives the commands.
     hz: actions per second.
-    mode: feed_forward: what the model needs for the motion; trim: the integral of the encoders' error, on top of the
-        action; both; off: the action itself.
+    mode: feed_forward: the command that the model needs for the motion; trim: the integral of the encoders' error,
+        added to the action; both; off: the action itself.
     Raises: ModelError for another mode, or a reference with other joints.
     """
 
@@ -42,7 +43,7 @@ class Tracker:
         self._known = np.zeros((0, model.n))
 
     def reset(self, position: Array, command: Array) -> None:
-        """The encoders (n,) read a position at rest under a command (n,)."""
+        """Start at rest, with the encoders reading a position (n,) under a command (n,)."""
         self._last = np.array(command, float)
         start = 2 * position - self._feed.drive.reading_at_rest(position)
         self._feed.begin(start)
@@ -50,12 +51,12 @@ class Tracker:
         self._known = np.zeros((0, self.model.n))
         if self._shadow is not None:
             self._shadow.reset(start, self._last)
-        bump = self.mode == "trim" and self._shadow is None  # else the first command would drop the arm by its weight
+        bump = self.mode == "trim" and self._shadow is None  # else the arm would sag at the first command
         self._trim = np.clip(self._last - position, -MOST, MOST) if bump else np.zeros(self.model.n)
         self._free = np.ones(self.model.n, bool)
 
     def preview(self, actions: Array) -> None:
-        """Actions (k, n) that are to come, the next one first."""
+        """Announce the actions (k, n) that will follow, the next one first."""
         self._known = np.array(actions, float)
 
     def command(self, action: Array, measured: Array) -> Array:
@@ -70,7 +71,7 @@ class Tracker:
         if self._trims:
             self._trim = np.clip(self._trim + GAIN * self.dt * np.where(self._free, error, 0.0), -MOST, MOST)
         base = self._feed.command(path, error if self._trims else 0.0)
-        weak = self._feed.drive.short  # whose error no command removes
+        weak = self._feed.drive.short  # no command removes their error
         self._wanted = path[0]
         wanted = np.where(self._driven, (base if self._forward else action) + self._trim, action)
         sent = self._limited(wanted)
@@ -78,7 +79,7 @@ class Tracker:
         return sent
 
     def _limited(self, wanted: Array) -> Array:
-        """Within the joints' limits, and no faster than they can go."""
+        """Commands within the joints' limits and highest speeds."""
         tree, most = self.model.tree, self.model.tree.velocity * self.dt
         inside = np.clip(wanted, tree.lower, tree.upper)
         sent = np.where(self._driven, np.clip(inside, self._last - most, self._last + most), inside)
@@ -87,7 +88,7 @@ class Tracker:
 
 
 class _Shadow:
-    """The reference robot, run beside the real one under the same actions."""
+    """The reference robot, simulated under the same actions."""
 
     def __init__(self, model: RobotModel, period: float) -> None:
         self._steps = int(np.ceil(period / TIME_STEP - 1e-9))
@@ -102,7 +103,7 @@ class _Shadow:
         self._drive.start(position[None], np.zeros((1, len(position))), command[None])
 
     def follow(self, action: Array) -> Array:
-        """Where it is at the end of the period under an action (n,), and a period later at its acceleration: (2, n)."""
+        """Positions (2, n) at the end of a period under an action (n,), and a period later at the same acceleration."""
         drive, before = self._drive, self._command
         for k in range(1, self._steps + 1):
             heard = action if self._hold else before + (action - before) * (k / self._steps)

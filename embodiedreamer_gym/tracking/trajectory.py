@@ -1,4 +1,4 @@
-"""Commands for a whole trajectory, and how well the model expects them to be followed."""
+"""Commands for a whole trajectory, and the tracking error that the model predicts."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ from embodiedreamer_gym.simulation.rollout import check_names, command_rule, pla
 from embodiedreamer_gym.tracking.feed_forward import FeedForward
 
 Array = np.ndarray
-PASSES = 3  # over what the command's path leaves of commands that lead by its lag
+PASSES = 3  # corrections of the error that the command's path leaves once its lag is compensated
 
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """Commands for a wanted trajectory, and where the model's joints are expected to be under them.
+    """Commands for a desired trajectory, and the predicted positions of the model's joints.
 
-    joints, units (n,); time (T,) s; wanted, command (T, n); before, after (T, n): expected positions when the wanted ones are
-    sent as commands, and when `command` is. short (n,): share of the time for which the drive is too weak for the motion;
-    limited (n,): share at which a command was held back by the joint's limits or speed.
+    joints, units (n,); time (T,) s; wanted (T, n): desired positions; command (T, n); before, after (T, n): predicted
+    positions when the desired ones are sent as commands, and when `command` is sent. short (n,): share of the time for
+    which the drive is too weak for the motion; limited (n,): share for which the joint's range or speed limits a
+    command.
     """
 
     joints: tuple[str, ...]
@@ -44,7 +45,7 @@ class Tracked:
     model: str = field(default="")
 
     def errors(self) -> tuple[Array, Array]:
-        """Expected root mean square errors (n,) before and after."""
+        """Predicted root mean square errors (n,) before and after."""
         before, after = (np.sqrt(np.mean((one - self.wanted) ** 2, axis=0)) for one in (self.before, self.after))
         return before, after
 
@@ -65,7 +66,7 @@ class Tracked:
         return "\n".join(lines)
 
     def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON."""
+        """The result as a JSON-serialisable dictionary."""
         before, after = self.errors()
         return {
             "model": self.model, "seconds": float(self.time[-1] - self.time[0]),
@@ -77,7 +78,7 @@ class Tracked:
         }  # fmt: skip
 
     def save(self, path: str | Path, transmission: Transmission | None = None) -> None:
-        """Write the commands as csv (time, <joint>.command, ...); with a transmission, those of the motors.
+        """Write the commands as csv (time, <joint>.command, ...); with a transmission, the commands of the motors.
 
         Raises: EmbodieDreamerError when the file cannot be written.
         """
@@ -89,9 +90,9 @@ class Tracked:
 
 
 def track(model: RobotModel, trajectory: Recording) -> Tracked:
-    """The commands that bring the model's joints along a trajectory, whose positions are what is wanted.
+    """The commands that move the model's joints along the positions of a trajectory.
 
-    Raises: SimulationError for a trajectory of another robot; ModelError where it leaves the joints' limits.
+    Raises: SimulationError for a trajectory of another robot; ModelError if it leaves the joints' limits.
     """
     check_names(model, trajectory)
     wanted, tree = trajectory.position, model.tree
@@ -113,9 +114,9 @@ def track(model: RobotModel, trajectory: Recording) -> Tracked:
 
 
 def joint_positions(model: RobotModel, recording: Recording) -> Array:
-    """Where the model's joints (T, n) are under a recording's commands; they begin at rest where its positions do.
+    """Positions (T, n) of the model's joints under a recording's commands, starting at rest at its first position.
 
-    Unlike the positions of `simulate`, which are those that the encoders read, these are behind offsets and gears.
+    Unlike the positions of `simulate`, which are encoder readings, these are the joints' own, beyond offsets and gears.
     """
     commands = plant_commands(recording, command_rule(model, recording))
     drive = Drive(model)
@@ -135,7 +136,7 @@ def commands_for(model: RobotModel, trajectory: Recording) -> Array:
 
 
 def _heard(model: RobotModel, trajectory: Recording) -> tuple[Array, Array, Array]:
-    """Commands (T, n) that must reach the servo, how early (n,) s they must be sent, and where (n,) the drive is too weak."""
+    """Commands (T, n) that must reach the servo, their lead time (n,), s, and the time share (n,) of a weak drive."""
     motion, feed = smooth_motion(trajectory), FeedForward(model, 1.0 / trajectory.hz)
     feed.begin(motion.position[0])
     moved = np.diff(motion.position, axis=0, prepend=motion.position[:1])
@@ -148,7 +149,7 @@ def _heard(model: RobotModel, trajectory: Recording) -> tuple[Array, Array, Arra
 
 
 def _sent(model: RobotModel, trajectory: Recording, heard: Array, lead: Array) -> tuple[Array, Array]:
-    """Commands (T, n) within limits and speeds, and the share (n,) of them that was held back."""
+    """Commands (T, n) within limits and speeds, and the share (n,) of them that was limited."""
     time, rule = trajectory.time - trajectory.time[0], command_rule(model, trajectory)
     later = _at(time + lead[:, None], time, heard)
     command, limited = _limited(model, time, later)
@@ -162,12 +163,12 @@ def _sent(model: RobotModel, trajectory: Recording, heard: Array, lead: Array) -
 
 
 def _at(times: Array, time: Array, signal: Array) -> Array:
-    """A signal (K, n) of times (K,) at times (n, T) of each joint: (T, n)."""
+    """A signal (K, n) at times (K,), interpolated at times (n, T) of each joint: (T, n)."""
     return np.stack([np.interp(t, time, one) for t, one in zip(times, signal.T, strict=True)], axis=1)
 
 
 def _limited(model: RobotModel, time: Array, command: Array) -> tuple[Array, Array]:
-    """Commands (T, n) within the joints' limits and speeds, and where (T, n) they were held back."""
+    """Commands (T, n) within the joints' limits and speeds, and where (T, n) they were limited."""
     tree, sent = model.tree, np.clip(command, model.tree.lower, model.tree.upper)
     for k, step in enumerate(np.diff(time), 1):
         most = tree.velocity * step

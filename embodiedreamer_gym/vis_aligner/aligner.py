@@ -1,4 +1,4 @@
-"""The interface of both models: references and a condition clip become frames; chunk after chunk, a whole episode."""
+"""The interface of all aligners: frames from references and conditions, and whole episodes chunk by chunk."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.clip import References
 from embodiedreamer_gym.vis_aligner.condition import Condition
 
-MOST_FRAMES = 1000  # of a chunk in a model file
-Made = Callable[[], list[np.ndarray]]  # frames (T, H, W, 3) uint8 of each clip, once they are wanted
+MOST_FRAMES = 1000  # largest chunk of a model file
+Made = Callable[[], list[np.ndarray]]  # computes the frames (T, H, W, 3) uint8 of each clip on request
 
 
 class Aligner(Protocol):
-    """A model that generates realistic frames from simulated ones; chunk: frames that it generates at once."""
+    """A model that generates realistic frames from simulated ones; chunk: number of frames generated at once."""
 
     name: str
     chunk: int
 
     def render(self, references: Sequence[References], conditions: Sequence[Condition]) -> list[np.ndarray]:
-        """Frames (T, H, W, 3) uint8 for each condition of T frames, a batch at once.
+        """Frames (T, H, W, 3) uint8 for each condition of T frames, as one batch.
 
         Raises: VisionError when sizes or lengths differ.
         """
@@ -31,14 +31,14 @@ class Aligner(Protocol):
 
 
 class Trainable(Aligner, Protocol):
-    """An aligner that can learn; network: what is trained."""
+    """An aligner that can be trained; network: the trained weights."""
 
     network: nn.Module
 
     def attempt(self, references: Sequence[References], conditions: Sequence[Condition], truth: Sequence[np.ndarray],
                 generator: Generator) -> tuple[Tensor, Made]:  # fmt: skip
-        """How far a batch is from the true frames (T, H, W, 3) uint8, at noise levels drawn from the generator; what was
-        made, to be the reference of a next chunk.
+        """Loss of a batch against the true frames (T, H, W, 3) uint8, at noise levels drawn from the generator; and the
+        generated frames, as references of the next chunk.
         """
         ...
 
@@ -57,7 +57,10 @@ def check_batch(references: Sequence[References], conditions: Sequence[Condition
 def generate(
     aligner: Aligner, references: Sequence[References], conditions: Sequence[Condition]
 ) -> tuple[list[np.ndarray], list[References]]:
-    """Frames (T, H, W, 3) of whole episodes chunk by chunk, the last frame the next reference; and the references after."""
+    """Frames (T, H, W, 3) of whole episodes, chunk by chunk; and the references after them.
+
+    The last frame of each chunk is the reference of the next.
+    """
     references, done = list(references), []
     for start in range(0, len(conditions[0]), aligner.chunk):
         parts = [r.lit(c.part(start, start + aligner.chunk)) for r, c in zip(references, conditions, strict=True)]

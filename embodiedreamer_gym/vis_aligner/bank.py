@@ -1,4 +1,4 @@
-"""Real photos of a bench from which the reference of any scene is composed: an empty plate, and appearances of the objects."""
+"""Reference banks: photos of an empty bench and of objects, from which the reference of any scene is composed."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from embodiedreamer_gym.vis_aligner.moving_bench import make_moving_bench
 from embodiedreamer_gym.vis_aligner.moving_view import compose_view
 
 MARGIN = 0.06  # of the width: how far around an object its shadow is copied with it
-SLENDER = 1.5  # ratio of an outline's axes from which it is turned, not only stretched
-SMALLEST = 6  # pixels of an object that make an appearance
+SLENDER = 1.5  # ratio of an outline's axes above which it is rotated, not only stretched
+SMALLEST = 6  # pixels of an object that a photo of it must show
 UNNAMED = CLASS_NAMES[OBJECT:]
 Array = np.ndarray
 
@@ -28,8 +28,9 @@ Array = np.ndarray
 class Entry:
     """A photo with the robot at rest and all objects in view.
 
-    props: names of the objects, in the order of their classes; of unnamed ones any will do. frame (H, W, 3) uint8; classes (H, W) uint8; joints (n,) in the action's units and poses, prop -> position m and
-    quaternion xyzw (7,), where known: then the simulator can be set to it.
+    frame (H, W, 3) uint8; classes (H, W) uint8; joints (n,) in the action's units and poses, prop -> position m and
+    quaternion xyzw (7,): where both are known, the simulator can be set to the same scene; props: names of the objects,
+    in the order of their classes; UNNAMED fits any objects.
     """
 
     frame: Array
@@ -39,7 +40,7 @@ class Entry:
     props: tuple[str, ...] = UNNAMED
 
     def options(self) -> dict[str, Any]:
-        """What an environment's reset takes to show the same scene.
+        """Options for an environment's reset to the same scene.
 
         Raises: VisionError where joints or poses are not known.
         """
@@ -50,9 +51,12 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """plate (H, W, 3) uint8: the bench without objects, the robot at rest; entries: photos with objects; bench:
-    what else is known of it, where that was made; moving: what is known of it by cameras that move, the like; props: names of
-    the objects in a scene, see `of`.
+    """Photos of a bench, with and without objects.
+
+    plate (H, W, 3) uint8: the bench without objects, the robot at rest; entries: photos with objects; bench: what else
+    is known about the bench, or None; moving: the same for cameras that move; props: names of the objects in a scene,
+    see `of`.
+    Raises: VisionError without a photo, or where sizes differ.
     """
 
     plate: Array
@@ -79,7 +83,7 @@ class Bank:
         return self.plate.shape[1], self.plate.shape[0]
 
     def of(self, props: Sequence[str]) -> Bank:
-        """The bank with those photos only that show these objects.
+        """The bank with only the photos that show these objects.
 
         Raises: VisionError where no photo does.
         """
@@ -93,9 +97,9 @@ class Bank:
         return replace(self, entries=fitting, props=tuple(props))
 
     def start(self, condition: Condition, entry: Entry | None = None) -> References:
-        """References of an episode's beginning: a photo, or a picture composed from photos.
+        """References at an episode's start: a photo, or a picture composed from photos.
 
-        Raises: VisionError where the bank does not know such a camera.
+        Raises: VisionError when the sizes differ, or the camera moves and the bank has no photos by such a camera.
         """
         frame = entry.frame if entry is not None and not condition.moving_camera else self.compose(condition)
         bench = self.moving if condition.moving_camera else self.bench
@@ -111,11 +115,11 @@ class Bank:
         return self.entries[number]
 
     def compose(self, condition: Condition) -> Array:
-        """A reference (H, W, 3) uint8 of the scene that a condition's first frame shows: the plate with the objects inserted.
+        """A reference (H, W, 3) uint8 of the scene in a condition's first frame: the plate with the objects inserted.
 
-        Each object gets the appearance of the photo in which it stood nearest, moved and turned into its mask, and its
-        shadow around it.
-        Raises: VisionError when the sizes differ, or the bank knows no camera that moves.
+        Each object is copied from the photo in which it was nearest, moved and rotated to fit its mask, with the shadow
+        around it. For a camera that moves, see `compose_view`.
+        Raises: VisionError when the sizes differ, or the camera moves and the bank has no photos by such a camera.
         """
         if condition.size != self.size:
             raise VisionError(
@@ -128,7 +132,7 @@ class Bank:
                 )
             return compose_view(self.moving, condition, (*CLASS_NAMES[:OBJECT], *self.props))
         picture, classes = self.plate.astype(np.float32), condition.classes[0]
-        for number in sorted(set(np.unique(classes[classes >= OBJECT]).tolist()), reverse=True):  # what lies flat first
+        for number in sorted(set(np.unique(classes[classes >= OBJECT]).tolist()), reverse=True):  # flat goals first
             mask = classes == number
             entry = self._nearest(mask, number)
             if entry is not None:
@@ -141,7 +145,7 @@ class Bank:
         return self.compose(condition)
 
     def _nearest(self, mask: Array, number: int) -> Entry | None:
-        """The photo in which an object is nearest to where it is wanted, in place and size."""
+        """The photo in which an object is nearest to its mask in position and size; None if no photo shows it."""
         wanted = _outline(mask)
         candidates = [
             (e, _outline(e.classes == number)) for e in self.entries if (e.classes == number).sum() >= SMALLEST
@@ -151,7 +155,7 @@ class Bank:
         return min(candidates, key=lambda pair: _apart(pair[1], wanted))[0]
 
     def _insert(self, picture: Array, entry: Entry, number: int, mask: Array, classes: Array) -> Array:
-        """The picture with an object of a photo in its mask, and its shadow on table and background around."""
+        """The picture with an object from a photo copied into its mask, and its shadow on table and background."""
         source = entry.classes == number
         matrix = _fit(_outline(source), _outline(mask))
         size = self.size
@@ -179,11 +183,11 @@ class Bank:
 def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] | None] = (),
               joints: Sequence[Array | None] = (), more: Sequence[Episode] = (),
               moving: Sequence[Episode] = ()) -> Bank:  # fmt: skip
-    """A bank of the first frames of episodes that begin with the robot in one pose.
+    """A bank from the first frames of episodes that begin with the robot in the same pose.
 
-    The plate is the median of what table and background look like where no object is, and the robot of the first frames;
-    poses, joints: of the props and the robot at the first frames, where known; more: episodes of the same bench that begin
-    anywhere, to know more of it; moving: episodes of the same bench by cameras that move with the robot.
+    The plate is the median of the first frames, over pixels that show no object; it includes the robot.
+    poses, joints: of the props and the robot at the first frames, where known; more: episodes of the same bench with
+    any start, to know more of the bench; moving: episodes of the same bench by cameras that move with the robot.
     Raises: VisionError without an episode, or where sizes differ.
     """
     if not episodes:
@@ -196,7 +200,7 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
     filled = np.round(plate.filled(0)).astype(np.uint8)
     here, elsewhere = _by_place(episodes, more)
     bench = make_bench(here, elsewhere)
-    if holes.any():  # an object stood there in every first frame: what is behind it, else a guess
+    if holes.any():  # an object in every first frame: use the bench's picture, else inpaint
         seen_behind = holes & bench.seen
         filled[seen_behind] = bench.picture[seen_behind]
         filled = cv2.inpaint(filled, (holes & ~seen_behind).astype(np.uint8), 3, cv2.INPAINT_TELEA)
@@ -208,9 +212,9 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
 
 
 def _by_place(episodes: Sequence[Episode], more: Sequence[Episode]) -> tuple[list[Episode], list[Episode]]:
-    """The episodes, and those of `more` by a camera in the same place and in other places.
+    """The episodes with those of `more` whose camera is in the same place; and those whose camera is in another place.
 
-    Raises: VisionError where the episodes are of several places, or of another bench.
+    Raises: VisionError where the cameras of `episodes` are in several places, or `more` shows another bench.
     """
     place, bench = episodes[0].appearance, bench_of(episodes[0])
     for episode in episodes:
@@ -243,15 +247,15 @@ def _outline(mask: Array) -> Outline:
 
 
 def _apart(a: Outline, b: Outline) -> float:
-    """How unlike two outlines are: their distance in pixels, and in sizes."""
+    """Dissimilarity of two outlines: their distance in pixels, plus a penalty for different sizes."""
     return float(np.linalg.norm(a[0] - b[0]) + 20 * np.abs(np.log(a[2] / b[2])).sum())
 
 
 def _fit(source: Outline, target: Outline) -> Array:
-    """The affine map (2, 3) that brings one outline over another; slender ones are turned, others only stretched."""
+    """The affine map (2, 3) from one outline to another; slender outlines are rotated, others only stretched."""
     (c0, u0, s0), (c1, u1, s1) = source, target
     if s0[0] / s0[1] > SLENDER and s1[0] / s1[1] > SLENDER:
-        if u0[:, 0] @ u1[:, 0] < 0:  # the nearer of the two ways to turn
+        if u0[:, 0] @ u1[:, 0] < 0:  # the smaller of the two rotations
             u1 = -u1
         if np.linalg.det(u0) * np.linalg.det(u1) < 0:
             u1 = u1 * np.array([1.0, -1.0])

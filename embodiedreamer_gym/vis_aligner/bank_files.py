@@ -21,13 +21,13 @@ from embodiedreamer_gym.vis_aligner.light import Light
 from embodiedreamer_gym.vis_aligner.shadows import Plane
 from embodiedreamer_gym.vis_aligner.table_atlas import TableAtlas
 
-VERSION = 2  # of the files; since 2 a bench may have a light, and then its picture shows no shadow on the table
+VERSION = 2  # of the file format; since 2, a bench may have a light, and its picture then has no shadows on the table
 MOST_LIGHTS = 1000
 MOST_BYTES = 1_500_000_000  # of a bank's arrays
 
 
 def save_bank(bank: Bank, path: str | Path) -> None:
-    """Write a bank as npz, whole or not at all.
+    """Write a bank as npz, atomically.
 
     Raises: VisionError where it cannot be written.
     """
@@ -68,7 +68,7 @@ def save_bank(bank: Bank, path: str | Path) -> None:
 def load_bank(path: str | Path) -> Bank:
     """Read a bank.
 
-    Raises: VisionError where it is missing, no bank, or larger than MOST_BYTES.
+    Raises: VisionError where the file is missing, is not a bank, or holds more than MOST_BYTES.
     """
     try:
         arrays = _arrays(path)
@@ -91,9 +91,9 @@ def load_bank(path: str | Path) -> Bank:
 
 
 def _arrays(path: str | Path) -> dict[str, Array]:
-    """Arrays of an npz file whose headers claim no more than the file holds.
+    """Arrays of an npz file, after a check that no header claims more bytes than the file holds.
 
-    Raises: ValueError, OSError or zipfile.BadZipFile for another file.
+    Raises: ValueError, OSError or zipfile.BadZipFile if the file is invalid or too large.
     """
     check_regular(path, VisionError, "bank")
     with zipfile.ZipFile(path) as archive:
@@ -113,7 +113,7 @@ def _arrays(path: str | Path) -> dict[str, Array]:
 
 
 def _bench(arrays: Mapping[str, Array]) -> Bench | None:
-    """What a file knows of the bench."""
+    """The bench in a file; None if it has none."""
     if "bench" not in arrays:
         return None
     if arrays["bench"].shape != arrays["plate"].shape:
@@ -126,7 +126,7 @@ def _bench(arrays: Mapping[str, Array]) -> Bench | None:
 
 
 def _moving(arrays: Mapping[str, Array]) -> Bench | None:
-    """What a file knows of the bench by cameras that move."""
+    """A file's bench for cameras that move; None if it has none."""
     if "moving" not in arrays and "atlas" not in arrays:
         return None
     atlas = None
@@ -140,7 +140,7 @@ def _moving(arrays: Mapping[str, Array]) -> Bench | None:
 
 
 def _gallery_arrays(key: str, gallery: Gallery | None) -> dict[str, Array]:
-    """A gallery's arrays under a key; none without one."""
+    """A gallery's arrays by name; each name starts with the key. Empty without a gallery."""
     if gallery is None:
         return {}
     seen = {field.name: getattr(gallery.condition, field.name) for field in fields(gallery.condition)}
@@ -148,7 +148,7 @@ def _gallery_arrays(key: str, gallery: Gallery | None) -> dict[str, Array]:
 
 
 def _gallery(arrays: Mapping[str, Array], key: str) -> Gallery | None:
-    """The gallery that a file has under a key; None without one."""
+    """The gallery from a file's arrays whose names start with the key; None if there is none."""
     if key not in arrays:
         return None
     seen = {name.removeprefix(f"{key}."): data for name, data in arrays.items() if name.startswith(f"{key}.")}
@@ -160,7 +160,7 @@ def _gallery(arrays: Mapping[str, Array], key: str) -> Gallery | None:
 
 
 def _light(arrays: Mapping[str, Array]) -> Light | None:
-    """The light of a file's bench; None in files without."""
+    """The light of the bench in a file; None if it has none."""
     if "light.positions" not in arrays:
         return None
     positions, strengths, matrix, plane = (

@@ -1,4 +1,4 @@
-"""The background of a bench behind robot and objects, and photos of the robot in other poses, from many pictures."""
+"""Makes a bench from many pictures: the background behind robot and objects, and photos of the robot in other poses."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from embodiedreamer_gym.vis_aligner.farthest_points import spread
 from embodiedreamer_gym.vis_aligner.light import Light, unshaded
 from embodiedreamer_gym.vis_aligner.light_fit import fit_light
 
-PICTURES = 240  # of which a pixel's median is taken; more do not change it
-EDGE = 1.0 / 128  # of the width: how near to a thing a pixel may be partly that thing
-PAIRS = 8  # of frames of an episode, of which the grain is taken
+PICTURES = 240  # largest number for a pixel's median; more do not change it
+EDGE = 1.0 / 128  # of the width: within this distance of a thing, a pixel may show part of it
+PAIRS = 8  # of consecutive frames of an episode, for the grain
 MOVING = 5.0  # times the median difference of two frames, above which something has moved
 PHOTOS = 40  # of the robot in different poses
-PLACE = "/"  # in the name of an appearance, between the bench and where its camera stood
+PLACE = "/"  # in the name of an appearance, between the bench and the place of its camera
 
 
 def make_bench(episodes: Sequence[Episode], elsewhere: Sequence[Episode] = ()) -> Bench:
-    """The background and gallery of episodes before one bench.
+    """The bench of episodes: background, light, grain, and a gallery of different poses if the robot's parts are known.
 
-    elsewhere: more episodes before it, by a camera in other places; only the gallery has photos of them.
+    elsewhere: more episodes of the same bench by a camera in other places; only the gallery uses them.
 
-    Each pixel of the picture is the median over those in which neither robot nor object is there: the median, because
-    shadows pass over every place now and then; where the light is found, of the table without shadows. The gallery, where the robot's parts are known, has poses that differ.
+    Each background pixel is the median over the frames in which no robot or object covers it. The median is used
+    because shadows pass over every place now and then. If the light is known, shadows on the table are removed first.
     Raises: VisionError without an episode, or where sizes differ.
     """
     if len({e.condition.size for e in (*episodes, *elsewhere)}) != 1 or not episodes:
@@ -42,8 +42,9 @@ def make_bench(episodes: Sequence[Episode], elsewhere: Sequence[Episode] = ()) -
 
 
 def grain_of(episodes: Sequence[Episode]) -> float | None:
-    """Standard deviation of the sensor's noise, of 255: of differences between frames that follow each other, where neither
-    shows a thing; what moves, such as shadows, is left out. None where no two frames show the background.
+    """Standard deviation of the sensor's noise, of 255; None if no two consecutive frames show the background.
+
+    It is computed from differences of consecutive frames at background pixels. Motion, such as of shadows, is left out.
     """
     found = []
     for episode in episodes:
@@ -59,13 +60,14 @@ def grain_of(episodes: Sequence[Episode]) -> float | None:
 
 
 def _behind(episodes: Sequence[Episode], light: Light | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Picture (H, W, 3) of what is behind robot and objects, in no shadow where the light is known, and where (H, W) that was
-    ever seen.
+    """Background (H, W, 3) behind robot and objects, and where (H, W) it was ever seen.
+
+    If the light is known, the background has no shadows on the table.
     """
     where = [(e, at) for e in episodes for at in range(len(e))]
     free = np.concatenate([_free(e.condition) for e in episodes])
     some = np.unique(np.linspace(0, len(where) - 1, PICTURES).round().astype(int))
-    rare = free.any(axis=0) & ~free[some].any(axis=0)  # only in pictures that were left out
+    rare = free.any(axis=0) & ~free[some].any(axis=0)  # visible only in pictures that were left out
     first = free.argmax(axis=0)
     frames = {k: _unshaded(where[k][0], where[k][1], light) for k in {*some.tolist(), *first[rare].tolist()}}
     picture = np.zeros(frames[0].shape, np.uint8)
@@ -81,21 +83,21 @@ def _behind(episodes: Sequence[Episode], light: Light | None = None) -> tuple[np
 
 
 def _unshaded(episode: Episode, at: int, light: Light | None) -> np.ndarray:
-    """A frame (H, W, 3) with the shadows on the table removed, where the light is known."""
+    """A frame (H, W, 3) with the shadows on the table removed, if the light is known."""
     view = episode.condition.part(at, at + 1)
     return unshaded(episode.frames[at], view if light is None else light.on(view))
 
 
 def make_gallery(episodes: Sequence[Episode], photos: int = PHOTOS) -> Gallery | None:
-    """Pictures in which the robot's parts face the camera in ways that differ most; None where the parts are not known.
+    """Pictures that show the robot's parts from the most different sides; None if the parts are not known.
 
-    Objects are left out: their numbers mean other things in other tasks.
+    Objects are left out: their numbers have other meanings in other tasks.
     """
     return _gallery(*_photos(episodes, photos))
 
 
 def _photos(episodes: Sequence[Episode], photos: int = PHOTOS) -> tuple[list[np.ndarray], list[Condition], int]:
-    """Photos (H, W, 3) that show the robot's parts from sides that differ most, the simulator's views, and the robot's links."""
+    """Photos (H, W, 3) of the robot's parts from the most different sides, the simulator's views, and link count."""
     with_parts = [e for e in episodes if e.condition.parts is not None and (e.condition.classes == ROBOT).any()]
     if not with_parts:
         return [], [], 0
@@ -116,8 +118,9 @@ def _gallery(frames: Sequence[np.ndarray], views: Sequence[Condition], links: in
 
 
 def with_benches(episodes: Sequence[Episode]) -> list[Episode]:
-    """The episodes, each with the bench of all episodes before it; its gallery is of other episodes, also of those before the
-    same bench by a camera in another place.
+    """The episodes, each with its bench: a background from all episodes of the same appearance, and a gallery.
+
+    The gallery is from other episodes of the same bench, whose camera may be in another place.
     """
     places: dict[str, list[Episode]] = {}
     benches: dict[str, list[Episode]] = {}
@@ -132,12 +135,12 @@ def with_benches(episodes: Sequence[Episode]) -> list[Episode]:
 
 
 def bench_of(episode: Episode) -> str:
-    """The bench's name in that of an appearance, see `PLACE`."""
+    """The bench's name, which is the part of the appearance's name before `PLACE`."""
     return episode.appearance.partition(PLACE)[0]
 
 
 def _free(condition: Condition) -> np.ndarray:
-    """Pixels (T, H, W) that show table or background, and no edge of a thing."""
+    """Pixels (T, H, W) that show table or background and are not at the edge of a thing."""
     side = 2 * max(1, round(EDGE * condition.size[0])) + 1
     kernel = np.ones((side, side), np.uint8)
     things = (condition.classes >= ROBOT).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""The shape of what moves with a link in recordings, carved from a block of voxels."""
+"""Space carving: the shape of what moves with a link in recordings, from a block of voxels."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from embodiedreamer_gym.vis_aligner.camera_calibration import Footage
 from embodiedreamer_gym.vis_aligner.farthest_points import spread
 
 VOXEL = 0.01  # m, edge of a voxel
-SHARE = 0.75  # of the views of a voxel in which something moving is seen at its place
+SHARE = 0.75  # share of a voxel's views above which it is kept: views with something moving at its place
 REACH = 0.2  # m from the link's origin to the sides of the block
 VIEWS = 60  # of a recording, those in which the link's poses differ most
-FEWEST = 0.25  # of all views, in which a voxel must be in the picture
-MOVING = 28  # of 255: by how much a channel differs from the median of the views where something moves
-STILL = 0.005  # m: a link that moves less cannot be told from the background
-NEAREST = 0.05  # m before the camera
-PROBE = 0.1  # m from the link's origin to the points by which its motion is measured
+FEWEST = 0.25  # smallest share of all views in which a voxel must be inside the picture
+MOVING = 28  # of 255: a pixel moves if a channel differs by more than this from the median of the views
+STILL = 0.005  # m: a link that moves less cannot be distinguished from the background
+NEAREST = 0.05  # m in front of the camera
+PROBE = 0.1  # m from the link's origin to the points that measure its motion
 SMALLEST = 8  # voxels
 
 
@@ -29,8 +29,8 @@ SMALLEST = 8  # voxels
 class CarvedShape:
     """What moves with a link.
 
-    vertices (V, 3): m, in the link's frame; faces (F, 3): triangles, seen anticlockwise from outside; colour (3,): RGB of
-    255, the median of its pixels; voxels: how many it was made of.
+    vertices (V, 3): m, in the link's frame; faces (F, 3): triangles, anticlockwise seen from outside; colour (3,): RGB
+    of 255, the median of its pixels; voxels: number of voxels in it.
     """
 
     vertices: np.ndarray
@@ -45,10 +45,10 @@ class CarvedShape:
 
 
 def carve(footage: Sequence[Footage], cameras: Sequence[Camera], reach: float = REACH) -> CarvedShape:
-    """Keep the voxels of a block around a link at whose places something moving is seen in more than SHARE of the views.
+    """The shape around a link: voxels at which something moving is seen in more than SHARE of their views.
 
     footage: with poses (T, 1, 4, 4) of the link alone; cameras: of each recording; reach: half the block's edge, m.
-    Raises: VisionError where the link moves in no recording, or nothing is found to move with it.
+    Raises: VisionError where the link moves in no recording, or nothing moves with it.
     """
     block = _block(reach)
     points = block.reshape(-1, 3)
@@ -92,7 +92,7 @@ def _block(reach: float) -> np.ndarray:
 
 
 def _differing(footage: Footage) -> np.ndarray:
-    """Rows of a recording in which the link's poses differ most; none where it stands still."""
+    """Rows of a recording in which the link's poses differ most; none if it does not move."""
     pose = footage.poses[:, 0]
     probes = np.concatenate([pose[:, None, :3, 3], pose[:, None, :3, 3] + PROBE * pose[:, :3, :3].swapaxes(1, 2)], 1)
     if np.ptp(probes, axis=0).max() < STILL:
@@ -108,7 +108,7 @@ def _projections(poses: np.ndarray, camera: Camera, size: tuple[int, int]) -> np
 
 
 def _pixels(points: np.ndarray, matrix: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:
-    """Which points (N,) are in a picture (H, W), and the columns and rows of those."""
+    """Which points (N,) are inside a picture (H, W), and their columns and rows."""
     u, v, depth = matrix[:, :3] @ points.T + matrix[:, 3:]
     depth = np.where(depth > NEAREST, depth, np.inf)
     u, v = np.rint(u / depth).astype(int), np.rint(v / depth).astype(int)

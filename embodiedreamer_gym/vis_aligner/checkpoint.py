@@ -1,4 +1,4 @@
-"""Trained aligners as files: a lean model in one file, a diffusers model in a folder."""
+"""Saves and loads trained aligners: a lean model is one file, a diffusers model is a folder."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from embodiedreamer_gym.vis_aligner.svd_aligner import SvdSettings
 ASSETS = resources.files("embodiedreamer_gym") / "assets" / "vis"
 SHIPPED = {"lean": "lean.pt"}
 BANKS = {"lab": "lab.npz"}
-OLD_INPUTS = {"carry": "reproject"}  # in models of version 0.1
+OLD_INPUTS = {"carry": "reproject"}  # names in models of version 0.1
 
 
 def save_lean(network: Lean, chunk: int, path: str | Path) -> None:
-    """Write a lean model (half precision); chunk: frames that it was trained on.
+    """Write a lean model (half precision); chunk: number of frames of a clip in training.
 
     Raises: VisionError where it cannot be written.
     """
@@ -35,9 +35,9 @@ def save_lean(network: Lean, chunk: int, path: str | Path) -> None:
 
 
 def load_lean(path: str | Path) -> tuple[Lean, int]:
-    """A lean model and the frames of its chunk.
+    """A lean model and the number of frames of its chunk.
 
-    Raises: VisionError where the file is missing, or no lean model.
+    Raises: VisionError where the file is missing, or is not a lean model.
     """
     path = Path(path)
     if not path.is_file():
@@ -62,12 +62,12 @@ def load_lean(path: str | Path) -> tuple[Lean, int]:
 
 def load_aligner(name: str | Path, steps: int | None = None, seed: int = 0, device: str = "cpu",
                  svd: SvdSettings | None = None) -> Aligner:  # fmt: skip
-    """The aligner "lean" (shipped), "assembled" (without a network), of a file, or of a folder with a diffusers model.
+    """The aligner "lean" (shipped), "assembled" (without a network), or from a file or a diffusers model's folder.
 
-    steps: of diffusion; None for 1 of a lean model, 4 of a diffusers model.
-    device: on which networks compute: cpu, cuda, ..., or auto, which is an accelerator where there is one.
-    svd: how a diffusers model computes; None for its defaults, and for a lean model, which has no such settings.
-    Raises: VisionError where there is none, for a device that is not available, or settings that it does not have.
+    steps: of diffusion; None for 1 with a lean model, 4 with a diffusers model.
+    device: device of the networks: cpu, cuda, ..., or auto, which takes an accelerator if there is one.
+    svd: settings of a diffusers model; None for its defaults, and for other models, which have no such settings.
+    Raises: VisionError where there is no such model, the device is not available, or svd is given for another model.
     """
     if str(name) == AssembledAligner.name:
         check_lean(svd, str(name), "no svd")
@@ -84,7 +84,7 @@ def load_aligner(name: str | Path, steps: int | None = None, seed: int = 0, devi
 
 
 def check_lean(svd: SvdSettings | None, name: str, kind: str = "lean") -> None:
-    """Raises: VisionError where another model than a diffusers one, of some kind, is given that one's settings."""
+    """Raises: VisionError where settings of a diffusers model are given for a model of another kind."""
     if svd is not None:
         raise VisionError(
             f"bf16, gradient checkpointing and decode_chunk_size are for svd aligners, and {name} is {kind}; leave them out."
@@ -92,15 +92,15 @@ def check_lean(svd: SvdSettings | None, name: str, kind: str = "lean") -> None:
 
 
 def load_bank(name: str | Path) -> Bank:
-    """The bank "lab" (shipped), or of a file.
+    """The bank "lab" (shipped), or one from a file.
 
-    Raises: VisionError where there is none.
+    Raises: VisionError where there is no such bank.
     """
     return read_bank(str(ASSETS / BANKS[str(name)]) if str(name) in BANKS else name)
 
 
 def save_aligner(aligner: Any, folder: str | Path) -> Path:
-    """Write a trained aligner into a folder; returns what `load_aligner` takes."""
+    """Write a trained aligner into a folder; returns the path for `load_aligner`."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     if isinstance(aligner, LeanAligner):

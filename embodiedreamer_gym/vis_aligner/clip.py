@@ -1,4 +1,4 @@
-"""What the models see and make: references and episodes, as arrays."""
+"""The data that the models use: galleries, benches, references and episodes, as arrays."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, Array, Conditi
 from embodiedreamer_gym.vis_aligner.light import Light, relit, unshaded
 from embodiedreamer_gym.vis_aligner.table_atlas import TableAtlas
 
-MOST_GRAIN = 64.0  # of 255
+MOST_GRAIN = 64.0  # of 255, largest standard deviation of the sensor's noise
 
 
 @dataclass(frozen=True, eq=False)
 class Gallery:
-    """True pictures of moments at which the robot stood in different poses.
+    """Real pictures of the robot in different poses.
 
-    frames (K, H, W, 3) uint8; condition: what the simulator shows of the same moments, with its parts.
-    Raises: VisionError where they do not fit, or the parts are not known.
+    frames (K, H, W, 3) uint8; condition: the simulator's view at the same instants, with its parts.
+    Raises: VisionError where shapes differ, or the parts are not known.
     """
 
     frames: Array
@@ -41,26 +41,26 @@ class Gallery:
 
     @cached_property
     def facings(self) -> Array:
-        """Which side (K, L, 3) of each part each photo shows."""
+        """Viewing direction (K, L, 3) of each photo in the frame of each part."""
         return facings(self.condition)
 
     @cached_property
     def visible(self) -> Array:
-        """Pixels (K, L) of each part in each photo."""
+        """Number of pixels (K, 255) of each part in each photo."""
         shown = np.asarray(self.condition.parts).reshape(len(self), -1).astype(np.intp)
         return np.stack([np.bincount(one, minlength=256)[1:] for one in shown])
 
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """What is known of a bench before an episode begins.
+    """What is known about a bench before an episode begins.
 
-    picture (H, W, 3) uint8: what is behind robot and objects; seen (H, W) bool: where that is known; gallery: photos of the
-    robot in other poses; light: where it comes from, and then the picture shows no shadow on the table; grain: standard
-    deviation of the sensor's noise, of 255; atlas: the table, for a camera that moves; things: photos of each object, by its
-    name, each with the object as its only part.
+    picture (H, W, 3) uint8: the background behind robot and objects; seen (H, W) bool: where it is known; gallery:
+    photos of the robot in other poses; light: its light sources (if given, the picture has no shadows on the table);
+    grain: standard deviation of the sensor's noise, of 255; atlas: the table, for a camera that moves; things: photos
+    of each object, by its name, each with the object as its only part.
 
-    Raises: VisionError where the sizes differ.
+    Raises: VisionError where the sizes differ, or the grain is out of range.
     """
 
     picture: Array
@@ -85,7 +85,7 @@ class Bench:
             )
 
     def over(self, plate: Array, seen: Array) -> tuple[Array, Array]:
-        """A plate (H, W, 3) and where it was seen (H, W), with the picture in front of it.
+        """A plate (H, W, 3) and its known pixels (H, W), overwritten by the bench's picture where that is known.
 
         Raises: VisionError where the sizes differ.
         """
@@ -94,23 +94,23 @@ class Bench:
         return np.where(self.seen[..., None], self.picture, plate), self.seen | seen
 
     def lit(self, condition: Condition) -> Condition:
-        """A condition with its shade, where the light is known."""
+        """The condition with its shade added, if the light is known."""
         return condition if self.light is None else self.light.on(condition)
 
     def photos_of(self, class_names: Sequence[str]) -> dict[int, Gallery]:
-        """Photos of the objects by the numbers that their classes have; those that are not known are left out."""
+        """Photos of the objects by class number; objects without photos are left out."""
         return {number: self.things[name] for number, name in enumerate(class_names) if name in self.things}
 
 
 @dataclass(frozen=True, eq=False)
 class References:
-    """What a chunk starts from: the last real or generated frame, the anchor, and what has been seen behind things.
+    """What a chunk starts from: the last real or generated frame, the anchor, and the background seen so far.
 
-    last, anchor (H, W, 3) uint8; last_condition, anchor_condition: the simulator's view at those instants (T = 1); plate
-    (H, W, 3) uint8: the newest picture of table and background, where they were ever seen; seen (H, W) bool: where;
-    gallery: true pictures of the robot in other poses; light: of the bench, and then the plate shows no shadow on the table,
-    and the views have their shade; atlas: the table, for a camera that moves; things: photos of the objects, by the numbers
-    of their classes.
+    last, anchor (H, W, 3) uint8; last_condition, anchor_condition: the simulator's view at those instants (T = 1);
+    plate (H, W, 3) uint8: table and background, each pixel from the bench's picture or as first seen; seen (H, W) bool:
+    where the plate is known; gallery: real pictures of the robot in other poses; light: of the bench (if given, the
+    plate has no shadows on the table, and the views have their shade); atlas: the table, for a camera that moves;
+    things: photos of the objects, by class number.
     The anchor is the true first frame and is never replaced.
     """
 
@@ -129,9 +129,9 @@ class References:
     def start(
         frame: Array, condition: Condition, bench: Bench | None = None, class_names: Sequence[str] = ()
     ) -> References:
-        """References of an episode's first frame (H, W, 3) and the simulator's view of it; bench: what is known
-        of it beforehand; class_names: what the classes' numbers mean, by which the bench knows the objects.
+        """References at an episode's first frame (H, W, 3), with the simulator's view of it.
 
+        bench: what is known beforehand; class_names: names of the class numbers, to find the objects in the bench.
         Raises: VisionError when the sizes differ.
         """
         if frame.shape != condition.rgb.shape[1:] or frame.dtype != np.uint8:
@@ -149,11 +149,11 @@ class References:
         return References(frame, first, frame, first, plate, seen, **_known(bench, class_names))
 
     def lit(self, condition: Condition) -> Condition:
-        """A condition with its shade, where the light is known."""
+        """The condition with its shade added, if the light is known."""
         return condition if self.light is None else self.light.on(condition)
 
     def after(self, frames: Array, condition: Condition) -> References:
-        """References once frames (T, H, W, 3) have been shown: what they uncovered is kept, what was seen is not redrawn."""
+        """References after frames (T, H, W, 3): the plate gains what they uncover and keeps what it already shows."""
         plate, seen = self.plate, self.seen
         for number, (frame, free) in enumerate(zip(frames, condition.free, strict=True)):
             new = ~seen & free
@@ -164,12 +164,12 @@ class References:
         return replace(self, last=frames[-1], last_condition=last, plate=plate, seen=seen)
 
     def viewed(self, change: Callable[[Condition], Condition]) -> References:
-        """The references with the simulator's views changed."""
+        """The references with `change` applied to the simulator's views."""
         views = {key: change(getattr(self, key)) for key in ("last_condition", "anchor_condition")}
         return replace(self, **views)
 
     def crop(self, window: Window) -> References:
-        """The part of everything in a window."""
+        """The references with pictures and views cropped to a window."""
         pictures = (self.last[window], self.last_condition.crop(window), self.anchor[window])
         anchored = self.anchor_condition.crop(window)
         known = (self.gallery, self.light, self.atlas, self.things)
@@ -184,10 +184,10 @@ class References:
 @renamed_arguments(look="appearance")
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """A clip with its truth: real frames (T, H, W, 3) uint8 and what the simulator shows of the same instants.
+    """A clip with its ground truth: real frames (T, H, W, 3) uint8 and the simulator's view at the same instants.
 
-    clean: the frames without the sensor's noise, where known; class_names: what the classes' numbers mean; appearance:
-    a name that episodes before the same bench, in the same light, share; bench: what is known of it, where that was made.
+    clean: the frames without the sensor's noise, if known; class_names: names of the class numbers; appearance: a name
+    shared by episodes of the same bench in the same light; bench: what is known about the bench, if available.
     Raises: VisionError when the sizes differ.
     """
 
@@ -214,24 +214,26 @@ class Episode:
 
     @property
     def look(self) -> str:
-        """The appearance by its name in version 0.1."""
+        """Deprecated: the name of `appearance` in version 0.1."""
         warnings.warn("Episode.look is deprecated; use Episode.appearance", DeprecationWarning, stacklevel=2)
         return self.appearance
 
     @cached_property
     def first_seen(self) -> Array:
-        """The first frame (H, W) in which table or background shows at a pixel; T where none does."""
+        """Number (H, W) of the first frame in which each pixel shows table or background; T if none does."""
         free = self.condition.free
         return np.where(free.any(axis=0), free.argmax(axis=0), len(self))
 
     def lit(self, bench: Bench | None) -> Episode:
-        """The episode with the shade of all its frames in the light of a bench; itself where that is not known."""
+        """The episode with the shade of all its frames in the bench's light; unchanged if there is no shade to add."""
         condition = self.condition if bench is None else bench.lit(self.condition)
         return self if condition is self.condition else replace(self, condition=condition)
 
     def references(self, at: int, bench: Bench | None = None) -> References:
-        """References of a chunk that follows frame `at`, as if all frames up to there had been shown; bench: what is
-        known of it beforehand. With its light it takes long, unless the episode is `lit`.
+        """References for a chunk that follows frame `at`, as if all frames up to it had been shown.
+
+        bench: what is known beforehand. If the bench has a light, call `lit` first; otherwise every call computes the
+        shade of all frames, which is slow.
         """
         if (lit := self.lit(bench)) is not self:
             return lit.references(at, bench)
@@ -250,6 +252,6 @@ class Episode:
 
 
 def _known(bench: Bench, class_names: Sequence[str]) -> dict[str, Any]:
-    """What references take over from a bench beside its plate."""
+    """What references copy from a bench besides its picture."""
     return {"gallery": bench.gallery, "light": bench.light, "atlas": bench.atlas,
             "things": bench.photos_of(class_names)}  # fmt: skip

@@ -1,4 +1,4 @@
-"""What the simulator shows of a clip, as arrays."""
+"""The simulator's view of a clip, as arrays."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ CLASS_NAMES = ("background", "table", "robot", "object", "goal")
 Array = np.ndarray
 Window = tuple[slice, slice]  # rows and columns of a picture
 WHOLE: Window = (slice(None), slice(None))
-PICTURES = ("rgb", "classes", "depth", "parts", "shade")  # of a condition, (T, H, W, ...)
+PICTURES = ("rgb", "classes", "depth", "parts", "shade")  # fields of a condition with shape (T, H, W, ...)
 
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """What the simulator shows of T frames.
+    """The simulator's view of T frames.
 
     rgb (T, H, W, 3) uint8; classes (T, H, W) uint8: 0 background, 1 table, 2 robot, 3 object, 4 goal; depth (T, H, W)
-    float32, m, or None. Where an object is, a network is not shown rgb and depth: of real clips only its mask is known.
-    parts (T, H, W) uint8: which rigid part is seen, from 1, 0 where none is or it is not known; projections (T, L, 3, 4) of
-    the L parts: (u, v, 1) depth = projection (x, y, z, 1), m to pixels; both or none, and only with depth.
-    hulls (L, P, 3) float32: points of each part's convex hull, m in its frame, or None; shade (T, H, W) float32: the value
-    of a pixel of the table over that without shadows of the parts, 0 to 1, see `Light`, or None.
+    float32, m, or None. Networks do not get rgb and depth at object pixels: real clips have only the objects' masks.
+    parts (T, H, W) uint8: number of the rigid part at each pixel, from 1; 0 if there is none or it is not known;
+    projections (T, L, 3, 4) of the L parts: (u, v, 1) depth = projection (x, y, z, 1), m to pixels; both or none, and
+    only with depth.
+    hulls (L, P, 3) float32: points of each part's convex hull, m in its frame, or None; shade (T, H, W) float32: ratio,
+    0 to 1, of a table pixel's value to its value without shadows of the parts, see `Light`, or None.
     Raises: VisionError where shapes or types differ.
     """
 
@@ -73,7 +74,7 @@ class Condition:
 
     @property
     def free(self) -> Array:
-        """Pixels (T, H, W) of table and background of a camera that stands; to one that moves they are parts."""
+        """Pixels (T, H, W) of table and background that are not parts; with a moving camera they are parts."""
         around = self.classes < ROBOT
         return around if self.parts is None else around & (self.parts == 0)
 
@@ -91,7 +92,7 @@ class Condition:
         return self._cut(frames, WHOLE, self.projections)
 
     def crop(self, window: Window) -> Condition:
-        """The part of all frames in a window."""
+        """All frames, cropped to a window."""
         corner = np.array([[1, 0, -(window[1].start or 0)], [0, 1, -(window[0].start or 0)], [0, 0, 1]], np.float32)
         return self._cut(slice(None), window, None if self.projections is None else corner @ self.projections)
 
@@ -102,7 +103,7 @@ class Condition:
 
     @staticmethod
     def joined(clips: Sequence[Condition]) -> Condition:
-        """Conditions of the same parts, one after the other."""
+        """Conditions of the same parts, concatenated in time."""
         fields = {name: [getattr(clip, name) for clip in clips] for name in (*PICTURES, "projections")}
         joined: dict[str, Any] = {
             name: None if any(x is None for x in arrays) else np.concatenate(arrays) for name, arrays in fields.items()
@@ -110,7 +111,7 @@ class Condition:
         return Condition(hulls=clips[0].hulls, **joined)
 
     def only(self, number: int) -> Condition | None:
-        """The condition with the object of a class as its only part; None where it does not show or is no part."""
+        """The condition with the object of a class as its only part; None unless the object is visible as one part."""
         of_object = self.classes == number
         found = np.unique(np.asarray(self.parts)[of_object]) if self.parts is not None else np.zeros(1, np.uint8)
         if len(found) != 1 or not found[0]:
@@ -119,13 +120,13 @@ class Condition:
         return replace(self, parts=of_object.astype(np.uint8), projections=shown, hulls=None)
 
     def without_parts(self, smallest: int = 0) -> Condition:
-        """The condition with nothing known of the rigid parts of this class and those above it."""
+        """The condition without the rigid parts of class `smallest` and higher classes; 0 removes all parts."""
         if self.parts is None or smallest == 0:
             return replace(self, parts=None, projections=None, hulls=None)
         return replace(self, parts=np.where(self.classes >= smallest, 0, self.parts))
 
 
 def facings(condition: Condition) -> Array:
-    """The camera's axis (T, L, 3) in the frame of each part: which side of it is seen."""
+    """The camera's viewing direction (T, L, 3) in the frame of each part, that is, which side of it is seen."""
     axes = np.asarray(condition.projections, np.float32)[:, :, 2, :3]
     return axes / np.linalg.norm(axes, axis=2, keepdims=True)

@@ -1,7 +1,7 @@
 """Diffusion with z0-prediction: noise schedule, training noise, few-step sampling.
 
-Sources: Nichol and Dhariwal, Improved DDPM, 2021, eq. 17 (cosine schedule); Lin et al., Common Diffusion Noise Schedules
-Are Flawed, 2024 (zero terminal SNR); Song et al., DDIM, 2021, eq. 12.
+Sources: Nichol and Dhariwal, Improved DDPM, 2021, eq. 17 (cosine schedule); Lin et al., Common Diffusion Noise
+Schedules Are Flawed, 2024 (zero terminal SNR); Song et al., DDIM, 2021, eq. 12.
 """
 
 from __future__ import annotations
@@ -13,25 +13,25 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-PURE = 0.4  # share of training samples that are noise alone, so that one step is enough
+PURE = 0.4  # share of training samples that are pure noise, so that one step is enough
 
 Denoiser = Callable[[Tensor, Tensor], Tensor]
 
 
 def signal_and_noise(time: Tensor) -> tuple[Tensor, Tensor]:
-    """Amplitudes of picture and noise at times (B,) from 0 (picture) to 1 (noise alone); their squares add to one."""
+    """Amplitudes of picture and noise at times (B,) from 0 (picture) to 1 (pure noise); their squares add up to one."""
     angle = 0.5 * math.pi * time
     return torch.cos(angle), torch.sin(angle)
 
 
 def draw_times(count: int, generator: torch.Generator) -> Tensor:
-    """Times (count,) to train on: uniform, but a share of them at noise alone."""
+    """Times (count,) to train on: uniform, but a share PURE of them at 1 (pure noise)."""
     time = torch.rand(count, generator=generator)
     return torch.where(torch.rand(count, generator=generator) < PURE, torch.ones(count), time)
 
 
 def add_noise(clip: Tensor, time: Tensor, noise: Tensor) -> Tensor:
-    """Clips (B, T, C, H, W) at times (B,)."""
+    """Clips (B, T, C, H, W) with the noise of times (B,)."""
     signal, amount = (a.view(-1, 1, 1, 1, 1) for a in signal_and_noise(time))
     amount, signal = torch.where(amount > 0.9999999, 1.0, amount), torch.where(amount > 0.9999999, 0.0, signal)
     return signal * clip + amount * noise
@@ -39,7 +39,7 @@ def add_noise(clip: Tensor, time: Tensor, noise: Tensor) -> Tensor:
 
 def sample(denoise: Denoiser, noise: Tensor, steps: int) -> Tensor:
     """Clips (B, T, C, H, W) from noise in a few deterministic steps; denoise: (noisy clip, times (B,)) -> clip."""
-    times = torch.linspace(1.0, 0.0, steps + 1)  # on the CPU, so that a GPU need not be waited for
+    times = torch.linspace(1.0, 0.0, steps + 1)  # on the CPU, to avoid synchronising with a GPU
     x, clip = noise, noise
     for now, after in itertools.pairwise(times):
         clip = denoise(x, now.to(noise.device).expand(len(x)))

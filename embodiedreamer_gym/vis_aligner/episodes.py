@@ -1,4 +1,4 @@
-"""Episodes from files: real frames, and beside them what the simulator shows of the same instants."""
+"""Loads episodes from files: real frames, and the simulator's view at the same instants."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from embodiedreamer_gym.recordings.hdf5 import POSITION, open_hdf5
 from embodiedreamer_gym.vis_aligner.clip import Episode
 from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, Condition
 
-MOST_PARTS, MOST_POINTS = 255, 1000  # rigid parts, whose numbers are bytes; points of a hull
+MOST_PARTS, MOST_POINTS = 255, 1000  # rigid parts, numbered in a byte; points of a hull
 ADVICE = "film or copy it again"
 
 
 def load_episode(path: str | Path, camera: str = "head") -> Episode:
-    """An episode of an HDF5 file as `standin film` and `vis prepare` write it.
+    """An episode from an HDF5 file as `standin film` and `vis prepare` write it.
 
-    `/observations/images/<camera>` are the real frames, `/observations/sim/<camera>/rgb|classes|depth|parts|projections|hulls` the
-    simulator's (all after classes optional);
-    of a real clip, `/observations/masks/<camera>` are the objects' masks, which count instead of the simulator's.
-    Raises: VisionError where something is missing or does not fit.
+    `/observations/images/<camera>`: real frames.
+    `/observations/sim/<camera>/rgb|classes|depth|parts|projections|hulls`: the simulator's view; all after classes are
+    optional. In a real clip, classes take the objects from their masks in `/observations/masks/<camera>`.
+    Raises: VisionError where something is missing or shapes do not match.
     """
     path, simulated = Path(path), f"observations/sim/{camera}"
     with open_hdf5(path, VisionError, ADVICE) as file:
@@ -65,7 +65,7 @@ def load_episode(path: str | Path, camera: str = "head") -> Episode:
 
 
 def load_episodes(patterns: Sequence[str | Path], camera: str = "head") -> list[Episode]:
-    """Episodes of files, folders and globs, sorted.
+    """Episodes from files, folders and globs, sorted.
 
     Raises: VisionError where nothing is found, or sizes differ.
     """
@@ -77,7 +77,7 @@ def load_episodes(patterns: Sequence[str | Path], camera: str = "head") -> list[
 
 
 def expand(patterns: Sequence[str | Path]) -> list[Path]:
-    """Files of files, folders and globs, sorted within each.
+    """Paths from files, folders and globs, sorted within each.
 
     Raises: VisionError where nothing is found.
     """
@@ -92,7 +92,7 @@ def expand(patterns: Sequence[str | Path]) -> list[Path]:
 
 
 def load_scene(path: str | Path) -> tuple[np.ndarray | None, dict[str, np.ndarray] | None]:
-    """Joints (n,) and poses of the props (7,) at an episode's first frame, where the file has them.
+    """Joints (n,) and poses of the props (7,) at an episode's first frame; None where the file does not have them.
 
     Raises: VisionError for a file that cannot be read.
     """

@@ -1,4 +1,4 @@
-"""Rows that differ most from each other."""
+"""Farthest-point sampling: selects rows that differ most from each other."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def spread(places: np.ndarray, count: int, weight: np.ndarray, labels: np.ndarray | None = None) -> np.ndarray:
-    """Rows (at most count), in order, of places (T, M, 3) far from each other; weight (T,): which are preferred."""
+    """Rows (at most count), in order, of places (T, M, 3) far from each other; weight (T,): higher is preferred."""
     flat = places.reshape(len(places), -1)
     chosen = [int(np.argmax(weight))]
     away = np.linalg.norm(flat - flat[chosen[0]], axis=1)

@@ -1,6 +1,6 @@
-"""Masks of objects that are named in words: a detector finds the box, a segmenter its outline, both from local folders.
+"""Masks of objects from text prompts: a detector finds the box, a segmenter the mask; both are in local folders.
 
-Source: Ren et al., Grounded SAM, 2024; the models are transformers' Grounding DINO and SAM, or others of their kind.
+Source: Ren et al., Grounded SAM, 2024; the models are Grounding DINO and SAM of transformers, or similar ones.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from embodiedreamer_gym.vis_aligner.masks import MaskSource, checked
 
 def grounded(detector: str | Path, segmenter: str | Path, prompts: Mapping[int, str], least: float = 0.3,
              device: str = "cpu") -> MaskSource:  # fmt: skip
-    """Masks of what the prompts name, e.g. {3: "red cup", 4: "blue mat"}; where one is not found, it has no mask.
+    """Masks of the objects in the prompts, e.g. {3: "red cup", 4: "blue mat"}; an object that is not found has no mask.
 
-    detector, segmenter: folders as `save_pretrained` of transformers writes them, model and processor; nothing is
-    downloaded; least: score of a box, 0 .. 1, below which nothing was found; device: on
-    which both compute, as of `load_aligner`.
-    Raises: VisionError where a folder holds no such model, or the device is not available; MissingExtraError without transformers.
+    detector, segmenter: folders with model and processor, written by `save_pretrained` of transformers; nothing is
+    downloaded; least: smallest score of a box, 0 .. 1; device: of both models, as in `load_aligner`.
+    Raises: VisionError where a folder holds no such model, or the device is not available; MissingExtraError without
+    transformers.
     """
     where = find_device(device, VisionError)
     find, find_inputs = _load(detector, "AutoModelForZeroShotObjectDetection", where)
@@ -43,7 +43,7 @@ def grounded(detector: str | Path, segmenter: str | Path, prompts: Mapping[int, 
 
 
 def _load(folder: str | Path, kind: str, device: torch.device) -> tuple[Any, Any]:
-    """Model, on a device, and processor of a folder."""
+    """Model, on a device, and processor from a folder."""
     if not Path(folder).is_dir():
         raise VisionError(f"model folder {folder} does not exist; give one that save_pretrained wrote.")
     try:
@@ -71,7 +71,7 @@ def _box(model: Any, processor: Any, frame: np.ndarray, prompt: str, least: floa
 
 
 def _outline(model: Any, processor: Any, frame: np.ndarray, box: list[float]) -> np.ndarray:
-    """The mask (H, W) bool of what is in a box."""
+    """The mask (H, W) bool of the object in a box."""
     inputs = processor(images=frame, input_boxes=[[box]], return_tensors="pt").to(model.device)
     with torch.inference_mode():
         out = model(**inputs, multimask_output=False)

@@ -1,4 +1,4 @@
-"""An aligner on held-out episodes: after true references and in the closed loop, beside what needs no model."""
+"""Evaluates an aligner on held-out episodes, after true references and in closed loop, beside baselines."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from embodiedreamer_gym.vis_aligner.aligner import Aligner, generate
 from embodiedreamer_gym.vis_aligner.clip import Bench, Episode
 
 MARK = (255, 0, 255)  # RGB
-MOST_NAMED = 12  # episodes
+MOST_NAMED = 12  # episodes listed by name
 AFTER_TRUE, CLOSED, CLEAN = "after true frames", "closed loop", "without noise"
 
 
@@ -21,8 +21,8 @@ AFTER_TRUE, CLOSED, CLEAN = "after true frames", "closed loop", "without noise"
 class HeldOutResult:
     """Clips and measures of one episode, by name.
 
-    clips: each (T, H, W, 3) uint8; the reference is not among the T frames; unclassed (T, H, W) bool: pixels of true frames that
-    show something which moves and belongs to no class.
+    clips: each (T, H, W, 3) uint8; the reference is not among the T frames; unclassed (T, H, W) bool: pixels of the
+    true frames that show something moving that is neither robot nor object.
     """
 
     episode: Episode
@@ -32,20 +32,20 @@ class HeldOutResult:
 
     @property
     def unclassed_share(self) -> float:
-        """Share of the pixels that show something which moves and is neither robot nor object: no model can move it."""
+        """Share of pixels that show something moving that is neither robot nor object; no model can predict it."""
         return float(self.unclassed.mean())
 
     def marked(self) -> np.ndarray:
-        """The true frames (T, H, W, 3) with these pixels in one colour."""
+        """The true frames (T, H, W, 3) with the unclassed pixels in one colour."""
         return np.where(self.unclassed[..., None], np.array(MARK, np.uint8), self.clips["real"])
 
 
 def evaluate_aligner(
     aligner: Aligner, episode: Episode, chunks: int | None = None, bench: Bench | None = None
 ) -> HeldOutResult:
-    """Render an episode's first chunks (default: all whole ones) after true frames, and with its own as references.
+    """Evaluate the first chunks of an episode (default: all whole ones), after true frames and in closed loop.
 
-    bench: what is known of it, as a bank has it.
+    In closed loop, the references are the aligner's own frames. bench: what is known beforehand, as in a bank.
 
     Raises: VisionError when the episode is not longer than a chunk.
     """
@@ -72,7 +72,7 @@ def evaluate_aligner(
 
 
 def tables(results: Sequence[HeldOutResult], markdown: bool = False) -> str:
-    """Measures over episodes, mean and spread, and the drift from chunk to chunk."""
+    """Tables of the measures over episodes, mean and spread, and of the drift from chunk to chunk."""
     rows = {name: metrics.summarise([j.measures[name] for j in results]) for name in results[0].measures}
     drifting = {name: row for name, row in rows.items() if name in (AFTER_TRUE, CLOSED, "copy last")}
     shares = ", ".join(f"{j.episode.name} {j.unclassed_share:.1%}" for j in results[:MOST_NAMED])

@@ -1,4 +1,4 @@
-"""Latents of pictures, each encoded once: an autoencoder that is not trained gives the same for the same picture."""
+"""Cache of the latents of pictures: a frozen autoencoder always encodes the same picture to the same latent."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from torch import Tensor
 
 from embodiedreamer_gym.vis_aligner.network_inputs import to_tensor
 
-MOST_BYTES = 2 << 30  # of latents that are kept
+MOST_BYTES = 2 << 30  # of cached latents
 
 
 class LatentCache:
-    """Latents by the contents of pictures, on the CPU; those used longest ago are dropped first.
+    """Latents by picture content, on the CPU; the least recently used are dropped first.
 
     encode: pictures (N, 3, H, W) in -1 .. 1 -> latents (N, C, h, w).
-    at_once: pictures that are encoded together.
-    most: bytes that are kept.
+    at_once: number of pictures that are encoded together.
+    most: largest size in bytes.
     """
 
     def __init__(self, encode: Callable[[Tensor], Tensor], at_once: int, most: int = MOST_BYTES) -> None:
@@ -29,7 +29,7 @@ class LatentCache:
         return len(self._latents)
 
     def clear(self) -> None:
-        """Forget all."""
+        """Drop all latents."""
         self._latents.clear()
 
     def __call__(self, pictures: np.ndarray) -> Tensor:

@@ -1,4 +1,4 @@
-"""The lean model: a small U-Net over pixels in pairs, one step, gated, without a VAE."""
+"""The lean model: a small gated U-Net that generates pixels in one step, without a VAE."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from torch import Tensor, nn
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.network_inputs import Inputs
 
-PAIR = 2  # pixels to a side that are one cell of the finest level
-DEEPEST = 16  # pixels to a side that are one cell of the coarsest
-LEVEL = 64  # numbers that encode the noise level
+PAIR = 2  # pixels per side of a cell of the finest level
+DEEPEST = 16  # pixels per side of a cell of the coarsest level
+LEVEL = 64  # size of the noise level's embedding
 WIDEST = 1024  # channels
-OPEN, SHUT = 0.9, 0.1  # of the sigmoid, where the gate is wholly open or shut: exactly, and with a slope between
+OPEN, SHUT = 0.9, 0.1  # values of the sigmoid from which on the gate is exactly 1 or 0; linear between
 
 
 @dataclass(frozen=True)
@@ -28,9 +28,9 @@ class LeanConfig:
     widths: tuple[int, int, int, int] = (16, 32, 64, 96)
     """Channels at 1/2, 1/4, 1/8 and 1/16 of the picture, multiples of 8."""
     inputs: Inputs = field(default_factory=Inputs)
-    """What it sees."""
+    """Inputs that the model uses."""
     gate: bool = True
-    """Whether pixels that need not be redrawn are kept; False redraws every pixel."""
+    """Whether the model may keep pixels of other pictures; False generates every pixel."""
 
     def __post_init__(self) -> None:
         """Check."""
@@ -40,7 +40,10 @@ class LeanConfig:
 
 
 class Block(nn.Module):
-    """Two convolutions with a shortcut; the noise level scales and shifts between them; over time where asked."""
+    """Two convolutions with a residual connection; the noise level scales and shifts the features between them.
+
+    over_time: whether a convolution over time follows.
+    """
 
     def __init__(self, inside: int, outside: int, over_time: bool = False) -> None:
         super().__init__()
@@ -52,11 +55,11 @@ class Block(nn.Module):
         self.time = nn.Conv2d(3 * outside, outside, 1) if over_time else None
 
     def forward(self, x: Tensor, level: Tensor, frames: int) -> Tensor:
-        """Pictures (B T, C, h, w) of clips of that many frames; level (B, L)."""
+        """Features (B T, C, h, w) of clips with T = frames; level (B, L)."""
         scale, shift = self.level(level).repeat_interleave(frames, 0)[..., None, None].chunk(2, 1)
         y = self.first(F.relu(self.norm(x)))
         y = self.second(F.relu_(y * (1 + scale) + shift)) + self.skip(x)
-        if self.time is not None:  # a convolution of three over time
+        if self.time is not None:  # a convolution over three frames
             clips = F.pad(y.unflatten(0, (-1, frames)), (0, 0, 0, 0, 0, 0, 1, 1))
             beside = torch.cat([clips[:, :-2], clips[:, 1:-1], clips[:, 2:]], 2).flatten(0, 1)
             y = y + self.time(F.relu_(beside))
@@ -64,7 +67,7 @@ class Block(nn.Module):
 
 
 class Lean(nn.Module):
-    """noisy clip, conditions, references -> clip; every input in -1 .. 1."""
+    """The network: noisy clip, conditions, references -> clean clip; all inputs in -1 .. 1."""
 
     def __init__(self, config: LeanConfig | None = None) -> None:
         super().__init__()
@@ -93,9 +96,8 @@ class Lean(nn.Module):
         """The clean clip (B, T, 3, H, W).
 
         noisy (B, T, 3, H, W); time (B,); frame (B, T, C, H, W): each frame's condition; clip (B, R, H, W): the
-        references; still (B, T, 3, H, W): the frames as far as other pictures show them; sources (B, T, S, 3, H, W):
-        the same from each true picture; stale (B, T, 1, H, W): 1 where no picture shows the pixel, and
-        the gate is open.
+        references; still (B, T, 3, H, W): frames assembled from other pictures; sources (B, T, S, 3, H, W): the same,
+        with one real picture first; stale (B, T, 1, H, W): 1 where no picture shows the pixel, which opens the gate.
         """
         frames, size = noisy.shape[1], noisy.shape[-2:]
         seen = torch.cat([noisy, frame, still, sources.flatten(2, 3), stale], 2).flatten(0, 1)
@@ -127,6 +129,6 @@ def _twice(x: Tensor) -> Tensor:
 
 
 def _waves(time: Tensor) -> Tensor:
-    """Times (B,) as (B, 16) waves."""
+    """Times (B,) as sines and cosines (B, 16)."""
     angles = time[:, None] * torch.tensor([2.0**k for k in range(8)], device=time.device)
     return torch.cat([torch.sin(angles), torch.cos(angles)], 1)

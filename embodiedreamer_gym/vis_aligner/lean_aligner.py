@@ -1,4 +1,4 @@
-"""The lean model as an aligner: batches in, frames out, and the loss that it is trained by."""
+"""The lean model as an aligner: rendering of batches, and the training loss."""
 
 from __future__ import annotations
 
@@ -26,13 +26,17 @@ from embodiedreamer_gym.vis_aligner.network_inputs import (
     to_tensor,
 )
 
-THINGS = 4.0  # weight of a pixel of robot or object, beside 1
-EDGES = 0.5  # weight of the pictures' gradients
-ROUND = 0.01  # below which an error counts squared (of 2 from black to white)
+THINGS = 4.0  # weight of a pixel of robot or object; others have 1
+EDGES = 0.5  # weight of the loss of the pictures' gradients
+ROUND = 0.01  # Charbonnier constant: smaller errors count as squares (black to white is 2)
 
 
 class LeanAligner:
-    """A lean network; chunk: frames it was trained on; steps: of diffusion; seed: of its noise, the same for every chunk."""
+    """A lean network as an aligner.
+
+    chunk: number of frames of a clip in training; steps: of diffusion; seed: of the noise, which is the same for every
+    chunk.
+    """
 
     learning_rate = 1e-3  # of AdamW, from untrained weights
 
@@ -45,11 +49,11 @@ class LeanAligner:
 
     @property
     def device(self) -> torch.device:
-        """Where the network computes."""
+        """The network's device."""
         return self.network.out.weight.device
 
     def render(self, references: Sequence[References], conditions: Sequence[Condition]) -> list[np.ndarray]:
-        """Frames (T, H, W, 3) uint8 for each condition of T frames, a batch at once.
+        """Frames (T, H, W, 3) uint8 for each condition of T frames, as one batch.
 
         Raises: VisionError when sizes or lengths differ.
         """
@@ -62,7 +66,7 @@ class LeanAligner:
         return _pasted(_lasting(references, conditions), self._sampled(given), places)
 
     def _sampled(self, given: tuple[Tensor, ...]) -> Tensor:
-        """The clean clips (B, T, 3, H, W) in windows."""
+        """The generated clips (B, T, 3, H, W) in their windows."""
         noise = torch.randn(given[2].shape[1:], generator=Generator().manual_seed(self.seed))
         noise = noise.to(given[2].device).expand_as(given[2])
         training = self.network.training
@@ -74,7 +78,10 @@ class LeanAligner:
 
     def attempt(self, references: Sequence[References], conditions: Sequence[Condition], truth: Sequence[np.ndarray],
                 generator: Generator) -> tuple[Tensor, Made]:  # fmt: skip
-        """Charbonnier loss of pixels and of their differences, things weighing more, at drawn noise levels; the frames."""
+        """Loss at drawn noise levels, and the generated frames.
+
+        The loss is Charbonnier, over pixels and over their gradients, with a larger weight on robot and objects.
+        """
         references, conditions = self._allowed(references, conditions)
         places = windows(references, conditions) or [WHOLE] * len(truth)
         given = self._stack(references, conditions, places)
@@ -95,7 +102,7 @@ class LeanAligner:
     def _allowed(
         self, references: Sequence[References], conditions: Sequence[Condition]
     ) -> tuple[list[References], list[Condition]]:
-        """What the network's inputs let it see, with the shadows of every instant where the light is known."""
+        """References and conditions reduced to the network's inputs, with shade if the light is known."""
         see = partial(allowed, inputs=self.inputs)
         lit = [r.lit(c) for r, c in zip(references, conditions, strict=True)]
         return [r.viewed(see) for r in references], [see(c) for c in lit]
@@ -103,7 +110,7 @@ class LeanAligner:
     def _stack(
         self, references: Sequence[References], conditions: Sequence[Condition], places: Sequence[Window]
     ) -> tuple[Tensor, ...]:
-        """What the network takes beside noise and time, in windows: conditions, references, still, sources, stale."""
+        """The network's inputs besides noise and time, in windows: conditions, references, still, sources, stale."""
         width = conditions[0].size[0]
         views = [c.crop(w) for c, w in zip(conditions, places, strict=True)]
         start = [r.crop(w) for r, w in zip(references, places, strict=True)]
@@ -115,12 +122,12 @@ class LeanAligner:
 
 
 def _lasting(references: Sequence[References], conditions: Sequence[Condition]) -> list[np.ndarray]:
-    """The last frame of each, as often as its clip is long: beyond the windows nothing happens, but shadows move."""
+    """The last frame of each, repeated for its clip, with moving shadows: outside the windows, nothing else changes."""
     return [carried_light(r.last, r.last_condition, c) for r, c in zip(references, conditions, strict=True)]
 
 
 def _pasted(whole: list[np.ndarray], clips: Tensor, places: Sequence[Window]) -> list[np.ndarray]:
-    """The frames, with the clips in their windows."""
+    """The frames with the clips pasted into their windows."""
     for frames, part, (rows, columns) in zip(whole, to_frames(clips), places, strict=True):
         frames[:, rows, columns] = part
     return whole

@@ -1,4 +1,4 @@
-"""The light of a bench: points from which it comes, and how much of it the robot and the objects keep from the table."""
+"""The light of a bench: point lights, and the shadows that robot and objects cast on the table in it."""
 
 from __future__ import annotations
 
@@ -12,19 +12,21 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.condition import ROBOT, Condition
 from embodiedreamer_gym.vis_aligner.shadows import Plane, hulls_before_camera, lit_pixels
 
-GAMMA = 2.2  # of the camera: light is the power of this of a pixel
-SOFT = 0.8 / 128  # of the width: standard deviation by which shadows are blurred, as the lens does
-DARKEST = 0.05  # share of the light that is left anywhere: what the room reflects
+GAMMA = 2.2  # of the camera: linear light is the pixel's value to the power of GAMMA
+SOFT = 0.8 / 128  # of the width: standard deviation of the blur of shadows, as by the lens
+DARKEST = 0.05  # smallest share of the light at any pixel, which the room reflects
 
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """Point lights that stand for all the light of a bench before a camera.
+    """Point lights that approximate all the light on a bench, in the frame of one camera.
 
     positions (M, 3): m, in the camera's frame (x right, y down, z forward); strengths (M,): not negative; plane: of the
-    table; receivers (H, W) bool: pixels that show the table where nothing hides it; matrix (3, 3): the camera's intrinsics.
+    table; receivers (H, W) bool: pixels that show the table if nothing covers it; matrix (3, 3): the camera's
+    intrinsics.
 
-    Raises: VisionError where shapes differ or numbers are not finite, a strength is negative, or a light is below the table.
+    Raises: VisionError where shapes differ or numbers are not finite, a strength is negative, or a light is not above
+    the table.
     """
 
     positions: np.ndarray
@@ -58,11 +60,11 @@ class Light:
 
     @cached_property
     def shares(self) -> np.ndarray:
-        """Share (M, H, W) float32 of each light in what reaches a pixel of the table when nothing stands on it."""
+        """Share (M, H, W) float32 of each light in the total light on each pixel of the table, without shadows."""
         return shares(self.positions, self.strengths, self.plane, self.matrix, self.size)
 
     def shade(self, condition: Condition) -> np.ndarray:
-        """Each pixel's value over that in no shadow (T, H, W) float32, on the table; 1 elsewhere.
+        """Ratio (T, H, W) float32 of each table pixel's value to its value without shadows; 1 outside the table.
 
         Raises: VisionError for another size, or a condition without hulls.
         """
@@ -80,14 +82,14 @@ class Light:
         return np.where(self.receivers, np.maximum(soft, DARKEST) ** np.float32(1 / GAMMA), np.float32(1.0))
 
     def on(self, condition: Condition) -> Condition:
-        """The condition with its shade; as it is where that is known already, or no hulls are."""
+        """The condition with its shade added; unchanged if it already has a shade, or has no hulls."""
         known = condition.shade is not None or condition.hulls is None
         return condition if known else replace(condition, shade=self.shade(condition))
 
 
 def shares(positions: np.ndarray, strengths: np.ndarray, plane: Plane, matrix: np.ndarray,
            size: tuple[int, int]) -> np.ndarray:  # fmt: skip
-    """Share (M, H, W) float32 of each light in what reaches the pixels of a plane: its strength by cosine and distance."""
+    """Share (M, H, W) float32 of each light in the total light on the pixels of a plane: strength times `incidence`."""
     light = strengths[:, None, None] * incidence(positions, plane, matrix, size)
     return light / np.maximum(light.sum(axis=0), 1e-9)
 
@@ -100,21 +102,24 @@ def incidence(positions: np.ndarray, plane: Plane, matrix: np.ndarray, size: tup
 
 
 def relit(picture: np.ndarray, before: np.ndarray | float, now: np.ndarray | float) -> np.ndarray:
-    """Pixels (..., H, W, 3) uint8 of a picture, seen in a shade (..., H, W), as another shade shows them; the same bits
-    where the two are the same.
+    """A picture's pixels (..., H, W, 3) uint8, changed from one shade (..., H, W) to another.
+
+    Where both shades are equal, the pixels stay bit-identical.
     """
     ratio = np.asarray(now, np.float32) / np.asarray(before, np.float32)
     return np.clip(np.round(picture * ratio[..., None]), 0, 255).astype(np.uint8)
 
 
 def unshaded(picture: np.ndarray, seen_in: Condition) -> np.ndarray:
-    """A picture (H, W, 3) uint8 without the shadows of the last frame of a condition, as far as they are known."""
+    """A picture (H, W, 3) uint8 without the shadows in a condition's last frame; unchanged if these are not known."""
     return picture if seen_in.shade is None else relit(picture, seen_in.shade[-1], 1.0)
 
 
 def carried_light(picture: np.ndarray, seen_in: Condition, now: Condition) -> np.ndarray:
-    """A picture (H, W, 3) uint8 of the instant of a condition of one frame in the light of each frame of another (T, H, W, 3):
-    table and background, as far as the light is known; a thing keeps its colours.
+    """A picture (H, W, 3) uint8 with the shadows of each frame of another condition (T, H, W, 3).
+
+    seen_in: the condition (T = 1) of the picture. Robot and objects keep their colours. If a shade is not known, the
+    picture is only repeated.
     """
     if seen_in.shade is None or now.shade is None:
         return np.repeat(picture[None], len(now), axis=0)

@@ -1,4 +1,4 @@
-"""The light of a bench from photos of it: points on a dome, and what the table looks like without shadows, in turn."""
+"""Fits the light of a bench to photos: alternately point lights on a dome, and the table without shadows."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from embodiedreamer_gym.vis_aligner.condition import ROBOT, TABLE, Condition
 from embodiedreamer_gym.vis_aligner.light import DARKEST, GAMMA, SOFT, Light, incidence
 from embodiedreamer_gym.vis_aligner.shadows import Plane, hulls_before_camera, intrinsics, lit_pixels, pixel_rays
 
-RADIUS = 2.2  # m of the dome over the middle of the table
-RINGS = ((15, 16), (30, 16), (45, 16), (58, 12), (70, 10), (80, 6), (90, 1))  # degrees above the table, lights around
-SPLIT, ASIDE, AROUND, NEAR_AND_FAR = 14, 0.10, 6, (1.7, 2.6)  # of the lights, the strongest; radius, count; m
-LOWEST = 0.12  # sine of a light's least height above the table
-MOST_LIGHTS, KEPT = 20, 0.75  # that are kept in the end, share of a step
-ROUNDS = 5  # of lights and table in turn
+RADIUS = 2.2  # m: of the dome over the middle of the table
+RINGS = ((15, 16), (30, 16), (45, 16), (58, 12), (70, 10), (80, 6), (90, 1))  # degrees of elevation, lights
+SPLIT, ASIDE, AROUND, NEAR_AND_FAR = 14, 0.10, 6, (1.7, 2.6)  # lights to split; radius, number, distances (m)
+LOWEST = 0.12  # sine of a light's smallest elevation above the table
+MOST_LIGHTS, KEPT = 20, 0.75  # lights kept in the end, share kept in each step
+ROUNDS = 5  # of fitting the lights and the table in turn
 RIDGE = 1e-3  # of the normal equations' mean diagonal
-SHARE = 0.3  # of the pixels that are fitted
-WIDEST = 128  # pixels of the pictures that are fitted
-BRIGHTEST = 1.5  # times the table without shadows: more is a reflection
+SHARE = 0.3  # of the pixels, drawn for the fit
+WIDEST = 128  # pixels: width of the pictures that are fitted
+BRIGHTEST = 1.5  # times the table without shadows: brighter pixels are reflections
 FEWEST = 8  # photos
-HELD_OUT = 4  # every which photo tests the light
-GAIN = 0.95  # error of those photos over that of the plain median, above which no light is used
+HELD_OUT = 4  # one of this many photos is held out
+GAIN = 0.95  # largest ratio of held-out errors, with the light and with the median, at which the light is used
 
 
 def fit_light(frames: Sequence[np.ndarray], views: Sequence[Condition]) -> Light | None:
     """The light in photos (H, W, 3) uint8 of one bench by one camera; views: of one frame each, with hulls.
 
-    None where there are fewer than eight such photos, or where the light does not tell photos that it was not fitted to
-    better than their median does.
+    None if there are fewer than eight such photos, or if the light predicts held-out photos no better than the median
+    of the others does.
     """
     usable = [i for i, view in enumerate(views) if view.hulls is not None and (view.classes == TABLE).any()]
     if len(usable) < FEWEST:
@@ -43,7 +43,7 @@ def fit_light(frames: Sequence[np.ndarray], views: Sequence[Condition]) -> Light
     strengths, _ = photos.fit(positions, lit)
     more = _split(positions[_strongest(photos.power(positions, strengths), SPLIT)], photos.middle, photos.plane.normal)
     positions, lit = np.concatenate([positions, more]), np.concatenate([lit, photos.lit(more)], axis=1)
-    while True:  # few, because each costs time in every frame: the weakest go step by step, and the others adapt
+    while True:  # each light costs time in every frame, so the weakest are dropped in steps, with a new fit each
         strengths, _ = photos.fit(positions, lit)
         power = photos.power(positions, strengths)
         if (power > 0).sum() <= MOST_LIGHTS:
@@ -58,10 +58,10 @@ def fit_light(frames: Sequence[np.ndarray], views: Sequence[Condition]) -> Light
 
 
 class _Photos:
-    """Photos as they are fitted: small, and in linear light.
+    """Photos as used in the fit: small, and in linear light.
 
-    light (N, h, w) float32; table (N, h, w) bool: where the table is seen; matrix, scaled (3, 3): the camera's intrinsics for
-    the photos and for the small ones.
+    light (N, h, w) float32; table (N, h, w) bool: where the table is seen; matrix, scaled (3, 3): the camera's
+    intrinsics for the photos and for the small ones.
     """
 
     def __init__(self, frames: Sequence[np.ndarray], views: Sequence[Condition]) -> None:
@@ -81,7 +81,7 @@ class _Photos:
         self.middle = np.median(self.plane.seen(self.scaled, self.size)[0][seen], axis=0)
 
     def lit(self, positions: np.ndarray) -> np.ndarray:
-        """How much (N, M, h, w) uint8 of 255 of each light reaches the table in each photo."""
+        """Share (N, M, h, w) uint8, of 255, of each light that reaches the table in each photo."""
         soft = SOFT * self.size[0]
         rows = []
         for view in self._views:
@@ -91,7 +91,7 @@ class _Photos:
         return np.array(rows)
 
     def power(self, positions: np.ndarray, strengths: np.ndarray) -> np.ndarray:
-        """Mean light (M,) on the table of each point."""
+        """Mean light (M,) of each point light on the table."""
         return strengths * incidence(positions, self.plane, self.scaled, self.size)[:, self.table.any(axis=0)].mean(
             axis=1
         )
@@ -99,7 +99,7 @@ class _Photos:
     def fit(
         self, positions: np.ndarray, lit: np.ndarray, photos: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Strengths (M,) and the table without shadows (h, w), from some photos: each from the other in turn."""
+        """Strengths (M,) and the table without shadows (h, w), fitted in turn; photos (N,) bool: those used."""
         some = np.arange(len(lit)) if photos is None else np.flatnonzero(photos)
         reach = incidence(positions, self.plane, self.scaled, self.size)
         reach /= reach.mean(axis=0)
@@ -120,7 +120,7 @@ class _Photos:
         return strengths, bare
 
     def error(self, positions: np.ndarray, lit: np.ndarray) -> float:
-        """Error of held-out photos of the table with the light over their error with the plain median of the others."""
+        """Ratio of errors on the table in held-out photos: with the light, to with the median of the other photos."""
         held = np.arange(len(lit)) % HELD_OUT == HELD_OUT - 1
         strengths, bare = self.fit(positions, lit, ~held)
         reach = incidence(positions, self.plane, self.scaled, self.size)
@@ -133,12 +133,12 @@ class _Photos:
         return float(np.sqrt(errors[0] / max(errors[1], 1e-12)))
 
     def _shade(self, strengths: np.ndarray, lit: np.ndarray, reach: np.ndarray) -> np.ndarray:
-        """The share (N, h, w) of the light that reaches the table."""
+        """Share (N, h, w) of the light that reaches the table."""
         share = strengths[:, None, None].astype(np.float32) * reach / np.float32(255)
         return np.maximum([np.einsum("mhw,mhw->hw", one, share) for one in lit], DARKEST)
 
     def _over(self, photos: np.ndarray, light: np.ndarray, quantile: float) -> np.ndarray:
-        """Quantile (h, w) over photos of what they show of the table; 0 where none does."""
+        """Quantile (h, w) over photos of the light on the table; 0 where no photo shows the table."""
         table = self.table[photos]
         ordered = np.sort(np.where(table, light, np.inf), axis=0)  # nanquantile takes ten times as long
         place = np.maximum(quantile * (table.sum(axis=0) - 1), 0).astype(int)
@@ -146,7 +146,7 @@ class _Photos:
 
 
 def _table(view: Condition) -> np.ndarray:
-    """Pixels (H, W) that show the table, and no edge of a thing."""
+    """Pixels (H, W) that show the table and are not at the edge of a thing."""
     things = cv2.dilate((view.classes[0] >= ROBOT).astype(np.uint8), np.ones((3, 3), np.uint8))
     return (view.classes[0] == TABLE) & (things == 0)
 
@@ -176,7 +176,7 @@ def _dome(middle: np.ndarray, normal: np.ndarray) -> np.ndarray:
 
 
 def _split(lights: np.ndarray, middle: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Lights around and behind others, nearer and farther."""
+    """Lights in directions around those of given lights, nearer and farther than the dome."""
     found = []
     for light in lights:
         towards = (light - middle) / np.linalg.norm(light - middle)
@@ -191,5 +191,5 @@ def _split(lights: np.ndarray, middle: np.ndarray, normal: np.ndarray) -> np.nda
 
 
 def _strongest(power: np.ndarray, count: int) -> np.ndarray:
-    """The strongest lights that shine at all, in order."""
+    """Numbers, in order, of the strongest lights with a power above 0."""
     return np.sort(np.argsort(-power, kind="stable")[: min(count, int((power > 0).sum()))])

@@ -1,4 +1,4 @@
-"""Masks of the objects in real frames: from pictures in a folder, from a function, or from a local model."""
+"""Masks of the objects in real frames: from pictures in a folder, from a function, or by colour."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import numpy as np
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.condition import OBJECT
 
-LARGEST = 9  # class number of a mask
+LARGEST = 9  # largest class number of a mask
 
 
 class MaskSource(Protocol):
-    """Classes (H, W) uint8 of a frame (H, W, 3) uint8: 3 the object, 4 the goal, 0 where neither is."""
+    """Classes (H, W) uint8 of a frame (H, W, 3) uint8: 3 the object, 4 the goal, 0 elsewhere."""
 
     def __call__(self, frame: np.ndarray, number: int) -> np.ndarray:
         """Classes of frame `number`."""
@@ -24,9 +24,9 @@ class MaskSource(Protocol):
 
 
 def masks_in(folder: str | Path) -> MaskSource:
-    """Masks of pictures 000000.png, 000001.png, ..., whose grey levels are class numbers: 0, 3 and 4.
+    """Masks from pictures 000000.png, 000001.png, ..., whose grey levels are class numbers: 0, 3 and 4.
 
-    Raises: VisionError where the folder is missing; of the source, where a picture is.
+    Raises: VisionError where the folder is missing; when the source is called, where a picture is missing.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -43,19 +43,19 @@ def masks_in(folder: str | Path) -> MaskSource:
 
 
 def masks_by(function: Callable[[np.ndarray], np.ndarray]) -> MaskSource:
-    """Masks of a function of the frame alone: (H, W, 3) uint8 -> (H, W) class numbers."""
+    """Masks from a function of the frame alone: (H, W, 3) uint8 -> (H, W) class numbers."""
     return lambda frame, number: checked(np.asarray(function(frame)), frame, f"mask of frame {number}")
 
 
 def no_masks(frame: np.ndarray, number: int) -> np.ndarray:
-    """Nothing anywhere."""
+    """An empty mask for any frame."""
     return np.zeros(frame.shape[:2], np.uint8)
 
 
 def checked(classes: np.ndarray, frame: np.ndarray, where: str) -> np.ndarray:
-    """Classes (H, W) uint8 that fit a frame.
+    """Classes (H, W) as uint8, checked against their frame.
 
-    Raises: VisionError for another size, or numbers that are no classes of objects.
+    Raises: VisionError for another size, or numbers that are not classes of objects.
     """
     if classes.shape != frame.shape[:2]:
         raise VisionError(f"{where} has shape {classes.shape}, its frame {frame.shape[:2]}; they must agree.")
@@ -66,9 +66,9 @@ def checked(classes: np.ndarray, frame: np.ndarray, where: str) -> np.ndarray:
 
 
 def coloured(prompts: dict[int, tuple[tuple[int, int, int], tuple[int, int, int]]]) -> MaskSource:
-    """Masks by colour: class -> lower and upper bound in OpenCV's HSV; the largest spot of each counts.
+    """Masks by colour: class -> lower and upper bound in OpenCV's HSV; only the largest spot of each is kept.
 
-    Enough for a red cup on a wooden table; anything harder wants a segmentation model.
+    This is enough for a red cup on a wooden table; harder scenes need a segmentation model.
     """
 
     def find(frame: np.ndarray, number: int) -> np.ndarray:

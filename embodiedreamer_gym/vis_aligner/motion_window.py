@@ -1,4 +1,4 @@
-"""Where a chunk has to be drawn at all: around what moves in the simulator since the reference."""
+"""Windows of a chunk that must be generated: around everything that has moved in the simulator since the reference."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from embodiedreamer_gym.vis_aligner.condition import Condition, Window
 from embodiedreamer_gym.vis_aligner.reprojection import Change
 
 MARGIN = 0.12  # of the picture's width around what moves, for its shadow
-GRID = 16  # pixels, of which a window's sides are multiples, where the picture has room
+GRID = 16  # pixels: a window's sides are multiples of this, unless the picture is too small
 
 
 def moving(references: References, condition: Condition) -> np.ndarray:
-    """Pixels (H, W) at which some simulated frame shows something else than at the reference."""
+    """Pixels (H, W) at which any simulated frame differs from the reference's simulated view."""
     return np.any(Change(references.last_condition, condition).differs, axis=0)
 
 
 def windows(references: Sequence[References], conditions: Sequence[Condition]) -> list[Window] | None:
-    """A window of one size for every clip of a batch, around all that moves in it; None where nothing moves at all."""
+    """A window for every clip of a batch, all of one size, around everything that moves; None if nothing moves."""
     width, height = conditions[0].size
     margin = round(MARGIN * width)
     boxes = []

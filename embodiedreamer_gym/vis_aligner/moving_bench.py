@@ -1,4 +1,4 @@
-"""What cameras that move with the robot know of a bench: the table from above, the robot's hands, the objects and the far background."""
+"""Benches for cameras that move with the robot: the table from above, and photos of robot, objects and background."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from embodiedreamer_gym.vis_aligner.condition import OBJECT, ROBOT, TABLE, Condi
 from embodiedreamer_gym.vis_aligner.farthest_points import spread
 from embodiedreamer_gym.vis_aligner.table_atlas import make_table_atlas
 
-ALL = 240  # photos of which the atlas is made
-PHOTOS = 14  # of robot and background, from sides that differ
+ALL = 240  # photos from which the atlas is made
+PHOTOS = 14  # of robot and background, from different sides
 PHOTOS_OF_THING = 8
-FEWEST = 15  # pixels of an object that make a photo of it
+FEWEST = 15  # pixels of an object that a photo of it must show
 EDGE, AROUND = np.ones((3, 3), np.uint8), np.ones((7, 7), np.uint8)
 Photo = tuple[np.ndarray, Condition]  # a picture (H, W, 3) and the simulator's view of it, of one frame
 
 
 def make_moving_bench(episodes: Sequence[Episode]) -> Bench:
-    """The bench of episodes before it by cameras that move with the robot; one for all of them, such as both wrists.
+    """One bench from the episodes of all cameras that move with the robot, such as both wrist cameras.
 
     Raises: VisionError without an episode, where sizes differ, or where a camera does not move.
     """
@@ -40,16 +40,16 @@ def make_moving_bench(episodes: Sequence[Episode]) -> Bench:
 
 
 def _robot(photos: Sequence[Photo]) -> Gallery:
-    """Photos of the robot and the background; the atlas has the table."""
+    """Photos of the robot and the background; the table is in the atlas."""
     links = max(int(np.max(view.parts, where=view.classes <= ROBOT, initial=0)) for _, view in photos)  # pyright: ignore
     sides = np.concatenate([facings(view)[:, :links] for _, view in photos])
-    sides *= [np.isin(np.arange(1, links + 1), np.asarray(view.parts))[:, None] for _, view in photos]  # of what shows
+    sides *= [np.isin(np.arange(1, links + 1), np.asarray(view.parts))[:, None] for _, view in photos]  # if visible
     taken = spread(sides, PHOTOS, np.ones(len(photos)))
     return _gallery([photos[k] for k in taken], links, lambda view: (view.classes != TABLE) & (view.classes < OBJECT))
 
 
 def _things(episodes: Sequence[Episode]) -> dict[str, Gallery]:
-    """Photos of each object, by its name; those that show more of it come first."""
+    """Photos of each object, by its name; photos that show more of it are preferred."""
     found = {}
     for name in dict.fromkeys(name for e in episodes for name in e.class_names[OBJECT:]):
         shown: list[tuple[Photo, int]] = []
@@ -68,14 +68,16 @@ def _things(episodes: Sequence[Episode]) -> dict[str, Gallery]:
 
 
 def _gallery(photos: Sequence[Photo], parts: int, shown: Callable[[Condition], np.ndarray]) -> Gallery:
-    """Photos as a gallery of the first parts, with nothing but the pixels (1, H, W) that are `shown` of a view; what is left out takes
-    no space in a file. A part ends before its edge, where a real picture may show half of something else.
+    """Photos as a gallery of the first `parts` parts, reduced to the pixels (1, H, W) that `shown` selects in a view.
+
+    The other pixels are zero and need almost no space in a file. Pixels at a part's edge are left out: in a real
+    picture, they may show half of something else.
     """
     frames, views = [], []
     for frame, view in photos:
         own, depth, places = (np.asarray(x) for x in (view.parts, view.depth, view.projections))
         kept = shown(view) & (cv2.dilate(own[0], EDGE) == cv2.erode(own[0], EDGE))
-        around = cv2.dilate(kept[0].astype(np.uint8), AROUND) > 0  # what is between pixels is taken from there
+        around = cv2.dilate(kept[0].astype(np.uint8), AROUND) > 0  # neighbours, for interpolation
         frames.append(np.where(around[..., None], frame, 0).astype(np.uint8))
         slim = {"rgb": np.zeros_like(view.rgb), "depth": np.where(kept, depth, 0).astype(np.float16),
                 "parts": np.where(kept, own, 0), "projections": places[:, :parts], "hulls": None}  # fmt: skip

@@ -1,7 +1,7 @@
-"""Frames of a camera that moves with a link, assembled from other pictures: no network draws them.
+"""Frames of a camera that moves with a link, assembled from other pictures without a network.
 
-Table and background are carried by homographies, links and objects part by part. What the last frame does not show comes from the
-table's atlas, the true first frame and the bench's photos, in the exposure of what is around it.
+Table and background are warped by homographies; links and objects are reprojected part by part. What the last frame
+does not show comes from the true first frame, else from the table's atlas and the bench's photos, matched in exposure.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from embodiedreamer_gym.vis_aligner.reprojection import Change, Reprojected, fil
 from embodiedreamer_gym.vis_aligner.surfaces import in_front, map_back, part_projection, table_points, warped
 from embodiedreamer_gym.vis_aligner.table_atlas import DARK, TableAtlas
 
-PHOTOS = 4  # of a gallery that are tried for the background
-CHOICES = 6  # of its photos that are tried for a link or an object, which may each show a piece of it
-SMOOTH = 5.0 / 128  # of the width: standard deviation over which exposures are matched
-MOST_APART = 0.4  # logarithm of the ratio of two exposures
-FAINT = 0.01  # weight below which nothing is near
-NARROW = 2.5  # pixels from what the last frame shows, which shows better what is next to it than another photo does
-RADIUS = 3  # pixels around a hole that fill it
+PHOTOS = 4  # photos of a gallery that are tried for the background
+CHOICES = 6  # photos that are tried for a link or an object; each may show only a piece of it
+SMOOTH = 5.0 / 128  # of the width: standard deviation of the blur of exposure ratios
+MOST_APART = 0.4  # largest logarithm of the ratio of two exposures
+FAINT = 0.01  # weight of the mean exposure ratio, which counts where no common pixel is near
+NARROW = 2.5  # pixels: holes this near to what the last frame shows are filled from it, better than from a photo
+RADIUS = 3  # pixels: radius of inpainting
 EDGE, BESIDE = np.ones((3, 3), np.uint8), np.ones((5, 5), np.uint8)
 
 
@@ -51,7 +51,7 @@ class AssembledAligner:
 
 
 def assemble(references: References, condition: Condition) -> np.ndarray:
-    """Frames (T, H, W, 3) uint8 of a condition, to a camera that moves, that follow the last frame of references."""
+    """Frames (T, H, W, 3) uint8 that follow the last frame of references, for a condition of a moving camera."""
     before = references.last_condition
     change = Change(before, condition)
     frames = np.repeat(references.last[None], len(condition), axis=0)
@@ -72,9 +72,10 @@ def assemble(references: References, condition: Condition) -> np.ndarray:
 
 
 def compose_view(bench: Bench, condition: Condition, class_names: Sequence[str]) -> np.ndarray:
-    """A picture (H, W, 3) uint8 of a condition's first frame, to a camera that moves, from what is known of the bench.
+    """A picture (H, W, 3) uint8 of the first frame of a moving camera's condition, from what is known about the bench.
 
-    Where nothing is known, it keeps the simulator's colours. class_names: what the classes' numbers mean.
+    Gaps are filled from their surroundings. If nothing is known, the picture keeps the simulator's colours.
+    class_names: names of the class numbers.
     """
     view = condition.part(0, 1)
     frame, missing = view.rgb.copy(), np.ones(view.classes.shape, bool)
@@ -88,7 +89,7 @@ def compose_view(bench: Bench, condition: Condition, class_names: Sequence[str])
 
 def _sources(gallery: Gallery | None, things: Mapping[int, Gallery], atlas: TableAtlas | None, condition: Condition,
              stale: np.ndarray) -> Iterator[Reprojected]:  # fmt: skip
-    """Colours from the atlas and the photos of a bench, one after the other, for the pixels that are stale when they are asked for."""
+    """Colours from a bench's atlas and photos, one source after the other, for the pixels that are stale by then."""
     if atlas is not None:
         yield atlas.shown(condition)
     if gallery is not None:
@@ -105,7 +106,7 @@ def _sources(gallery: Gallery | None, things: Mapping[int, Gallery], atlas: Tabl
 
 
 def _nearest_photos(gallery: Gallery, condition: Condition) -> np.ndarray:
-    """Numbers of the photos of a gallery whose camera looks most nearly into the same direction."""
+    """Numbers of the photos of a gallery with the most similar viewing direction, best first."""
     background = np.asarray(condition.parts)[condition.classes == BACKGROUND]
     part = int(background.max(initial=0)) - 1
     if not 0 <= part < gallery.facings.shape[1]:
@@ -115,9 +116,9 @@ def _nearest_photos(gallery: Gallery, condition: Condition) -> np.ndarray:
 
 
 def _carried(picture: np.ndarray, view: Condition, condition: Condition, where: np.ndarray) -> Reprojected:
-    """Colours of pixels (T, H, W) from a picture (H, W, 3) and the simulator's view of it, of one frame.
+    """Colours of pixels (T, H, W), from a picture (H, W, 3) and the simulator's view of it (T = 1).
 
-    Table and background beside the robot are left out: a real picture may show half of each there.
+    Table and background next to the robot are left out: in a real picture, these pixels may mix both.
     """
     out = nothing(condition)
     usable = cv2.dilate((view.classes[0] == ROBOT).astype(np.uint8), BESIDE) == 0
@@ -143,7 +144,7 @@ def _carried(picture: np.ndarray, view: Condition, condition: Condition, where: 
 
 
 def _take(frames: np.ndarray, stale: np.ndarray, source: Reprojected) -> None:
-    """Take colours over where pixels are stale, which they are no longer."""
+    """Copy valid colours to stale pixels, which are then no longer stale."""
     colours, valid = source
     new = stale & valid
     frames[new] = colours[new]
@@ -151,28 +152,28 @@ def _take(frames: np.ndarray, stale: np.ndarray, source: Reprojected) -> None:
 
 
 def _match_exposure(colours: np.ndarray, valid: np.ndarray, frames: np.ndarray, known: np.ndarray) -> None:
-    """Change colours (T, H, W, 3), in valid places (T, H, W), to the exposure and light of frames, as far as these are known.
+    """Match colours (T, H, W, 3), at valid pixels (T, H, W), to the exposure and light of the known pixels of frames.
 
-    The ratio of the two in their common places is carried to the others by normalised convolution.
+    The ratio of the two is computed at common pixels and extended to the others by normalised convolution.
     """
     for own, mine, frame, theirs in zip(colours, valid, frames, known, strict=True):
         both = (
             cv2.erode((mine & theirs).astype(np.uint8), EDGE) > 0
-        )  # not at edges, which may show half of something else
+        )  # not at edges, where a pixel may show half of something else
         if both.any() and (mine & ~theirs).any():
             weight = both.astype(np.float32)
             ratio = np.log((frame.astype(np.float32) + DARK) / (own.astype(np.float32) + DARK))
             ratio = np.clip(ratio, -MOST_APART, MOST_APART) * weight[..., None]
             near = cv2.GaussianBlur(np.dstack([ratio, weight]), (0, 0), SMOOTH * frame.shape[1])
-            mean = ratio[both].mean(axis=0)  # where nothing is near
+            mean = ratio[both].mean(axis=0)  # where no common pixel is near
             ratio = (near[..., :3] + FAINT * mean) / (near[..., 3:] + FAINT)
             own[mine] = np.clip(np.round((own[mine] + DARK) * np.exp(ratio[mine]) - DARK), 0, 255)
 
 
 def _fill_holes(frames: np.ndarray, holes: np.ndarray, parts: np.ndarray, reach: float = np.inf) -> None:
-    """Fill holes (T, H, W) of frames (T, H, W, 3) with the nearest pixel of the same part (T, H, W), at most reach pixels away.
+    """Fill holes (T, H, W) of frames (T, H, W, 3) with the nearest pixel, up to reach away, of the same part (T, H, W).
 
-    Those that are filled are holes no longer.
+    Filled pixels are removed from holes.
     """
     for frame, missing, part in zip(frames, holes, parts, strict=True):
         for number in np.unique(part[missing]):
@@ -189,7 +190,7 @@ def _fill_holes(frames: np.ndarray, holes: np.ndarray, parts: np.ndarray, reach:
 
 
 def _inpaint(frames: np.ndarray, holes: np.ndarray) -> None:
-    """Fill holes (T, H, W) of frames (T, H, W, 3) from around them."""
+    """Inpaint holes (T, H, W) of frames (T, H, W, 3)."""
     for frame, missing in zip(frames, holes, strict=True):
         if missing.any() and not missing.all():
             frame[:] = cv2.inpaint(frame, missing.astype(np.uint8), RADIUS, cv2.INPAINT_TELEA)

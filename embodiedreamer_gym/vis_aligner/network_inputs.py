@@ -1,7 +1,7 @@
-"""Conditions and references as tensors: what a network gets to see.
+"""Converts conditions and references to the input tensors of a network.
 
-The paper adds the objects' masks pixel-wise to the picture of the robot; here each class has a channel of its own beside a
-picture whose object pixels are blank, which is the same without the sums' ambiguity.
+The paper adds the objects' masks pixel-wise to the picture of the robot. Here each class has its own channel, and the
+object pixels of the picture are blank. The information is the same, without the ambiguity of the sum.
 """
 
 from __future__ import annotations
@@ -18,55 +18,55 @@ from embodiedreamer_gym.vis_aligner.condition import OBJECT, ROBOT, TABLE, Condi
 from embodiedreamer_gym.vis_aligner.light import carried_light, relit
 from embodiedreamer_gym.vis_aligner.reprojection import Change, reproject_gallery
 
-NEAR, REACH = 1.0, 0.5  # m; a depth of NEAR +- REACH is -1 .. 1
+NEAR, REACH = 1.0, 0.5  # m; depths NEAR - REACH .. NEAR + REACH become -1 .. 1
 EDGE = np.ones((3, 3), np.uint8)
-SLOPE = 20.0 / 128  # per metre from a pixel to the next but one and pixel of width: the channels of the surface's tilt
+SLOPE = 20.0 / 128  # slope channel per m of depth difference between pixels two apart and per pixel of picture width
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """Which inputs a model uses; one that is switched off is not computed, so that an ablation is one flag."""
+    """Which inputs a model uses. An input that is off is not computed, so each ablation is one flag."""
 
     masks: bool = True
-    """Channels of robot, object and goal (else objects are erased from the picture)."""
+    """Mask channels of robot, object and goal; if off, objects are erased from the picture."""
     depth: bool = True
     """Depth and its two slopes."""
     anchor: bool = True
     """The true first frame."""
     plate: bool = True
-    """What has been seen behind moving things."""
+    """The background seen so far behind robot and objects."""
     at_reference: bool = True
-    """The simulated view at the reference's time."""
+    """The simulated view at the time of each reference frame."""
     reproject: bool = True
     """Links and objects that have moved, reprojected from the pictures that show them."""
     gallery: bool = True
-    """Links also from photos of the robot in other poses."""
+    """Also reproject links from photos of the robot in other poses."""
 
     @property
     def per_frame(self) -> int:
-        """Channels of a frame's condition."""
+        """Number of channels of a frame's condition."""
         return 3 + 3 * self.masks + 3 * self.depth
 
     @property
     def sources(self) -> int:
-        """True pictures whose pixels each frame can take over: plate, anchor, gallery."""
+        """Number of real pictures from which each frame can copy pixels: plate, anchor, gallery."""
         return self.plate + self.anchor + self.gallery
 
     @property
     def per_clip(self) -> int:
-        """Channels of the references."""
+        """Number of channels of the references."""
         frames = 1 + self.anchor
         return 3 * frames + self.at_reference * frames * self.per_frame + 4 * self.plate
 
 
 def allowed(condition: Condition, inputs: Inputs) -> Condition:
-    """A condition with that only which a model is to see: without masks no objects, without reprojection no parts."""
+    """The condition reduced to what a model may see: no objects if masks are off, no parts if reprojection is off."""
     seen = condition if inputs.masks else without_objects(condition)
     return seen if inputs.reproject else seen.without_parts()
 
 
 def frame_channels(condition: Condition, inputs: Inputs, width: int | None = None) -> Tensor:
-    """Channels (T, C, H, W), float, of a condition; width: of the whole picture, where this is a window of it."""
+    """Channels (T, C, H, W), float, of a condition; width: of the full picture in pixels, if this is a window of it."""
     thing = condition.classes >= OBJECT
     rgb = np.where(thing[..., None], 0.0, condition.rgb.astype(np.float32) / 127.5 - 1.0)
     parts = [rgb.transpose(0, 3, 1, 2)]
@@ -79,7 +79,7 @@ def frame_channels(condition: Condition, inputs: Inputs, width: int | None = Non
 
 
 def without_objects(condition: Condition) -> Condition:
-    """The condition as if no object were there: what stands around each is drawn over it."""
+    """The condition without objects: they are inpainted from their surroundings and classified as table."""
     thing = condition.classes >= OBJECT
     rgb, depth = condition.rgb.copy(), None if condition.depth is None else condition.depth.copy()
     for number in np.flatnonzero(thing.any(axis=(1, 2))):
@@ -91,7 +91,7 @@ def without_objects(condition: Condition) -> Condition:
 
 
 def _depth_channels(condition: Condition, thing: np.ndarray, width: int) -> np.ndarray:
-    """Depth and its slopes (T, 3, H, W), zero where an object is, or where no depth is known."""
+    """Depth and its slopes (T, 3, H, W); zero at object pixels, and everywhere if the depth is not known."""
     t, h, w = condition.classes.shape
     if condition.depth is None:
         return np.zeros((t, 3, h, w), np.float32)
@@ -99,13 +99,13 @@ def _depth_channels(condition: Condition, thing: np.ndarray, width: int) -> np.n
     across, down = np.zeros_like(metres), np.zeros_like(metres)
     across[:, :, 1:-1] = metres[:, :, 2:] - metres[:, :, :-2]
     down[:, 1:-1] = metres[:, 2:] - metres[:, :-2]
-    scale = SLOPE * width  # the same tilt is the same number whatever the picture's size
+    scale = SLOPE * width  # the same tilt has the same value at every picture size
     channels = np.stack([(metres - NEAR) / REACH, scale * across, scale * down], axis=1)
     return np.where(thing[:, None], 0.0, np.clip(channels, -1.0, 1.0))
 
 
 def reference_channels(references: References, inputs: Inputs, width: int | None = None) -> Tensor:
-    """Channels (C, H, W), float, of the references; width: of the whole picture, where this is a window of it."""
+    """Channels (C, H, W), float, of the references; width: of the full picture in pixels, if this is a window of it."""
     parts = [to_tensor(references.last)]
     views = [references.last_condition]
     if inputs.anchor:
@@ -121,11 +121,11 @@ def reference_channels(references: References, inputs: Inputs, width: int | None
 
 @dataclass(frozen=True, eq=False)
 class ReprojectedPixels:
-    """Frames put together from pictures of other moments.
+    """Frames assembled from pictures taken at other times.
 
     still (T, 3, H, W): from the last frame and, where it does not show a pixel, from the other pictures.
-    sources (T, S, 3, H, W): the same with one true picture of another moment first; S is Inputs.sources.
-    stale (T, 1, H, W): 1 where a part of robot or object shows that is in no picture.
+    sources (T, S, 3, H, W): the same, but pixels come first from one real picture; S is Inputs.sources.
+    stale (T, 1, H, W): 1 where a pixel of robot or object is in none of the pictures.
     """
 
     still: Tensor
@@ -142,12 +142,13 @@ def reprojected_pixels(references: References, condition: Condition, inputs: Inp
 def reprojected_frames(
     references: References, condition: Condition, inputs: Inputs
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Each frame put together from pictures of other moments: still (T, H, W, 3) uint8, sources (T, S, H, W, 3) uint8, stale
-    (T, H, W) bool.
+    """Frames assembled from pictures taken at other times: still, sources and stale.
 
-    still is the last frame; but where a thing has left and the plate shows what is behind it, the plate; and what is rigid
-    where it has moved to, from the last frame, else from the anchor, else from the gallery. sources are plate, anchor and
-    gallery, as far as each goes, so that a copy of a copy never has to be made; elsewhere still.
+    still (T, H, W, 3) uint8: the last frame. Pixels that robot or objects have left come from the plate where it is
+    known. Rigid parts that have moved are reprojected from the last frame, else the anchor, else the gallery.
+    sources (T, S, H, W, 3) uint8: plate, anchor and gallery, each completed with still where it shows nothing, so that
+    pixels need not be copied from copies.
+    stale (T, H, W) bool: pixels of robot or objects that are in none of the pictures.
     """
     before = references.last_condition
     thing = condition.classes >= ROBOT
@@ -182,14 +183,14 @@ def reprojected_frames(
 
 
 def _put(frames: np.ndarray, colours: np.ndarray, valid: np.ndarray) -> None:
-    """Colours (T, H, W, 3) or (H, W, 3) into frames (T, H, W, 3) in some places (T, H, W)."""
-    tall = (-1, *frames.shape[2:])  # OpenCV takes pictures, and is ten times as fast as indexing
+    """Copy colours (T, H, W, 3) or (H, W, 3) into frames (T, H, W, 3) at the valid pixels (T, H, W)."""
+    tall = (-1, *frames.shape[2:])  # all frames as one picture: OpenCV is ten times as fast as indexing
     source = np.ascontiguousarray(np.broadcast_to(colours, frames.shape)).reshape(tall)
     cv2.copyTo(source, valid.astype(np.uint8).reshape(tall[:2]), frames.reshape(tall))
 
 
 def _left(before: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Pixels (T, H, W) that a thing (H, W) has left; its edge too, which may be a pixel wider in a real picture."""
+    """Pixels (T, H, W) that things (H, W) have left, with their edges, which may be a pixel wider in a real picture."""
     wide = cv2.dilate(before.astype(np.uint8), EDGE) > 0
     return np.stack([(before & ~one) | (wide & (cv2.dilate(one.astype(np.uint8), EDGE) == 0)) for one in now])
 

@@ -1,4 +1,4 @@
-"""Reprojection: pixels of a picture's rigid parts at the places to which the simulator has moved the parts."""
+"""Reprojection: moves the pixels of a picture's rigid parts to where the simulator has moved the parts."""
 
 from __future__ import annotations
 
@@ -11,42 +11,42 @@ import numpy as np
 from embodiedreamer_gym.vis_aligner.clip import Gallery
 from embodiedreamer_gym.vis_aligner.condition import Condition, facings
 
-LEVELS = 2  # of 255, up to which a simulated colour counts as the same
-STILL = 0.05  # pixels by which a part may move and still count as standing
-PROBE = 0.1  # m from a part's origin to the points by which its motion is measured
-NEAR = 0.015  # m between two depths of one point of a part
-CHOICES = 2  # photos of a gallery that are tried for each part, the second where the first does not show it
-FEWEST = 4  # pixels of a part that make a photo of it
-MOST = 30000  # places that OpenCV looks up at once
-Reprojected = tuple[np.ndarray, np.ndarray]  # colours (T, H, W, 3) uint8, where there are any (T, H, W)
+LEVELS = 2  # of 255: simulated colours that differ by at most this much count as equal
+STILL = 0.05  # pixels: a part that moves at most this far counts as still
+PROBE = 0.1  # m from a part's origin to the points that measure its motion
+NEAR = 0.015  # m: depths of the same point of a part differ by less
+CHOICES = 2  # photos of a gallery that are tried for each part; the second fills what the first does not show
+FEWEST = 4  # pixels of a part that a photo must show to be used for it
+MOST = 30000  # points that OpenCV looks up at once
+Reprojected = tuple[np.ndarray, np.ndarray]  # colours (T, H, W, 3) uint8, and where (T, H, W) they are valid
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What is elsewhere in a condition of T frames than the simulator showed before (T = 1)."""
+    """The difference between a condition of T frames and an earlier condition (T = 1)."""
 
     before: Condition
     condition: Condition
 
     @cached_property
     def moved(self) -> np.ndarray:
-        """Pixels (T, H, W) of parts that stand elsewhere; none where parts are not known."""
+        """Pixels (T, H, W) of parts that have moved; all False if the parts are not known."""
         if self.condition.parts is None or self.before.parts is None:
             return np.zeros(self.condition.classes.shape, bool)
         return _of_parts(_moved(self.before, self.condition), self.condition.parts)
 
     @cached_property
     def differs(self) -> np.ndarray:
-        """Pixels (T, H, W) that show something else, or the same elsewhere."""
+        """Pixels (T, H, W) whose colour, class or part differs, or whose part has moved."""
         before, now = self.before, self.condition
         apart = np.maximum(now.rgb, before.rgb) - np.minimum(now.rgb, before.rgb) > LEVELS
         differing = apart[..., 0] | apart[..., 1] | apart[..., 2] | (now.classes != before.classes) | self.moved
         return differing if now.parts is None or before.parts is None else differing | (now.parts != before.parts)
 
     def reproject(self, picture: np.ndarray) -> Reprojected:
-        """Colours of parts that have moved, from a picture (H, W, 3) of the instant before.
+        """Colours of parts that have moved, from a picture (H, W, 3) taken at the time of `before`.
 
-        A pixel is filled where its point of the part was in view.
+        A pixel is filled if that picture shows its point of the part.
         """
         out = nothing(self.condition)
         if self.before.projections is not None:
@@ -58,9 +58,9 @@ class Change:
 def reproject_gallery(
     gallery: Gallery | None, condition: Condition, where: np.ndarray | None = None, choices: int = CHOICES
 ) -> Reprojected:
-    """Colours of the robot's parts, each from the photo of a gallery that shows it most nearly from the same side.
+    """Colours of the parts, each from the photo of a gallery with the most similar viewing direction on the part.
 
-    where (T, H, W) bool: pixels that are looked for; None for all. choices: photos that are tried for each part.
+    where (T, H, W) bool: pixels to fill; None for all. choices: number of photos that are tried for each part.
     """
     out = nothing(condition)
     if gallery is None or condition.parts is None or gallery.condition.projections is None:
@@ -81,10 +81,10 @@ def reproject_gallery(
 
 def fill_parts(pictures: np.ndarray, before: Condition, projections: np.ndarray, numbers: np.ndarray, condition: Condition,
                wanted: np.ndarray, out: Reprojected) -> None:  # fmt: skip
-    """Fill in the colours of wanted pixels (T, H, W).
+    """Fill the wanted pixels (T, H, W) of `out`, in place.
 
-    pictures (K, H, W, 3) and before (K frames): of which each part (L) is looked for in the one of its number, where it has
-    the projection (L, 3, 4).
+    pictures (K, H, W, 3), before (K frames): source pictures and the simulator's views of them; numbers (L,): the
+    picture from which each part is taken; projections (L, 3, 4): of each part in that picture.
     """
     times, rows, columns = np.nonzero(wanted)
     if not len(times):
@@ -108,7 +108,7 @@ def fill_parts(pictures: np.ndarray, before: Condition, projections: np.ndarray,
 
 
 def _sampled(pictures: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Colours (n, 3) between pixels of pictures that lie one below the other."""
+    """Colours (n, 3), interpolated bilinearly, at column u and row v of pictures stacked one below the other."""
     tall = pictures.reshape(-1, *pictures.shape[2:])
     places = u.astype(np.float32)[:, None], v.astype(np.float32)[:, None]
     taken = [
@@ -121,19 +121,19 @@ def _sampled(pictures: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def nothing(condition: Condition) -> Reprojected:
-    """Colours of no pixel of a condition."""
+    """An empty result for a condition: no pixel is valid."""
     return np.zeros(condition.rgb.shape, np.uint8), np.zeros(condition.classes.shape, bool)
 
 
 def _between(before: np.ndarray, now: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(T, L, 3, 3) and (T, L, 3): from a ray times depth in a frame to the same point of the part in another picture."""
+    """Matrix (T, L, 3, 3) and shift (T, L, 3): map (u, v, 1) depth in a frame to the same point in another picture."""
     back = before[:, :, :3].astype(float) @ np.linalg.inv(now[..., :3].astype(float))
     shift = before[:, :, 3] - np.einsum("tlij,tlj->tli", back, now[..., 3].astype(float))
     return back.astype(np.float32), shift.astype(np.float32)
 
 
 def _moved(before: Condition, condition: Condition) -> np.ndarray:
-    """Whether each part (T, L) stands elsewhere in the picture."""
+    """Whether each part (T, L) has moved in the picture."""
     probes = np.concatenate([np.zeros((1, 3)), PROBE * np.eye(3)])
     probes = np.concatenate([probes, np.ones((4, 1))], 1).T  # (4, 4)
     then, now = (np.asarray(c.projections, float) @ probes for c in (before, condition))
@@ -142,7 +142,7 @@ def _moved(before: Condition, condition: Condition) -> np.ndarray:
 
 
 def _of_parts(which: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Pixels (T, H, W) of these parts (T, L); a part beyond the last is none of them."""
+    """Pixels (T, H, W) of the selected parts (T, L); part numbers above L are not selected."""
     table = np.zeros((len(which), 256), np.uint8)
     table[:, 1 : which.shape[1] + 1] = which
     return np.stack([cv2.LUT(part, row) for part, row in zip(parts, table, strict=True)]).astype(bool)

@@ -1,4 +1,4 @@
-"""Where point lights cast the shadows of convex parts on a plane, as polygons of a picture."""
+"""Shadows of convex parts on a plane under point lights, as polygons in a picture."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ import numpy as np
 
 from embodiedreamer_gym.vis_aligner.condition import Condition
 
-LOWEST = 0.05  # of a light's height: how near to its height a point may be; higher ones count as that high
-NEAREST = 0.05  # m before the camera; a shadow that comes nearer is left out
-STILL = 1e-4  # m by which a part may move and still count as standing
-FINE = 4  # bits of a pixel in polygons
-FAR = 20000  # pixels
+LOWEST = 0.05  # points higher than (1 - LOWEST) times a light's height are lowered to that height
+NEAREST = 0.05  # m in front of the camera; shadows that come nearer are left out
+STILL = 1e-4  # m: a part that moves less counts as still
+FINE = 4  # fractional bits of polygon corners
+FAR = 20000  # pixels: limit of polygon corners
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A plane before a camera.
+    """A plane in a camera's frame (x right, y down, z forward).
 
-    normal (3,): unit vector of the camera's frame (x right, y down, z forward) that points to its upper side; offset: m,
-    of its points along the normal.
+    normal (3,): unit vector that points to the plane's upper side; offset: m, of the plane's points along the normal.
     """
 
     normal: np.ndarray
@@ -33,7 +32,7 @@ class Plane:
         return points @ self.normal - self.offset
 
     def seen(self, matrix: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        """Points (H, W, 3), m, of the plane that the pixels of a picture show, and where (H, W) they show it at all.
+        """Points (H, W, 3), m, of the plane at the pixels of a picture, and where (H, W) pixels show the plane.
 
         matrix: intrinsics (3, 3); size: width and height.
         """
@@ -44,15 +43,15 @@ class Plane:
 
 
 def pixel_rays(matrix: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Rays (H, W, 3) of the pixels of a picture, of depth 1."""
+    """Rays (H, W, 3) of the pixels of a picture, with depth 1."""
     columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
     return np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(matrix).T
 
 
 def intrinsics(projections: np.ndarray) -> np.ndarray:
-    """The camera's intrinsics (3, 3) in projections (..., 3, 4) of rigid parts.
+    """The camera's intrinsics K (3, 3), from projections (..., 3, 4) of rigid parts.
 
-    The first three columns are K R with a rotation R, so that their product with their own transpose is K K^T.
+    The first three columns of a projection are K R with a rotation R; multiplied by their transpose, they give K K^T.
     """
     turned = np.asarray(projections, float).reshape(-1, 3, 4)[0, :, :3]
     flipped = np.linalg.cholesky((turned @ turned.T)[::-1, ::-1])[::-1, ::-1]
@@ -60,7 +59,7 @@ def intrinsics(projections: np.ndarray) -> np.ndarray:
 
 
 def hulls_before_camera(condition: Condition, matrix: np.ndarray) -> np.ndarray:
-    """Points (T, L', 3, P) float32, m in the camera's frame, of the hulls of the parts that have a shape.
+    """Hull points (T, L', 3, P) float32, m in the camera's frame, of the parts that have a shape.
 
     matrix: intrinsics (3, 3).
     """
@@ -72,9 +71,9 @@ def hulls_before_camera(condition: Condition, matrix: np.ndarray) -> np.ndarray:
 
 def lit_pixels(points: np.ndarray, lights: np.ndarray, plane: Plane, matrix: np.ndarray,
                size: tuple[int, int]) -> Iterator[np.ndarray]:  # fmt: skip
-    """For each light, the pixels (T, H, W) of a plane, 1.0 where it is seen from the light, else 0.0, float32.
+    """For each light, a mask (T, H, W) float32 of a plane's pixels: 1.0 where the light reaches the plane, else 0.0.
 
-    points (T, L, 3, P): of convex parts, m; lights (M, 3), m, above the plane; all in the camera's frame; matrix:
+    points (T, L, 3, P): of convex parts, m; lights (M, 3): m, above the plane; all in the camera's frame; matrix:
     intrinsics (3, 3); size: width and height of the picture.
     """
     standing = np.ptp(points, axis=0).max(axis=(1, 2)) < STILL
@@ -91,23 +90,23 @@ def lit_pixels(points: np.ndarray, lights: np.ndarray, plane: Plane, matrix: np.
 
 @dataclass(frozen=True, eq=False)
 class _Casting:
-    """Points of convex parts over a plane: their pixels times their depth (T, L, 3, P), and their heights (T, L, P), m."""
+    """Points of convex parts above a plane: scaled (T, L, 3, P), which is (u, v, 1) depth, and heights (T, L, P), m."""
 
     scaled: np.ndarray
     heights: np.ndarray
 
     @staticmethod
     def of(points: np.ndarray, plane: Plane, matrix: np.ndarray) -> _Casting:
-        """Points (T, L, 3, P), m; those below the plane are moved up to it."""
+        """From points (T, L, 3, P), m; points below the plane are moved up to it."""
         normal = plane.normal.astype(np.float32)
         heights = normal @ points - np.float32(plane.offset)
         raised = points + np.maximum(-heights, 0.0)[:, :, None] * normal[:, None]
         return _Casting(matrix.astype(np.float32) @ raised, np.maximum(heights, 0.0))
 
     def shadows(self, source: np.ndarray, top: float, size: tuple[int, int]) -> Iterator[tuple[int, np.ndarray]]:
-        """Frame, and corners (P, 2) int32 in pixels times 2^FINE, of every shadow that may be in a picture.
+        """Frame number and corners (P, 2) int32, in pixels times 2^FINE, of every shadow that may be in a picture.
 
-        source (3,): pixel times depth of the light, top: its height, m.
+        source (3,): the light's (u, v, 1) depth; top: its height, m.
         """
         heights = np.minimum(self.heights, np.float32((1 - LOWEST) * top))[:, :, None]
         falls = np.float32(top) * self.scaled - heights * source.astype(np.float32)[:, None]

@@ -1,4 +1,4 @@
-"""Maps from picture to picture of what stands around a camera that moves: a table, which is a plane, and what is far."""
+"""Maps between pictures of a moving camera: of the table, which is a plane, and of the far background."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from embodiedreamer_gym.vis_aligner.condition import TABLE, Condition
 
 
 def part_projection(condition: Condition, number: int, kind: int) -> np.ndarray | None:
-    """The projection (3, 4) of table or background, by their class, in a frame of a camera that moves; None where it does not show
-    or is no part.
+    """The projection (3, 4) of the table or the background (kind) in frame `number` of a camera that moves.
+
+    None if it is not visible or not a part.
     """
     if condition.parts is None or condition.projections is None:
         return None
@@ -20,7 +21,7 @@ def part_projection(condition: Condition, number: int, kind: int) -> np.ndarray 
 
 
 def table_points(view: Condition, projection: np.ndarray) -> np.ndarray:
-    """Points (n, 3) of the table in the world, m, that a view of one frame shows."""
+    """Points (n, 3) of the table, m in the world, that a view (T = 1) shows."""
     rows, columns = np.nonzero(view.classes[0] == TABLE)
     depth = np.asarray(view.depth)[0, rows, columns]
     rays = np.stack([columns * depth, rows * depth, depth])
@@ -28,14 +29,14 @@ def table_points(view: Condition, projection: np.ndarray) -> np.ndarray:
 
 
 def on_plane(projection: np.ndarray, height: float) -> np.ndarray:
-    """The map (3, 3) from (x, y, 1), m, of a horizontal plane of the world at a height, m, to a picture: pixels times depth."""
+    """The map (3, 3) from points (x, y, 1), m, of a horizontal plane at a height, m, to (u, v, 1) depth."""
     return np.column_stack([projection[:, 0], projection[:, 1], projection[:, 2] * height + projection[:, 3]])
 
 
 def map_back(before: np.ndarray, now: np.ndarray, height: float | None) -> np.ndarray:
-    """The map (3, 3) from the pixels of a picture to those of an earlier one, of projections (3, 4) of the same surroundings.
+    """The map (3, 3) from a picture's pixels to those of an earlier one, from both projections (3, 4) of a surface.
 
-    height: m, of the plane that they show; None where they are far, so that only turning the camera counts.
+    height: m, of the surface if it is a plane; None if it is far away, so that only the camera's rotation matters.
     """
     if height is None:
         return before[:, :3] @ np.linalg.inv(now[:, :3])
@@ -43,15 +44,15 @@ def map_back(before: np.ndarray, now: np.ndarray, height: float | None) -> np.nd
 
 
 def in_front(back: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Pixels (H, W) of a picture of a size (width, height) that a map (3, 3) brings before the other camera, not behind it."""
+    """Pixels (H, W) of a picture of a size (width, height) that a map (3, 3) moves in front of the other camera."""
     columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
     return back[2, 0] * columns + back[2, 1] * rows + back[2, 2] > 0
 
 
 def warped(picture: np.ndarray, matrix: np.ndarray, size: tuple[int, int], how: int) -> np.ndarray:
-    """Pixels of a picture at the places to which a map (3, 3) brings those of a picture of a size (width, height).
+    """A picture warped to a size (width, height); matrix (3, 3): maps the new pixels to those of the picture.
 
-    how: OpenCV's interpolation; beyond the picture, a mask (nearest) is 0 and colours are those of its edge.
+    how: OpenCV's interpolation. Outside the picture, a mask (nearest) is 0, and colours are those of the edge.
     """
     edge = cv2.BORDER_CONSTANT if how == cv2.INTER_NEAREST else cv2.BORDER_REPLICATE
     return cv2.warpPerspective(picture, matrix, size, flags=how | cv2.WARP_INVERSE_MAP, borderMode=edge)

@@ -1,4 +1,4 @@
-"""Folders of Stable Video Diffusion's U-Net and autoencoder, as diffusers writes them, with settings beside them."""
+"""Loads and saves the U-Net and autoencoder of Stable Video Diffusion, as diffusers folders with a settings file."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from embodiedreamer_gym.vis_aligner.aligner import MOST_FRAMES
 from embodiedreamer_gym.vis_aligner.svd_aligner import CELL, SvdAligner, SvdSettings
 
 SETTINGS = "embodiedreamer.json"
-PREDICTION = "v"  # what the network predicts; former settings do not say, and then it was the clean latents
+PREDICTION = "v"  # what the network predicts; older settings files have no such entry and predict the clean latents
 STEPS = 4
-MOST_LAYERS, MOST_CHANNELS = 64, 16_384  # whole numbers in a network's config.json
+MOST_LAYERS, MOST_CHANNELS = 64, 16_384  # limits of integers in a network's config.json
 
 
 def import_diffusers() -> Any:
-    """The library of the U-Net and the autoencoder.
+    """diffusers, and its classes of the U-Net and the autoencoder.
 
-    Raises: MissingExtraError when the extra is not installed, or a torchvision of another torch hides it.
+    Raises: MissingExtraError when the extra is not installed, or a torchvision for another torch prevents the import.
     """
     try:
         diffusers: Any = importlib.import_module("diffusers")
@@ -43,9 +43,10 @@ def import_diffusers() -> Any:
 
 def load_svd(folder: str | Path, steps: int | None = None, seed: int = 0, device: str = "cpu",
              settings: SvdSettings | None = None) -> SvdAligner:  # fmt: skip
-    """An aligner of a local folder with `unet` and `vae` as diffusers saves them; nothing is downloaded.
+    """An aligner from a local folder with `unet` and `vae` as diffusers saves them; nothing is downloaded.
 
-    Raises: VisionError where something is missing or the network does not predict v, MissingExtraError without diffusers.
+    Raises: VisionError where something is missing or the network does not predict v, MissingExtraError without
+    diffusers.
     """
     folder, where = Path(folder), find_device(device, VisionError)
     _, unet_kind, vae_kind = import_diffusers()
@@ -70,9 +71,9 @@ def load_svd(folder: str | Path, steps: int | None = None, seed: int = 0, device
 
 
 def _load_part(kind: Any, folder: Path) -> Any:
-    """A network of diffusers in a folder.
+    """A diffusers network from a folder.
 
-    Raises: VisionError where there is none, or its config.json asks for more weights than its files hold.
+    Raises: VisionError where there is none, or its config.json needs more weights than its files hold.
     """
     try:
         config = read_json(folder / "config.json", VisionError)
@@ -100,7 +101,7 @@ def _load_part(kind: Any, folder: Path) -> Any:
 
 
 def _whole_numbers(value: Any) -> Iterator[int]:
-    """Whole numbers in nested lists."""
+    """Integers in nested lists."""
     if isinstance(value, list):
         for one in value:
             yield from _whole_numbers(one)

@@ -1,8 +1,8 @@
 """Stable Video Diffusion's U-Net and autoencoder as an aligner: the paper's own model, in latents.
 
 Source: Blattmann et al., Stable Video Diffusion, 2023; the paper's section on VisAligner: the condition
-[I_r, c_1 .. c_{f-1}] is encoded frame by frame and set beside the noise along the channels. Here the frames put together
-from the last frame, plate, anchor and gallery stand beside it.
+[I_r, c_1 .. c_{f-1}] is encoded frame by frame and concatenated with the noise along the channels. Here the frames
+assembled from the last frame, plate, anchor and gallery are concatenated too.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from embodiedreamer_gym.vis_aligner.velocity import (
     sigmas,
 )
 
-MASK_COLOURS = ((255, 60, 60), (60, 60, 255))  # added to the picture where object and goal are
+MASK_COLOURS = ((255, 60, 60), (60, 60, 255))  # of object and goal in the picture
 MICRO = (
     6.0,
     127.0,
     0.0,
-)  # SVD's own: frames per second less one, motion bucket, noise on the condition (none is added)
-CELL = 8  # pixels to a side of a latent
+)  # as in SVD's training: frames per second minus one, motion bucket, noise on the condition (none is added)
+CELL = 8  # pixels per side of a latent
 INPUTS = Inputs()
 
 
 @dataclass(frozen=True)
 class SvdSettings:
-    """How an svd aligner computes."""
+    """Computation settings of an svd aligner."""
 
     bf16: bool = False
-    """Whether products and convolutions are computed in bfloat16; the weights stay as they are."""
+    """Whether matrix products and convolutions are computed in bfloat16; the weights stay as they are."""
     gradient_checkpointing: bool = False
-    """Whether training computes activations a second time rather than keep them."""
+    """Whether training recomputes activations instead of storing them."""
     decode_chunk_size: int = 8
-    """Pictures that the autoencoder encodes or decodes at once: fewer take less memory."""
+    """Number of pictures that the autoencoder encodes or decodes at once; fewer need less memory."""
 
     def __post_init__(self) -> None:
         """Check."""
@@ -62,9 +62,9 @@ class SvdSettings:
 class SvdAligner:
     """U-Net and autoencoder of Stable Video Diffusion; chunk: frames after the reference; steps: of diffusion.
 
-    A U-Net with the 2 C channels of C latent ones that Stable Video Diffusion takes gets more, with weights of zero, for the
-    frames that are put together from other pictures.
-    Raises: VisionError for a U-Net of other channels.
+    A U-Net with the 2 C input channels of Stable Video Diffusion (C channels of a latent) gets more, with zero weights,
+    for the frames assembled from other pictures.
+    Raises: VisionError for a U-Net with another number of channels.
     """
 
     learning_rate = 1e-5  # of AdamW, from Stable Video Diffusion's weights
@@ -92,13 +92,13 @@ class SvdAligner:
 
     @property
     def device(self) -> torch.device:
-        """Where it computes."""
+        """The network's device."""
         return next(self.network.parameters()).device
 
     def render(self, references: Sequence[References], conditions: Sequence[Condition]) -> list[np.ndarray]:
-        """Frames (T, H, W, 3) uint8 for each condition of T frames, a batch at once.
+        """Frames (T, H, W, 3) uint8 for each condition of T frames, as one batch.
 
-        Raises: VisionError when sizes or lengths differ, or a size is no multiple of 8.
+        Raises: VisionError when sizes or lengths differ, or a size is not a multiple of 8.
         """
         training = self.network.training
         self.network.eval()
@@ -114,7 +114,7 @@ class SvdAligner:
 
     def attempt(self, references: Sequence[References], conditions: Sequence[Condition], truth: Sequence[np.ndarray],
                 generator: Generator) -> tuple[Tensor, Made]:  # fmt: skip
-        """Mean square error of v, at drawn noise levels; the frames that the predictions decode to."""
+        """Mean squared error of v, at drawn noise levels; and the frames decoded from the predictions."""
         with self._precision():
             with torch.no_grad():
                 given = self._given(references, conditions)
@@ -138,8 +138,10 @@ class SvdAligner:
         return torch.autocast(self.device.type, torch.bfloat16) if self.settings.bf16 else nullcontext()
 
     def _given(self, references: Sequence[References], conditions: Sequence[Condition]) -> Tensor:
-        """What the network sees beside the noisy latents (B, 1 + T, C, h, w): latents of the paper's condition clip and of the
-        frames put together from other pictures, as the autoencoder gives them, and where no picture shows a thing.
+        """Network inputs besides the noisy latents (B, 1 + T, C, h, w), concatenated along the channels.
+
+        They are the unscaled latents of the paper's condition clip and of the frames assembled from other pictures, and
+        the share of each cell where no picture shows robot or object.
         """
         check_batch(references, conditions)
         if any(n % CELL for n in conditions[0].size):
@@ -172,7 +174,7 @@ class SvdAligner:
         return self.vae.encode(pictures.to(self.device)).latent_dist.mode()
 
     def _decode(self, latents: Tensor) -> list[np.ndarray]:
-        """The frames (T, H, W, 3) uint8 after the first of each clip of latents (B, 1 + T, C, h, w)."""
+        """Frames (T, H, W, 3) uint8 of each clip of latents (B, 1 + T, C, h, w), without the first."""
         pieces = (latents / self.vae.config.scaling_factor).split(self.settings.decode_chunk_size, dim=1)
         decoded = [
             self.vae.decode(piece.flatten(0, 1), num_frames=piece.shape[1]).sample.unflatten(0, piece.shape[:2])
@@ -182,7 +184,7 @@ class SvdAligner:
 
 
 def widen(unet: Any, channels: int) -> None:
-    """Give a U-Net more input channels, in place; the new ones change nothing until they are trained."""
+    """Give a U-Net more input channels, in place; the new ones have no effect until they are trained."""
     old = unet.conv_in
     new = nn.Conv2d(channels, old.out_channels, old.kernel_size, old.stride, old.padding).to(old.weight)
     with torch.no_grad():
@@ -194,8 +196,8 @@ def widen(unet: Any, channels: int) -> None:
 
 
 def with_mask_colours(condition: Condition) -> np.ndarray:
-    """The paper's c_sim (T, H, W, 3) uint8: the simulated picture, masks of object and goal added to it pixel-wise."""
-    picture = condition.rgb.copy()  # blank where an object is, so that its mask's colour alone is there
+    """The paper's c_sim (T, H, W, 3) uint8: the simulated picture with the masks of object and goal in two colours."""
+    picture = condition.rgb.copy()  # object pixels get the mask's colour alone
     for colour, mask in zip(MASK_COLOURS, (condition.classes == OBJECT, condition.classes > OBJECT), strict=True):
         picture[mask] = colour
     return picture

@@ -1,4 +1,4 @@
-"""The table from above, from the pictures of a camera that moves: what such a camera sees of it from anywhere."""
+"""A picture of the table from above, made from the pictures of a moving camera, to show the table from any view."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.condition import TABLE, Condition
 from embodiedreamer_gym.vis_aligner.surfaces import on_plane, part_projection, table_points, warped
 
-STEP = 0.0025  # m of the table that a pixel of the atlas covers
+STEP = 0.0025  # m: size of a pixel of the atlas on the table
 LARGEST = 4.0  # m, longest side of a table
-NEAREST = 7  # pictures of which a place's median is taken, from those that were taken nearest
-PICTURES = 120  # of which they are chosen
-COARSE = 10  # pixels of the atlas along a place of which exposures are compared
-FEWEST = 20  # places that make an exposure known
-ROUNDS = 200  # in which exposures and colours are found in turn
-MOST_GAIN = 0.7  # logarithm of the ratio of two exposures
-DARK = 8.0  # of 255, below which ratios of colours say little
-EDGE = np.ones((5, 5), np.uint8)  # how near to something else a pixel may be partly that
+NEAREST = 7  # pictures for the median of a pixel of the atlas, taken from nearest
+PICTURES = 120  # from which they are chosen
+COARSE = 10  # pixels of the atlas per side of a cell for comparing exposures
+FEWEST = 20  # cells that are needed for a full correction of a picture's exposure
+ROUNDS = 200  # of fitting exposures and colours in turn
+MOST_GAIN = 0.7  # largest logarithm of the ratio of two exposures
+DARK = 8.0  # of 255: added to colours, because ratios of dark colours are unreliable
+EDGE = np.ones((5, 5), np.uint8)  # neighbourhood in which a pixel may show part of something else
 
 
 @dataclass(frozen=True, eq=False)
 class TableAtlas:
     """A picture of the table from above.
 
-    picture (h, w, 3) uint8; seen (h, w) bool: where it is known; corner (2,): x and y in the world, m, of the first pixel's
-    middle, x with the columns; height: of the table in the world, m.
+    picture (h, w, 3) uint8; seen (h, w) bool: where it is known; corner (2,): x and y in the world, m, of the first
+    pixel's centre; x increases with the columns; height: of the table in the world, m.
     Raises: VisionError where shapes differ or numbers are not finite.
     """
 
@@ -51,7 +51,7 @@ class TableAtlas:
         return f"TableAtlas({self.picture.shape[1] * STEP:.2f} x {self.picture.shape[0] * STEP:.2f} m)"
 
     def shown(self, condition: Condition) -> tuple[np.ndarray, np.ndarray]:
-        """Colours (T, H, W, 3) uint8 of the table as a camera that moves sees it, and where (T, H, W) there are any."""
+        """Colours (T, H, W, 3) uint8 of the table as a moving camera shows it, and where (T, H, W) they are valid."""
         colours, valid = np.zeros(condition.rgb.shape, np.uint8), np.zeros(condition.classes.shape, bool)
         for number, projection in _table_views(condition):
             back = np.linalg.inv(_from_atlas(projection, self.corner, self.height))
@@ -62,8 +62,9 @@ class TableAtlas:
 
 
 def make_table_atlas(frames: Sequence[np.ndarray], views: Sequence[Condition]) -> TableAtlas | None:
-    """The atlas of pictures (H, W, 3) uint8 and the simulator's views of them, of one frame each; None where none shows the table
-    to a camera that moves.
+    """The atlas from pictures (H, W, 3) uint8 and the simulator's views of them (T = 1).
+
+    None if no picture of a moving camera shows the table.
     """
     found = [(frame, view, p) for frame, view in zip(frames, views, strict=True) for _, p in _table_views(view)]
     if not found:
@@ -95,14 +96,17 @@ def make_table_atlas(frames: Sequence[np.ndarray], views: Sequence[Condition]) -
 
 def _seen_from_above(frame: np.ndarray, view: Condition, matrix: np.ndarray,
                      size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """A picture (H, W, 3) in an atlas of a size (width, height), and where (h, w) it shows the table there."""
+    """A picture (H, W, 3) warped to an atlas of a size (width, height), and where (h, w) it shows the table."""
     mask = cv2.erode((view.classes[0] == TABLE).astype(np.uint8), EDGE)
     return warped(frame, matrix, size, cv2.INTER_LINEAR), warped(mask, matrix, size, cv2.INTER_NEAREST) > 0
 
 
 def _exposures(found: Sequence[tuple[np.ndarray, Condition, np.ndarray]], corner: np.ndarray, height: float,
                size: tuple[int, int]) -> np.ndarray:  # fmt: skip
-    """Factors (K, 3) by which pictures are exposed more than the atlas: places that several show have one colour, by least squares."""
+    """Exposure factors (K, 3) of pictures relative to the atlas.
+
+    They are fitted by least squares, so that a cell has the same colour in all pictures that show it.
+    """
     coarse = np.diag([COARSE, COARSE, 1.0])
     seen = [_seen_from_above(frame, view, _from_atlas(p, corner, height) @ coarse, size) for frame, view, p in found]
     colours = np.log(np.stack([frame for frame, _ in seen]) + DARK)
@@ -117,7 +121,7 @@ def _exposures(found: Sequence[tuple[np.ndarray, Condition, np.ndarray]], corner
 
 
 def _table_views(condition: Condition) -> Iterator[tuple[int, np.ndarray]]:
-    """Number, and projection (3, 4) of the world, of the frames in which the table is a part."""
+    """Number and projection (3, 4), from the world, of each frame in which the table is a part."""
     for number in range(len(condition)):
         projection = part_projection(condition, number, TABLE)
         if projection is not None:

@@ -1,4 +1,4 @@
-"""Training of an aligner on episodes: chunks that follow true references, or the model's own last frame."""
+"""Trains an aligner on episodes, with chunks that follow true references or the model's own last frame."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from embodiedreamer_gym.vis_aligner.bench import with_benches
 from embodiedreamer_gym.vis_aligner.clip import Episode, References
 from embodiedreamer_gym.vis_aligner.condition import OBJECT, Condition
 
-RENAMED = {"rate": "learning_rate", "told": "bench_share", "own": "own_reference_share"}  # settings of version 0.1
+RENAMED = {"rate": "learning_rate", "told": "bench_share", "own": "own_reference_share"}  # names of version 0.1
 
 
 @renamed_arguments(**RENAMED)
 @dataclass(frozen=True)
 class TrainingConfig(TrainingSettings):
-    """How an aligner is trained; an example is a clip of one chunk.
+    """Settings of an aligner's training; an example is a clip of one chunk.
 
     Raises: VisionError for numbers out of range.
     """
 
     batch: int = 2
-    """Clips of a step."""
+    """Clips per step."""
     weight_decay: float = 1e-3
     """Weight decay of AdamW."""
     average: float = 0.998
     """Share of the running average of the weights that each step keeps."""
     bench_share: float = 0.7
-    """Share of sequences in which the bench and the objects' poses are known; in the others only what a real clip gives."""
+    """Share of sequences with known bench and object poses; the others have only what is known of a real clip."""
     own_reference_share: float = 0.8
     """Probability that a clip is followed by the next one of its episode, with the model's own last frame as reference."""
 
@@ -50,12 +50,12 @@ class TrainingConfig(TrainingSettings):
 
 @dataclass(frozen=True, eq=False)
 class Position:
-    """Where training is in an episode.
+    """Position of the training in an episode.
 
     episode: number of the episode.
     at: the frame that the references show.
     with_bench: whether the bench and the objects' poses are known.
-    last, plate: pictures (H, W, 3) of the model's own, if any.
+    last, plate: pictures (H, W, 3) that the model generated, if any.
     """
 
     episode: int
@@ -65,7 +65,7 @@ class Position:
     plate: Tensor | None = None
 
     def references(self, episodes: Sequence[Episode]) -> References:
-        """References of the chunk that follows."""
+        """References of the next chunk."""
         one = episodes[self.episode]
         true = one.references(self.at, one.bench if self.with_bench else None).viewed(self._visible)
         if self.last is None or self.plate is None:
@@ -73,19 +73,19 @@ class Position:
         return replace(true, last=self.last.numpy(), plate=self.plate.numpy())
 
     def condition(self, episodes: Sequence[Episode], frames: int) -> Condition:
-        """The condition of the chunk that follows."""
+        """The condition of the next chunk."""
         return self._visible(episodes[self.episode].condition.part(self.at + 1, self.at + 1 + frames))
 
     def _visible(self, condition: Condition) -> Condition:
-        """A condition without what is not known here."""
+        """The condition without the objects' poses, unless they are known."""
         return condition if self.with_bench else condition.without_parts(OBJECT)
 
 
 class AlignerTraining(Training):
-    """An aligner under training on episodes, of which those count that are longer than a chunk.
+    """Training of an aligner on the episodes that are longer than a chunk.
 
-    Several processes draw clips of their own; when they go on after an interruption, their sequences begin anew.
-    Raises: VisionError where none is.
+    With several processes, each draws its own clips; after an interruption, their sequences start from new positions.
+    Raises: VisionError where no episode is longer than a chunk.
     """
 
     config: TrainingConfig
@@ -105,7 +105,7 @@ class AlignerTraining(Training):
         self._next_positions: Callable[[], list[Position | None]] = list
 
     def finish(self) -> None:
-        """Give the network the averaged weights."""
+        """Load the averaged weights into the network."""
         self.network.load_state_dict(self.averaged)
 
     def loss(self, step: int) -> dict[str, Tensor]:
@@ -140,7 +140,7 @@ class AlignerTraining(Training):
         return row
 
     def begin(self, rng: np.random.Generator) -> Position:
-        """A true frame, anywhere: each of all episodes' frames is as likely as any other."""
+        """A new position at a true frame, drawn uniformly from the frames of all episodes."""
         ends = np.cumsum([len(e) - self.aligner.chunk for e in self.episodes])
         drawn = int(rng.integers(ends[-1]))
         number = int(np.searchsorted(ends, drawn, side="right"))
@@ -153,11 +153,11 @@ class AlignerTraining(Training):
         return {"episodes": [len(e) for e in self.episodes]}
 
     def state(self) -> dict[str, Any]:
-        """Where training is in each clip's episode."""
+        """The position of each clip of the batch."""
         return {"positions": [None if one is None else vars(one) for one in self.positions]}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over what `state` gave."""
+        """Restore the positions from `state`."""
         positions = [None if one is None else Position(**one) for one in state["positions"]]
         if len(positions) != self.config.batch:
             raise ValueError("positions of another batch")
@@ -173,7 +173,7 @@ class AlignerTraining(Training):
             self.positions = positions
 
     def migrate(self, state: dict[str, Any]) -> dict[str, Any]:
-        """A checkpoint of version 0.1 in today's names."""
+        """A checkpoint of version 0.1 with the present names."""
         if "walks" not in state:
             return state
         settings = {RENAMED.get(name, name): value for name, value in dict(state["config"]).items()}
@@ -184,11 +184,12 @@ class AlignerTraining(Training):
 
 def train(aligner: Trainable, episodes: Sequence[Episode], config: TrainingConfig, folder: str | Path | None = None,
           progress: ProgressCallback | None = None, processes: Processes | None = None) -> None:  # fmt: skip
-    """Train an aligner in place; with a folder, a checkpoint is kept there, from which an interrupted training goes on.
+    """Train an aligner in place; with a folder, a checkpoint is kept there, from which an interrupted training resumes.
 
-    processes: those that train it together, None for this one alone.
+    processes: those that train together; None for this one alone.
 
-    Raises: VisionError without long enough episodes, where the checkpoint is of other settings, or the folder cannot be made.
+    Raises: VisionError without long enough episodes, where the checkpoint has other settings, or the folder cannot be
+    made.
     """
     training, shown = AlignerTraining(aligner, with_benches(episodes), config, processes), progress_or_silence(progress)
 

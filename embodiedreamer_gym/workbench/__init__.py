@@ -1,1 +1,1 @@
-"""The workbench: a page on this machine that shows a model beside recordings and tries effects on it."""
+"""The workbench: a local web page that compares a model with recordings and lets the user try effects."""

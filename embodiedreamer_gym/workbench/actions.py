@@ -1,4 +1,4 @@
-"""What the page asks for, done one after the other in one thread; long work runs in another and can be stopped."""
+"""Actions that the page requests, run one by one in a thread; long work runs in a second thread and can be stopped."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from typing import Any
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.workbench.session import Job, Session
 
-IDLE = 0.25  # s without an action after which what takes longer is drawn again
+IDLE = 0.25  # s without an action before slow drawings are updated
 LOG = logging.getLogger(__name__)
 
 
 class StoppedError(Exception):
-    """Somebody stopped the long work."""
+    """The user stopped the long work."""
 
 
 @dataclass
 class Status:
-    """How far long work is; candidates: effect -> held-out error, in the order in which a diagnosis fits them."""
+    """Progress of long work; candidates: effect -> held-out error, in the order in which a diagnosis fits them."""
 
     name: str
     text: str = "starting"
@@ -31,10 +31,10 @@ class Status:
 
 
 class Actions:
-    """The one thread that touches a session.
+    """The only thread that modifies a session.
 
-    changed: is called after every action; settled: when nothing has been asked for a while; progressed: as long work
-    advances; say: gets a sentence for whoever looks at the page.
+    changed: called after every action; settled: called when no action was requested for IDLE seconds; progressed:
+    called as long work advances; say: called with a sentence to show to the user.
     """
 
     def __init__(
@@ -51,29 +51,29 @@ class Actions:
 
     @property
     def waiting(self) -> int:
-        """How many actions have been asked for and not begun."""
+        """Number of actions that are requested but not started."""
         return self._queue.qsize()
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
 
     def do(self, action: str, **given: Any) -> None:
-        """Ask for an action of the session."""
+        """Request an action of the session."""
         self._idle.clear()
         self._queue.put((action, given))
 
     def call(self, work: Callable[[], None]) -> None:
-        """Ask for other work in the session's thread, such as writing a page."""
+        """Request other work in the session's thread, such as writing a page."""
         self._idle.clear()
         self._queue.put(work)
 
     def note(self, text: str) -> None:
-        """Show a sentence once what was asked for is done."""
+        """Show a sentence when the actions requested so far are done."""
         self._queue.put(lambda: self._say(text))
 
     def attempt(self, work: Callable[[], None]) -> bool:
-        """Do some work in this thread; an error is said. Returns whether there was none."""
+        """Do some work in this thread and show its error, if any; returns whether it succeeded."""
         try:
             work()
         except EmbodieDreamerError as error:
@@ -90,7 +90,7 @@ class Actions:
         self._stopping.set()
 
     def wait(self, seconds: float = 60.0) -> bool:
-        """Wait until all is done and drawn; whether it was in time."""
+        """Wait until all actions are done and drawn; returns False after a timeout."""
         return self._idle.wait(seconds)
 
     def close(self) -> None:
@@ -120,7 +120,7 @@ class Actions:
             unsettled = True
 
     def _outdated(self, item: Any) -> bool:
-        """Whether the next waiting action moves the same slider or clock."""
+        """Whether the next waiting action replaces this one: it moves the same slider or clock."""
         if callable(item) or item[0] not in ("set_size", "set_value", "choose_time"):
             return False
         with self._queue.mutex:
@@ -163,7 +163,7 @@ class Actions:
         self._say(text)
 
     def _report(self, stage: str, done: int, total: int | None = None, /, **quantities: object) -> None:
-        """Progress of the long work, from its thread."""
+        """Report progress of the long work, from its thread."""
         status = self.status
         if self._stopping.is_set():
             raise StoppedError

@@ -1,4 +1,4 @@
-"""Charts of one joint over time: its error beside the noise, and command, measured and simulated motion."""
+"""Charts of one joint over time: its error compared with the noise, and command, measured and simulated motion."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 
 from embodiedreamer_gym.io.tables import MILLI
 
-MOST = 1500  # samples of a chart
+MOST = 1500  # most samples of a chart
 MEASURED, COMMAND, SIMULATED, BEFORE = "#22262c", "#9aa1ab", "#1f6fb2", "#d1702a"
 BAND = "rgba(120,128,140,0.22)"
 AXIS = {"font": "11px sans-serif", "labelSize": 18, "labelFont": "11px sans-serif", "size": 44}
 
 
 def line(label: str, stroke: str, width: float = 1.4, dash: tuple[int, int] | None = None) -> dict[str, Any]:
-    """A line without marks."""
+    """A line without markers."""
     return {
         "label": label,
         "stroke": stroke,
@@ -26,12 +26,12 @@ def line(label: str, stroke: str, width: float = 1.4, dash: tuple[int, int] | No
 
 
 def mark(label: str, stroke: str) -> dict[str, Any]:
-    """A dot at the present instant."""
+    """A dot at the current time."""
     return {"label": label, "stroke": stroke, "width": 0, "points": {"show": True, "size": 9, "fill": stroke}}
 
 
 def round_ends(low: float, high: float) -> tuple[float, float]:
-    """Ends of an axis around these values, multiples of a tenth, fifth or half of their decade."""
+    """Ends of an axis around these values, rounded to a tenth, fifth or half of the decade of their span."""
     span = max(high - low, 1e-9)
     step = 10.0 ** np.floor(np.log10(span))
     step *= 0.1 if span < 2 * step else 0.2 if span < 5 * step else 0.5
@@ -43,7 +43,7 @@ def _scales(ends: tuple[tuple[float, float], tuple[float, float]]) -> dict[str, 
 
 
 class Chart:
-    """A chart in the page; arrays given to `draw` are thinned to what can be seen."""
+    """A chart in the page; `draw` thins arrays to at most MOST samples."""
 
     def __init__(
         self, gui: Any, series: list[dict[str, Any]], unit: str, bands: list[dict[str, Any]], height: int
@@ -59,7 +59,7 @@ class Chart:
 
     @property
     def data(self) -> tuple[np.ndarray, ...]:
-        """What is drawn: seconds, then each series."""
+        """The data drawn: seconds, then each series."""
         return self._data
 
     def draw(self, time: np.ndarray, *series: np.ndarray | None, unit: str | None = None) -> None:
@@ -76,13 +76,13 @@ class Chart:
         given = np.concatenate(self._data[1:])
         given = given[np.isfinite(given)]
         ends = ((float(time[0]), float(time[-1])), round_ends(float(given.min()), float(given.max())))
-        if ends != self._ends:  # uPlot finds none where a series has gaps
+        if ends != self._ends:  # uPlot cannot find the range of a series with gaps
             self._ends = ends
             self._handle.scales = _scales(ends)
         self._handle.data = self._data
 
     def point(self, sample: int, series: int) -> None:
-        """Put the mark on a series at a sample."""
+        """Place the mark on a series at a sample."""
         at = int(np.searchsorted(self._rows, sample).clip(0, len(self._rows) - 1))
         marked = np.full(len(self._rows), np.nan)
         marked[at] = self._data[1 + series][at]
@@ -91,7 +91,7 @@ class Chart:
 
 
 def error_chart(gui: Any) -> Chart:
-    """Error of a joint with the model on show and with the one before, and two standard deviations of noise."""
+    """Error of a joint with the model shown and with the last kept one, and two standard deviations of noise."""
     series = [
         line("noise +2 sd", BAND, 0),
         line("noise −2 sd", BAND, 0),

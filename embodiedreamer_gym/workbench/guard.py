@@ -1,4 +1,4 @@
-"""Requests of other pages are refused: a browser lets any page that it shows open a websocket to this machine."""
+"""Refuse requests from other web pages: a browser allows any page to open a websocket to this machine."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ def is_loopback(host: str) -> bool:
 
 
 def is_own(hosts: Sequence[str], origins: Sequence[str], local: bool) -> bool:
-    """Whether a request with these Host and Origin headers is one of the page itself, or of no browser.
+    """Whether a request with these Host and Origin headers comes from the page itself, or not from a browser.
 
-    local: the page is served to this machine alone; its name must then be one that no name server can give away
-    (DNS rebinding). The port may be another one than the server's: a tunnel such as that of `ssh -L` has its own.
+    local: the page is served only to this machine; its host must then be a loopback name, which no name server can
+    assign to another page (DNS rebinding). The port may differ from the server's, because a tunnel such as `ssh -L` has
+    its own.
     """
     if len(hosts) != 1 or len(origins) > 1:
         return False
@@ -40,10 +41,10 @@ def is_own(hosts: Sequence[str], origins: Sequence[str], local: bool) -> bool:
 
 @contextlib.contextmanager
 def refusing_others(host: str) -> Iterator[None]:
-    """The websocket server that is started in here answers 403 to every request that is not of its own page.
+    """Make a websocket server started in this block answer 403 to all requests that do not come from its own page.
 
     viser takes no `process_request`, so `websockets.asyncio.server.serve` is replaced while viser starts its server.
-    Raises: EmbodieDreamerError when no server was started through it: this viser would be open to other pages.
+    Raises: EmbodieDreamerError when no server was started this way: this version of viser would be open to other pages.
     """
     server = _websockets()
     local, serve, guards = is_loopback(host), server.serve, []

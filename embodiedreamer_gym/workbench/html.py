@@ -15,7 +15,7 @@ from embodiedreamer_gym.workbench.scene import colour
 STYLE = "font-family:system-ui,sans-serif;font-size:0.82em;padding:0.1em 0.75em 0.5em;line-height:1.35;overflow-wrap:anywhere"
 
 
-# viser blocks the pointer in all of its panels while no server answers, and shows no words.
+# While no server answers, viser disables the pointer in all of its panels without a message.
 LOST = f"""<style>.lost {{display: none}} [style*="pointer-events: none"] .lost {{display: block}}</style>
 <div class="lost" style="{STYLE};background:#f4be42;color:#000;font-weight:700;padding-top:0.5em">
 The workbench does not answer. Its command may have ended: what was accepted is on disk. Start the command again and
@@ -23,12 +23,12 @@ reload this page.</div>"""
 
 
 def block(text: str) -> str:
-    """A piece with the page's font and margin."""
+    """A block with the page's font and margin."""
     return f'<div style="{STYLE}">{text}</div>'
 
 
 def bars(steps: Sequence[tuple[str, float]], noise: float, unit: str) -> str:
-    """The held-out errors of steps (label, error) as bars beside the noise, the last one strong."""
+    """The held-out errors of steps (label, error) as bars with the noise level; the last bar is highlighted."""
     top = max([noise, *(error for _, error in steps)]) or 1.0
     rows = ['<div style="color:#6b727c">held-out error</div>']
     for k, (label, error) in enumerate(steps):
@@ -46,7 +46,7 @@ def bars(steps: Sequence[tuple[str, float]], noise: float, unit: str) -> str:
 
 
 def error_map(joints: Sequence[str], chi2: np.ndarray) -> str:
-    """chi2/n (n, 7) of each joint by regime as a table of colours; 1 is the sensors' noise."""
+    """chi2/n (n, 7) of each joint by regime as a coloured table; 1 is the sensor noise."""
     cell = "padding:0.25em 0.2em;text-align:center;border-radius:3px"
     head = "".join(
         f'<th style="font-weight:500;color:#6b727c;padding:0.2em">{name}</th>' for name in ("", *REGIME_HEADS)
@@ -81,7 +81,7 @@ def sentence(text: str, strong: bool = False) -> str:
 
 
 def values(rows: Sequence[ParameterRow]) -> str:
-    """Values by joint, and their 95 % intervals where a fit gave them."""
+    """Values by joint, with 95 % intervals where a fit gave them."""
     groups = {r.key.parameter: f"{r.key.parameter.replace('_', ' ')} [{r.unit}]" for r in rows}
     cells = []
     for place in dict.fromkeys(r.key.place for r in rows):

@@ -1,4 +1,4 @@
-"""The session's long actions: for each, the work, which changes nothing, and what becomes of its result in the session."""
+"""The session's long actions: each is a function that does the work and one that applies the result to the session."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Work = tuple[Callable[[ProgressCallback], Any], Callable[[Any], None]]
 
 
 def fit(session: Any) -> Work:
-    """Fit everything in the model on show, from its present values."""
+    """Fit all parameters of the model shown, from their current values."""
     model = session.model
 
     def take(found: Calibration) -> None:
@@ -29,9 +29,9 @@ def fit(session: Any) -> Work:
 
 
 def put_on(session: Any, effect: str) -> Work:
-    """Add an effect to the last kept model and fit everything."""
+    """Add an effect to the last kept model and fit all parameters."""
     base = session.state.base
-    base.with_effect(effect)  # raises for an unknown or present effect before any work
+    base.with_effect(effect)  # raises for an unknown or existing effect before any work
 
     def take(added: Addition) -> None:
         model = added.after.model
@@ -43,7 +43,7 @@ def put_on(session: Any, effect: str) -> Work:
 
 
 def find(session: Any) -> Work:
-    """Diagnose the model that the session began with."""
+    """Diagnose the model that the session started with."""
     model = session.state.steps[0].model
 
     def run(progress: ProgressCallback) -> Diagnosis:
@@ -58,8 +58,8 @@ def find(session: Any) -> Work:
 
 
 def propose(session: Any, first: str, second: str, table: float | None = None) -> Work:
-    """Propose the motion that distinguishes two effects, and rehearse it; table: its height, m."""
-    from embodiedreamer_gym.diagnosis.experiment_design import propose_motion  # brings MuJoCo
+    """Propose the motion that distinguishes two effects, and simulate it; table: height of the table, m."""
+    from embodiedreamer_gym.diagnosis.experiment_design import propose_motion  # imports MuJoCo
     from embodiedreamer_gym.workbench.rehearsal import rehearse
 
     nominal, shown = session.state.steps[0].model, session.model

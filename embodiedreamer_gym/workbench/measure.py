@@ -1,4 +1,4 @@
-"""Free runs of models and their errors, kept as long as they are shown. The figures are those of `compare`."""
+"""Cache of models' free runs and errors. The numbers are the same as those of `compare`."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Rollout
 
-KEPT = 8  # models whose runs are remembered
-ERRORS = 64  # models whose error is
+KEPT = 8  # number of cached runs and comparisons
+ERRORS = 64  # number of models with a cached error
 T = TypeVar("T")
 
 
@@ -38,7 +38,7 @@ class Run:
 
 
 class Measure:
-    """What models make of the held-out recordings, and of any recording that is shown."""
+    """Runs and errors of models on the held-out recordings, and on any recording that is shown."""
 
     def __init__(self, model: RobotModel, recordings: Sequence[Recording], label: str) -> None:
         self.recordings, self._label = tuple(recordings), label
@@ -60,11 +60,11 @@ class Measure:
         return self._errors[model]
 
     def comparison(self, model: RobotModel) -> Comparison:
-        """What `compare` says of the model on the held-out recordings."""
+        """The result of `compare` for the model on the held-out recordings."""
         return self._once(("compare", model), lambda: compare(model, self.recordings, [self._label]))
 
     def shown(self, model: RobotModel, recording: Recording) -> Rollout | None:
-        """The model's run of one recording; None where the log holds no command."""
+        """The model's run of one recording; None if the log has no command or is compared by effort."""
         if self.signals.by_effort or recording.command is None:
             return None
         if recording in self.recordings:
@@ -72,7 +72,7 @@ class Measure:
         return self._once(("shown", model, recording), lambda: free_runs(model, [recording])[0])
 
     def errors(self, model: RobotModel, recording: Recording) -> np.ndarray | None:
-        """What was measured of a recording less what the model makes of it (T, n), see `unit`; None where that is unknown."""
+        """Measured minus simulated values (T, n) of a recording, in `unit`; None if there is no simulation."""
         if recording in self.recordings:
             return self.run(model).errors[self.recordings.index(recording)]
         run = self.shown(model, recording)
@@ -83,11 +83,11 @@ class Measure:
         return self.signals.unit or model.units[joint]
 
     def noise(self, model: RobotModel) -> np.ndarray:
-        """Noise (n,) of each joint's error, in its `unit`; that of efforts is the model's own."""
+        """Noise (n,) of each joint's error, in its `unit`; for efforts it depends on the model."""
         return self.comparison(model).joint_noise if self.signals.by_effort else self.signals.sigma
 
     def worst_instant(self, model: RobotModel, joint: int, regime: str) -> tuple[Recording, int]:
-        """Recording and sample at which a joint's error is largest while it is in a regime ("all": at any time).
+        """Recording and sample at which a joint's error is largest within a regime ("all": at any time).
 
         Raises: EmbodieDreamerError where the held-out recordings have no sample of that regime.
         """
@@ -107,7 +107,7 @@ class Measure:
         return best[1], best[2]
 
     def _run(self, model: RobotModel) -> Run:
-        if self.signals.by_effort:  # the scale of the effort is a part of such a comparison
+        if self.signals.by_effort:  # such a comparison also fits the scale of the effort
             found = self.comparison(model)
             return Run(found.rollouts[0], found.errors(0), found.joint_rms[0])
         runs = free_runs(model, self.recordings)

@@ -20,14 +20,14 @@ from embodiedreamer_gym.workbench.session import Session
 
 HERE = "127.0.0.1"
 BRAND = (31, 111, 178)
-SAID = 8.0  # s that a sentence stays at least
+SAID = 8.0  # s; shortest time that a sentence is shown
 
 
 class Page:
-    """The page of a session; host, port: where it is served (another port where this one is taken).
+    """The page of a session; host, port: address to serve it at (the next free port if this one is taken).
 
-    words: what stands at the top; game: ask for the hidden effect of the demo.
-    Raises: MissingExtraError without viser, EmbodieDreamerError where nothing can be served there.
+    words: text at the top of the page; game: ask the user for the hidden effect of the demo.
+    Raises: MissingExtraError without viser, EmbodieDreamerError where no page can be served at the address.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Page:
             *games,
             self.motion,
             where,
-        ]  # the error first
+        ]  # the error panel comes first
         tabs = gui.add_tab_group()
         with tabs.add_tab("Try an effect"):
             self.panels.append(EffectPanel(gui, session, self.actions))
@@ -83,19 +83,19 @@ class Page:
         return f"http://{'127.0.0.1' if host == '0.0.0.0' else host}:{self.server.get_port()}"
 
     def update(self) -> None:
-        """Show the session everywhere."""
+        """Update all panels from the session."""
         if self._said.visible and time.monotonic() - self._said_at > SAID:
             self._said.visible = False
         for panel in self.panels:
             panel.update()
 
     def settle(self) -> None:
-        """Show what takes longer."""
+        """Update the slow parts of all panels."""
         for panel in self.panels:
             panel.settle()
 
     def progress(self) -> None:
-        """Show how far long work is, a few times a second."""
+        """Show the progress of long work, at most five times a second."""
         now = time.monotonic()
         if now - self._shown > 0.2:
             self._shown = now

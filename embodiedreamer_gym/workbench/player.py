@@ -1,4 +1,4 @@
-"""Plays a motion in time: measured and simulated joint positions, at a speed, in a loop or once."""
+"""Play a motion in real time: measured and simulated joint positions, at a chosen speed, once or in a loop."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-FRAME = 1 / 30  # s between two pictures
+FRAME = 1 / 30  # s between two frames
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What is played: times (T,) s from zero, positions (T, n) measured and, where there are, simulated; noises (T, n)."""
+    """A motion to play: times (T,) s from zero, measured and simulated positions (T, n), errors in noises (T, n)."""
 
     name: str
     time: np.ndarray
@@ -28,12 +28,12 @@ class Motion:
         return later - int(seconds - self.time[later - 1] < self.time[later] - seconds)
 
     def drawn(self, times: float) -> np.ndarray | None:
-        """Simulated positions (T, n), their difference to the measured ones drawn so many times as large."""
+        """Simulated positions (T, n), with their difference from the measured ones multiplied by `times`."""
         return None if self.simulated is None else self.measured + times * (self.simulated - self.measured)
 
 
 class Player:
-    """A clock in a thread of its own; `show` is called with the seconds at every picture, also after a jump.
+    """A clock in its own thread; `show` is called with the seconds at every frame, and after a jump.
 
     Several threads may set `seconds`, `playing`, `speed` and `loop`.
     """
@@ -45,15 +45,15 @@ class Player:
         self._thread = threading.Thread(target=self._run, name="player", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
 
     def refresh(self) -> None:
-        """Show the present instant again."""
+        """Show the current time again."""
         self._wake.set()
 
     def go(self, seconds: float) -> None:
-        """Jump to an instant."""
+        """Jump to a time in seconds."""
         self.seconds = min(max(seconds, 0.0), self.duration)
         self.refresh()
 

@@ -1,4 +1,4 @@
-"""A proposed motion before any robot makes it: what the model would do, and the room that is left."""
+"""Simulation of a proposed motion before it runs on a robot: the model's motion and its clearance."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CLEARANCE_HZ = 25.0
 
 @dataclass(frozen=True, eq=False)
 class Rehearsal:
-    """A proposal with the motion it would be, commanded and simulated; time (K,) s and clearance (K,) m along it."""
+    """A proposal with its commanded and simulated motion, and the clearance (K,) m along it at times (K,) s."""
 
     proposal: Proposal
     motion: Motion
@@ -27,7 +27,7 @@ class Rehearsal:
 
 
 def rehearse(model: RobotModel, proposal: Proposal, table: float | None) -> Rehearsal:
-    """Simulate the proposed commands with a model, and measure how close its parts come to each other and to a table."""
+    """Simulate the proposed commands, and measure how close the robot's parts come to each other and to a table."""
     command, time = proposal.command, proposal.time
     log = blank(model, proposal.kind, time, command, np.ones(model.n))
     motion = Motion(proposal.kind, time, command, simulate(model, log).position, np.zeros(command.shape))

@@ -1,4 +1,4 @@
-"""The arm twice in a viser scene: measured, coloured by its error, and simulated, as a translucent ghost."""
+"""Two arms in a viser scene: the measured one, coloured by its error, and the simulated one, a translucent ghost."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.forward_kinematics import EndEffector
 from embodiedreamer_gym.robot.surface import Surface
 
-QUIET, SMALL, LARGE = (176, 186, 198), (244, 190, 66), (204, 41, 36)  # at the noise, some noises, many
-MOST = 20.0  # sensor noises at which a link is fully red
-SHADES = 24  # colours between, so that a link's colour is sent only when it changes visibly
+QUIET, SMALL, LARGE = (176, 186, 198), (244, 190, 66), (204, 41, 36)  # error of one, several, many noises
+MOST = 20.0  # error in sensor noises at which a link is fully red
+SHADES = 24  # number of colours, so that a link's colour is sent only when it changes visibly
 GHOST, MEASURED = (31, 111, 178), (60, 64, 72)
 MOST_FACES = 120_000
-SHRUNK = 0.98  # of the ghost's links
-TRACE = 400  # points of a trace
+SHRUNK = 0.98  # scale of the ghost's links
+TRACE = 400  # most points of a trace
 
 
 def colour(noises: float) -> tuple[int, int, int]:
-    """Colour of a joint whose error is so many sensor noises: grey up to 2, amber, then red at 20."""
+    """Colour of a joint for its error in sensor noises: grey up to 2, then amber, red at 20."""
     share = np.clip(np.log(max(noises, 2.0) / 2.0) / np.log(MOST / 2.0), 0.0, 1.0)
     share = np.round(share * SHADES) / SHADES
     first, second, part = (QUIET, SMALL, 2 * share) if share < 0.5 else (SMALL, LARGE, 2 * share - 1)
@@ -52,7 +52,7 @@ class Scene:
             for k, name in enumerate(body.names):
                 used, index = np.unique(body.faces[body.part[body.faces[:, 0]] == k], return_inverse=True)
                 vertices = body.vertices[used]
-                if opacity:  # a little smaller, so that the ghost is seen where it leaves the measured arm
+                if opacity:  # slightly smaller, so that the ghost shows only where it differs from the measured arm
                     middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
                     vertices = middle + SHRUNK * (vertices - middle)
                 self._arms[arm].append(scene.add_mesh_simple(
@@ -63,16 +63,16 @@ class Scene:
 
     @property
     def size(self) -> float:
-        """Largest distance of the arm's parts from its middle, at zero, m."""
+        """Largest distance of the arm's points from its middle, at the zero position, m."""
         points = self.surface.points(np.zeros((1, len(self._model.joints))))[0]
         return float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
 
     def tips(self, positions: np.ndarray) -> np.ndarray:
-        """Where the end effectors are, (T, arms, 3) m, at joint positions (T, n)."""
+        """Positions (T, arms, 3) m of the end effectors at joint positions (T, n)."""
         return np.stack([tip_poses(end, self._model, positions)[0] for end in self._ends], axis=1)
 
     def show(self, measured: np.ndarray, simulated: np.ndarray | None, noises: np.ndarray) -> None:
-        """Place the arms at joint positions (n,); noises (n,): present error of each joint in sensor noises."""
+        """Place the arms at joint positions (n,); noises (n,): current error of each joint in sensor noises."""
         self._place("measured", measured)
         self._arms_visible("simulated", simulated is not None)
         if simulated is not None:

@@ -14,14 +14,14 @@ from embodiedreamer_gym.errors import EmbodieDreamerError, MissingExtraError
 from embodiedreamer_gym.robot.surface import Surface
 from embodiedreamer_gym.workbench.guard import refusing_others
 
-FIELD = 0.7  # rad, of the first look at the robot
-SIDE = np.array([1.9, -1.9, 1.1])  # where it is from, in sizes of the robot
+FIELD = 0.7  # rad; field of view of the initial camera
+SIDE = np.array([1.9, -1.9, 1.1])  # initial camera position from the robot's middle, in robot sizes
 
 
 def load_viser() -> Any:
     """Import viser.
 
-    Raises: MissingExtraError with the line that installs it.
+    Raises: MissingExtraError with the command that installs it.
     """
     try:
         return importlib.import_module("viser")
@@ -32,14 +32,14 @@ def load_viser() -> Any:
 
 
 def serve(host: str, port: int) -> Any:
-    """A viser server that refuses other pages and offers no tunnel to the outside; port 0: any that is free.
+    """A viser server that refuses other pages and offers no public tunnel; port 0: any free port.
 
     Raises: MissingExtraError without viser, EmbodieDreamerError where the address cannot be used.
     """
     viser = load_viser()
     try:
         with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
-            probe.bind((host, 0))  # viser looks for a free port for ever at an address that is not this machine's
+            probe.bind((host, 0))  # viser would search for a free port forever at an address that is not this machine's
             port = port or probe.getsockname()[1]
         with contextlib.redirect_stdout(io.StringIO()), refusing_others(host):
             server = viser.ViserServer(host=host, port=port, verbose=False)
@@ -52,9 +52,9 @@ def serve(host: str, port: int) -> Any:
 
 
 def place_camera(server: Any, surface: Surface, position: np.ndarray) -> None:
-    """Give the first look at a robot whose joints are at a position (n,): from its side, all of it in the picture."""
+    """Place the initial camera beside a robot at joint position (n,), so that all of it is in view."""
     points = surface.points(position[None])[0]
     middle, size = 0.5 * (points.min(axis=0) + points.max(axis=0)), float(np.ptp(points, axis=0).max())
     camera = server.initial_camera
     camera.look_at, camera.position, camera.fov = tuple(middle), tuple(middle + size * SIDE), FIELD
-    server.scene.configure_default_lights(cast_shadow=False)  # slow where no graphics card draws
+    server.scene.configure_default_lights(cast_shadow=False)  # shadows are slow without a graphics card

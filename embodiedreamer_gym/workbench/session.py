@@ -1,4 +1,4 @@
-"""Session: what the workbench knows and can do, without any page. Actions are deterministic and can be played again."""
+"""Session: state and actions of the workbench, without the page; actions are deterministic and can be replayed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MOST_UNDO = 200
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """Long work of an action: `run` may be called in another thread, `Session.finish` takes its result."""
+    """Long work of an action: `run` may be called in another thread; pass its result to `Session.finish`."""
 
     name: str
     run: Callable[[ProgressCallback], Any]
@@ -35,10 +35,10 @@ class Job:
 
 
 class Session:
-    """A model, recordings to fit and to judge by, and what was tried so far.
+    """A model, recordings for fitting and evaluation, and what was tried so far.
 
-    train, test: recordings, all of the model's robot; test is held out and gives the error.
-    out: file that `accept` writes; jobs, seed: of a diagnosis.
+    train, test: recordings of the model's robot; test is held out and gives the error.
+    out: file that `accept` writes; jobs, seed: number of processes and random seed of a diagnosis.
     """
 
     EDITS = ("set_effect", "set_joints", "set_joint", "set_size", "set_value", "keep", "undo", "redo", "take", "accept")
@@ -69,23 +69,23 @@ class Session:
 
     @property
     def model(self) -> RobotModel:
-        """The model on show."""
+        """The model shown."""
         return self.state.model
 
     @property
     def before(self) -> RobotModel:
-        """The model to compare it with: the last kept one, or the one before where it is that itself."""
+        """The model to compare with: the last kept one, or the one kept before if the last kept one is shown."""
         kept = [step.model for step in self.state.steps if step.model is not self.model]
         return kept[-1] if kept else self.model
 
     @property
     def error(self) -> float:
-        """Held-out error of the model on show, exactly that of `compare`."""
+        """Held-out error of the model shown, identical to that of `compare`."""
         return self.measure.error(self.model)
 
     @property
     def staircase(self) -> list[tuple[str, float]]:
-        """Label and held-out error of every kept model, and of the one on show where it differs."""
+        """Label and held-out error of every kept model, and of the model shown if it is not the last kept one."""
         shown = [(step.label, self.measure.error(step.model)) for step in self.state.steps]
         if self.model is not self.state.base:
             shown.append((self.state.label or f"trying {self.state.effect.replace('_', ' ')}", self.error))
@@ -98,9 +98,9 @@ class Session:
     # ---- actions ------------------------------------------------------------------------------------------------
 
     def do(self, action: str, **given: Any) -> None:
-        """Do one action by its name and note it; a long one to its end.
+        """Do one action by its name and log it; a long action runs to its end.
 
-        Raises: EmbodieDreamerError where it cannot be done, and nothing has changed.
+        Raises: EmbodieDreamerError where it cannot be done; then nothing has changed.
         """
         if action in self.JOBS:
             job = self.start(action, **given)
@@ -119,7 +119,7 @@ class Session:
         self.log.append({"action": action, **given})
 
     def start(self, action: str, **given: Any) -> Job:
-        """Begin a long action; edits are refused until `finish` or `cancel`."""
+        """Start a long action; edits are refused until `finish` or `cancel`."""
         if self.job:
             raise EmbodieDreamerError(f"'{self.job.name}' is running; wait for it, or stop it.")
         if action not in self.JOBS:
@@ -135,18 +135,18 @@ class Session:
         return self.job
 
     def finish(self, result: Any) -> None:
-        """Take the result of the long action."""
+        """Apply the result of the long action."""
         job, self.job = self.job, None
         if job is not None:
             job.take(result)
 
     def cancel(self) -> None:
-        """Give up the long action; nothing has changed."""
+        """Cancel the long action; the session stays unchanged."""
         self.job = None
 
     @classmethod
     def replay(cls, log: Sequence[dict[str, Any]], *arguments: Any, **options: Any) -> Session:
-        """A new session in which the actions of a log are done again; the further arguments are the session's."""
+        """A new session in which the actions of a log are replayed; the other arguments are passed to the session."""
         session = cls(*arguments, **options)
         for entry in log:
             session.do(**entry)
@@ -250,13 +250,13 @@ class Session:
         self.change(State(steps[-1].model, tuple(steps)))
 
     def change(self, new: State, drag: tuple = ()) -> None:
-        """Go to a state; a drag of one slider is undone as a whole."""
+        """Go to a new state; consecutive changes with the same `drag`, of one slider, are undone as a whole."""
         if not drag or drag != self._drag:
             self._past = [*self._past[1 - MOST_UNDO :], self.state]
         self._future, self._drag, self.state = [], drag, new
 
     def note(self, what: str, **more: Any) -> None:
-        """Note a try with its held-out error, for the history."""
+        """Record a trial with its held-out error, for the history."""
         values = {row.name: row.value for row in self.model.parameters().of_effect(self.state.effect)}
         self.tried.append({"what": what, "effect": self.state.effect, **more, "error": self.error, "values": values})
 
@@ -270,7 +270,7 @@ class Session:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the recordings, each different: the held-out ones first."""
+        """Unique names of the recordings, the held-out ones first."""
         names = [r.name for r in self.recordings]
         return tuple(name if names.count(name) == 1 else f"{name} ({k + 1})" for k, name in enumerate(names))
 

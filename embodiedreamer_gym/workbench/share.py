@@ -1,4 +1,4 @@
-"""The workbench as files that open without it: the report, and the scene as an animation."""
+"""Export of the workbench as standalone files: the report, and the scene as an animation."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from embodiedreamer_gym.workbench.scene import Scene
 from embodiedreamer_gym.workbench.serve import place_camera, serve
 from embodiedreamer_gym.workbench.session import Session
 
-FRAME = 1 / 20  # s between two pictures of the animation
-LONGEST = 60.0  # s of it
+FRAME = 1 / 20  # s between two frames of the animation
+LONGEST = 60.0  # s; longest animation
 
 
 def save_page(session: Session, motion: Motion, times: float, folder: Path) -> Path:
-    """Write index.html, the report, and scene.html, the motion on show with its ghost; returns the report's path.
+    """Write index.html, the report, and scene.html, the motion shown with its ghost; returns the report's path.
 
-    times: how many times as large the ghost's distance is drawn.
+    times: factor by which the differences of the ghost are magnified.
     Raises: EmbodieDreamerError when the folder cannot be written to.
     """
     try:
@@ -42,7 +42,7 @@ def save_page(session: Session, motion: Motion, times: float, folder: Path) -> P
 
 
 def scene_page(session: Session, motion: Motion, times: float) -> str:
-    """A page with the animated scene that asks nothing of any server."""
+    """A standalone page with the animated scene, which needs no server."""
     server = serve("127.0.0.1", 0)
     try:
         scene = Scene(server.scene, session.model)

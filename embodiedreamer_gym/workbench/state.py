@@ -1,4 +1,4 @@
-"""What undo and redo go through."""
+"""States of a session, for undo and redo."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Step:
 
 @dataclass(frozen=True)
 class State:
-    """The steps so far, and the model on show: the last step's, or one with an effect that is tried on its joints."""
+    """The steps so far, and the model shown: that of the last step, or one with an effect on trial on `joints`."""
 
     model: RobotModel
     steps: tuple[Step, ...]

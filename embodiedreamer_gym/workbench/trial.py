@@ -1,4 +1,4 @@
-"""A model with an effect that is being tried: on which joints, and how large."""
+"""A model with an effect on trial: the joints that have it, and its size."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from embodiedreamer_gym.effects import find_effect
 from embodiedreamer_gym.errors import EffectError
 from embodiedreamer_gym.robot import ParameterKey, ParameterRow, RobotModel
 
-CURVE = 3  # power by which a slider's place grows to a value: most of its way belongs to small values
+CURVE = 3  # exponent from a slider's position to a value: most of its range is for small values
 
 
 def value_of(row: ParameterRow, size: float) -> float:
-    """Value of a parameter, in its unit, at a slider's place from -1 (lowest) over 0 (off) to 1 (highest)."""
+    """Value of a parameter, in its unit, at a slider position: -1 (lowest), 0 (off), 1 (highest) or between."""
     off = row.low if row.off is None else row.off
     end = row.high if size >= 0 else row.low
     return float(np.clip(off + min(abs(size), 1.0) ** CURVE * (end - off), row.low, row.high))
 
 
 def size_of(row: ParameterRow) -> float:
-    """A slider's place at the parameter's value, see `value_of`."""
+    """Slider position for the parameter's value; see `value_of`."""
     off = row.low if row.off is None else row.off
     away = row.value - off
     end = row.high if away >= 0 else row.low
@@ -29,13 +29,13 @@ def size_of(row: ParameterRow) -> float:
 
 
 def reach(row: ParameterRow) -> tuple[float, float]:
-    """Lowest and highest place of a parameter's slider."""
+    """Lowest and highest position of a parameter's slider."""
     off = row.low if row.off is None else row.off
     return (-1.0 if off > row.low else 0.0), (1.0 if off < row.high else 0.0)
 
 
 def with_trial(model: RobotModel, name: str, joints: Sequence[str]) -> RobotModel:
-    """The model with an effect that is off on these joints, its shape parameters at their typical size."""
+    """The model with an effect added on these joints but off, and with its shape parameters at typical values."""
     kind = find_effect(name, model.catalogue)
     richer = model.with_effect(kind, tuple(joints))
     shapes = {p.name: p for p in kind.parameters if p.shape}
@@ -51,7 +51,7 @@ def with_trial(model: RobotModel, name: str, joints: Sequence[str]) -> RobotMode
 
 
 def on_joints(model: RobotModel, richer: RobotModel, name: str, joints: Sequence[str]) -> RobotModel:
-    """The trial on other joints; joints that had it before keep their values."""
+    """The trial on other joints; joints that already had the effect keep their values."""
     new = with_trial(model, name, joints)
     have = {row.name for row in new.parameters()}
     kept: dict[str, dict[str, float]] = {}
@@ -62,7 +62,7 @@ def on_joints(model: RobotModel, richer: RobotModel, name: str, joints: Sequence
 
 
 def rows_at(model: RobotModel, group: str, places: Iterable[str] = ()) -> list[ParameterRow]:
-    """Rows of a group of parameters at these places, at all of them where none is given.
+    """Rows of a group of parameters at these places, or at all places if none are given.
 
     Raises: EffectError when the model has no such parameter there.
     """

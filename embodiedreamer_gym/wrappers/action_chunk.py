@@ -19,28 +19,28 @@ MOST = 10_000  # actions of a chunk
 
 
 class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
-    """Takes k actions (k, n) at once, as policies that predict chunks give them, and plays them one after the other.
+    """Takes k actions (k, n) at once, from policies that predict chunks, and plays them one after the other.
 
-    The reward is the sum of the k rewards; observation and info are those after the last action. Pictures are drawn after
-    the last action only, unless a wrapper between this one and `gym.make`'s own may use the observations on the way;
-    `CalibratedTracking`, which does not, is told the whole chunk. Around an environment whose actions are chunks of k already,
-    it changes nothing.
+    The reward is the sum of the k rewards; observation and info are those after the last action. Pictures are rendered
+    after the last action only, unless a wrapper between this one and `gym.make`'s own wrappers may use the observations
+    in between; `CalibratedTracking` does not use them, and gets the whole chunk in advance. Around an environment whose
+    actions are chunks of k already, this wrapper changes nothing.
 
-    info["rewards"]: (k,) reward of each action; 0 where the episode was over.
+    info["rewards"]: (k,) reward of each action; 0 after the end of the episode.
     info["successes"]: (k,) whether the task was done after each action.
-    info["steps"]: how many actions were played, less than k where the episode was cut, 0 after a reset.
-    info["clip"]: with a camera, what it saw after every n-th action and the last, F = ceil(k / every) times, padded with
-    the last: rgb (F, H, W, 3) uint8, depth (F, H, W) m, classes (F, H, W), parts (F, H, W), projections (F, L, 3, 4), hulls
-    (L, P, 3), see `Frame`.
-    info["clips"]: the like by the name of each of several cameras, instead of info["clip"].
+    info["steps"]: how many actions were played, less than k if the episode ended, 0 after a reset.
+    info["clip"]: with a camera, its F = ceil(k / every) frames after every n-th action and the last, padded with the
+    last frame: rgb (F, H, W, 3) uint8, depth (F, H, W) m, classes (F, H, W), parts (F, H, W), projections
+    (F, L, 3, 4), hulls (L, P, 3), see `Frame`.
+    info["clips"]: with several cameras, such clips by camera name, instead of info["clip"].
     info["filmed"]: how many of the F frames are new, 0 after a reset.
 
-    k: actions of a chunk.
+    k: actions per chunk.
     camera: name of a camera, names of several, or None.
-    size: its picture's width and height, pixels; the environment's own where None.
-    every: n.
-    Raises: SimulationError for k or n below 1, an action space that is no box, a camera of an environment without `capture`, or
-    chunks of another length inside.
+    size: its picture's width and height, pixels; None for the environment's own.
+    every: n, actions from one frame to the next.
+    Raises: SimulationError for k or n below 1, an action space that is no box, a camera for an environment without
+    `capture`, or an inner ActionChunk of another length.
     """
 
     def __init__(
@@ -74,9 +74,10 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self._played = 0
 
     def film(self, camera: str | Sequence[str], size: tuple[int, int], every: int | None = None) -> None:
-        """Film with a camera, or several, from the next reset on, at a size (width, height), after each n-th action (None: as it is).
+        """Film with one or several cameras from the next reset on.
 
-        Raises: SimulationError where this chunk films something else already.
+        size: width, height; every: n, for a frame after each n-th action; None keeps the present n.
+        Raises: SimulationError if this wrapper films something else already.
         """
         own, wanted = self.size or getattr(self.unwrapped, "image_size", None), _cameras(self.env, camera)
         if self.cameras and (self.cameras, own, every or self.every) != (wanted, tuple(size), self.every):
@@ -90,12 +91,12 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
             self._record()
 
     def _record(self) -> None:
-        """Keep the arguments with which Gymnasium makes this wrapper again."""
+        """Keep the arguments with which Gymnasium can make this wrapper again."""
         camera = self.cameras if len(self.cameras) > 1 else self.cameras[0] if self.cameras else None
         gym.utils.RecordConstructorArgs.__init__(self, k=self.k, camera=camera, size=self.size, every=self.every)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode; with a camera, info["clip"] is its view of this instant."""
+        """Start an episode; with a camera, info["clip"] is its view at that time."""
         observation, info = self.env.reset(seed=seed, options=options)
         if self._chunked:
             return observation, info
@@ -103,7 +104,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         return observation, info | self._chunk_info([], [], [self._seen()])
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Play the actions (k, n), up to where the episode ends.
+        """Play the actions (k, n) until the episode ends.
 
         Raises: SimulationError for another shape, or numbers that are not real or not finite.
         """
@@ -133,7 +134,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         )
 
     def _step(self, action: np.ndarray, last: bool) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Play one action; pictures are drawn where the observation is returned."""
+        """Play one action; pictures are rendered only if its observation is returned."""
         if self._inner is None:
             observation, reward, terminated, truncated, info = self.env.step(action)
             return observation, float(reward), terminated, truncated, info
@@ -144,7 +145,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         return observation, reward, terminated, truncated or cut, info
 
     def _seen(self) -> tuple[Frame, ...]:
-        """What the cameras see at this instant."""
+        """Current frames of the cameras."""
         capture: Any = getattr(self.env.unwrapped, "capture", None)
         return tuple(capture(name, self.size) for name in self.cameras)
 
@@ -167,7 +168,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
 
 def chunks_inside(env: gym.Env) -> ActionChunk | None:
-    """The ActionChunk among an environment's wrappers; None where there is none."""
+    """The ActionChunk among an environment's wrappers; None if there is none."""
     while isinstance(env, gym.Wrapper):
         if isinstance(env, ActionChunk):
             return env
@@ -178,7 +179,7 @@ def chunks_inside(env: gym.Env) -> ActionChunk | None:
 def _cameras(env: gym.Env, camera: str | Sequence[str] | None) -> tuple[str, ...]:
     """Names of cameras, each once.
 
-    Raises: SimulationError for an environment without ground truth of what its cameras see.
+    Raises: SimulationError for an environment without `capture`.
     """
     names = () if camera is None else (camera,) if isinstance(camera, str) else tuple(dict.fromkeys(camera))
     if names and not callable(getattr(env.unwrapped, "capture", None)):
@@ -194,6 +195,6 @@ def _text(size: Any) -> str:
 
 
 def plain_aloha(env: gym.Env) -> AlohaEnv | None:
-    """The ALOHA environment below the wrappers that `gym.make` adds; None where there is another wrapper or environment."""
+    """The ALOHA environment below the wrappers that `gym.make` adds; None for another wrapper or environment."""
     wrapped = isinstance(env, gym.Wrapper) and (env.spec is None or bool(env.spec.additional_wrappers))
     return env.unwrapped if isinstance(env.unwrapped, AlohaEnv) and not wrapped else None

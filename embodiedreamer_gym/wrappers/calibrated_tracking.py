@@ -1,4 +1,4 @@
-"""Actions as wanted joint positions, sent as the commands that bring a calibrated model's robot there."""
+"""Actions as desired joint positions, converted to commands with a calibrated model of the robot."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from embodiedreamer_gym.tracking import Tracker
 
 
 class CalibratedTracking(gym.Wrapper, gym.utils.RecordConstructorArgs):
-    """Sends the commands that bring the robot where a policy wants it, by a calibrated model and the encoders.
+    """Sends commands that bring the robot to a policy's desired positions, using a calibrated model and the encoders.
 
-    An action (n,) is where the joints are to be at the end of the control period; with a `reference`, it is a command to that
-    robot, and the joints are to be where that robot would be: give the robot whose commands a policy learnt. Put it inside
-    `ActionChunk`, which lets it know the actions of a chunk that are still to come; without them it takes the last
-    speed to go on.
+    An action (n,) is the desired joint positions at the end of the control period. With a `reference`, an action is a
+    command to that robot, and the desired positions are those that it would reach; give the robot whose commands a
+    policy learnt. Put this wrapper inside `ActionChunk`, which announces the remaining actions of a chunk; without
+    them, the last speed is assumed to continue.
 
-    model: a `RobotModel`, a built-in robot or a model file, of the robot that hears the commands.
+    model: a `RobotModel`, a built-in robot or a model file, of the robot that receives the commands.
     mode: off, feed_forward, trim or both, see `Tracker`.
     reference: as `model`, or None.
-    Raises: SimulationError for other environments than ALOHA's, or whole chunks; ModelError for a model of other joints.
+    Raises: SimulationError for environments other than ALOHA's, or chunks as actions; ModelError for a model with other
+    joints.
     """
 
     def __init__(self, env: gym.Env, model: RobotModel | str | Path, mode: str = "both",
@@ -49,13 +50,13 @@ class CalibratedTracking(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self._aloha, self._space = aloha, space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode; the arms rest where they are."""
+        """Start an episode; the arms are assumed to be at rest."""
         observation, info = self.env.reset(seed=seed, options=options)
         self.tracker.reset(self._aloha.joint_positions(), self._aloha.command)
         return observation, info
 
     def preview(self, actions: np.ndarray) -> None:
-        """Actions (k, n) that will follow, the next one first."""
+        """Announce the actions (k, n) that will follow, the next one first."""
         self.tracker.preview(real_numbers("a chunk", actions, np.shape(actions)))
 
     def command(self, action: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ class FlattenCameras(gym.ObservationWrapper, gym.utils.RecordConstructorArgs):
 
 
 def _flat(nested: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Leaves by the names on the way to them."""
+    """Leaves of nested mappings, by their joined names."""
     leaves: dict[str, Any] = {}
     for name, value in nested.items():
         leaves |= _flat(value, f"{prefix}{name}_") if isinstance(value, Mapping) else {f"{prefix}{name}": value}

@@ -11,14 +11,14 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner import Aligner, Bank, Condition, References
 from embodiedreamer_gym.vis_aligner.bank import Entry
 
-GRAIN_SEED = 1  # beside the seed of a reset
+GRAIN_SEED = 1  # combined with the seed of a reset
 
 
 class GeneratedFrames:
-    """Generated frames of n environments, chunk by chunk; `references` holds what each next chunk follows.
+    """Generated frames of n environments, chunk by chunk; `references` holds the reference frames of each next chunk.
 
-    grain: whether to add the sensor's noise to what is shown; references have none added.
-    Raises: VisionError where the bank does not know the grain that is asked for.
+    grain: whether to add the sensor's noise to the frames that are shown; references stay without it.
+    Raises: VisionError if grain is requested and the bank does not know it.
     """
 
     def __init__(self, aligner: Aligner, bank: Bank, count: int, grain: bool = False) -> None:
@@ -42,7 +42,10 @@ class GeneratedFrames:
     def begin(
         self, views: Sequence[Condition], entry: Entry | None, edit: Callable[[References], References] | None = None
     ) -> np.ndarray:
-        """Start an episode in each environment; return its first frame (n, F, H, W, 3) for all F of each view."""
+        """Start an episode in each environment; return first frames (n, F, H, W, 3).
+
+        The first frame of each environment is repeated for all F frames of its view.
+        """
         starts = [self.bank.start(view, entry) for view in views]
         self.references = [one if edit is None else edit(one) for one in starts]
         return self._as_seen(
@@ -50,9 +53,9 @@ class GeneratedFrames:
         )
 
     def render(self, views: Sequence[Condition], counts: Sequence[int]) -> np.ndarray:
-        """Generate the frames (n, F, H, W, 3) of each view of F, piece by piece as the aligner was trained.
+        """Generate the F frames of each view, (n, F, H, W, 3), in pieces of the length the aligner was trained on.
 
-        counts: how many frames of each are new; later ones repeat the last. An environment without any has been reset.
+        counts: number of new frames of each view; later ones repeat the last. With 0, the environment has been reset.
         """
         frames = [np.repeat(self.last(i)[None], len(view), axis=0) for i, view in enumerate(views)]
         for i, count in enumerate(counts):
@@ -74,7 +77,7 @@ class GeneratedFrames:
         return self._as_seen(frames, counts)
 
     def _as_seen(self, frames: Sequence[np.ndarray], counts: Sequence[int]) -> np.ndarray:
-        """The frames (n, F, H, W, 3) with the grain, those that repeat one with the same."""
+        """The frames (n, F, H, W, 3) with grain; a repeated frame has the same grain."""
         seen = np.stack(frames)
         for i, (clip, count) in enumerate(zip(seen, counts, strict=True)):
             new = max(int(count), 1)

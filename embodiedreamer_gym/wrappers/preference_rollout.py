@@ -20,12 +20,12 @@ from embodiedreamer_gym.policies.protocol import predict
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 
 NOISE_PER = ("chunk", "step")
-MOST_CHUNKS = 10_000  # after which an environment is taken for one without a time limit
+MOST_CHUNKS = 10_000  # after this many, an environment is assumed to have no time limit
 Policy = Callable[[Mapping[str, Any]], Any]
 
 
 class _Rollouts:
-    """Tries, noise, and the loop over episodes: shared by both wrappers."""
+    """Tries, noise and the loop over episodes, for both wrappers."""
 
     tries: int
     noise: float
@@ -54,9 +54,11 @@ class _Rollouts:
     ) -> Iterator[Trajectory]:
         """Trajectories in order: all tries from the first seed's start, then from the second's, and so on.
 
-        policy: see embodiedreamer_gym.policies; spread (m,): a normalised unit of each action in the environment's units,
-        by default that of `policy.network`. The noise depends on seed and try alone, not on the number of environments.
-        Raises: PolicyError for a policy whose chunks do not fit; SimulationError for an environment without an outcome in its info.
+        policy: see embodiedreamer_gym.policies; spread (m,): size of a normalised unit of each action in the
+        environment's units, by default that of `policy.network`. The noise depends on seed and try alone, not on the
+        number of environments.
+        Raises: PolicyError for a policy whose chunks do not fit; SimulationError for an environment with no outcome in
+        its info.
         """
         jobs = [(int(seed), attempt) for seed in seeds for attempt in range(self.tries)]
         spread = _spread(policy, self._batched().single_action_space.shape[1]) if spread is None else np.asarray(spread)
@@ -87,7 +89,7 @@ class _Rollouts:
         """Play one episode in each environment; those without a job repeat the last job and are dropped."""
         envs = self._batched()
         padded = [*jobs, *jobs[-1:] * (envs.num_envs - len(jobs))]
-        if callable(getattr(policy, "reset", None)):  # one with a memory
+        if callable(getattr(policy, "reset", None)):  # a policy with a memory
             policy.reset()  # pyright: ignore[reportFunctionMemberAccess]
         rngs = [np.random.default_rng([abs(seed), attempt]) for seed, attempt in padded]
         observation, _ = envs.reset(seed=[seed for seed, _ in padded])
@@ -98,7 +100,7 @@ class _Rollouts:
             batch = policy_batch(observation, self.camera)
             predicted = predict(policy, batch, (envs.num_envs, *envs.single_action_space.shape))
             actions = predicted + self.noise * spread * np.stack([self._draw(rng, predicted.shape[1:]) for rng in rngs])
-            actions = actions.astype(np.float32)  # kept unclipped: without noise they are the predicted ones
+            actions = actions.astype(np.float32)  # recorded unclipped: without noise they equal the predicted ones
             played = np.clip(actions, envs.single_action_space.low, envs.single_action_space.high)
             observation, _, terminated, truncated, info = envs.step(played)
             over = (np.asarray(terminated) | np.asarray(truncated))[: len(jobs)]
@@ -117,7 +119,7 @@ class _Rollouts:
         )
 
     def _draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-        """Exploration noise (k, m) in units of its size: one offset for the whole chunk, or another at each step."""
+        """Standard normal exploration noise (k, m): one offset for the whole chunk, or a new one at each step."""
         drawn = rng.standard_normal((1 if self.per == NOISE_PER[0] else shape[0], shape[1]))
         return np.broadcast_to(drawn, shape)
 
@@ -125,12 +127,12 @@ class _Rollouts:
 class PreferenceRolloutWrapper(gym.Wrapper, _Rollouts, gym.utils.RecordConstructorArgs):
     """Adds `rollouts(policy, seeds)` to an environment: K tries from each start, with exploration noise.
 
-    The environment takes chunks (k, m): an `ActionChunk`, a `VisAlignerObservationWrapper` (generated frames), or any other
-    with chunk=k, which then gets an `ActionChunk`. reset and step pass through.
+    The environment takes chunks (k, m): an `ActionChunk`, a `VisAlignerObservationWrapper` (generated frames), or any
+    other with chunk=k, which is then wrapped in an `ActionChunk`. reset and step pass through.
 
-    tries: K; noise: standard deviation of the exploration, in the policy's normalised units; per: `chunk`, one offset for
-    all actions of a chunk, or `step`; chunk: k, for an environment without chunks; chunks: of a trajectory, by default
-    until the episode is over; camera: name of a single picture.
+    tries: K; noise: standard deviation of the exploration, in the policy's normalised units; per: `chunk`, one offset
+    for all actions of a chunk, or `step`; chunk: k, for an environment without chunks; chunks: number of chunks in a
+    trajectory, by default until the episode is over; camera: name that a single picture gets.
     Raises: SimulationError for numbers out of range, or an environment without chunks.
     Source: EmbodieDreamer, section 4.3; several tries from one start as in GRAPE (Zhang et al. 2024).
     """
@@ -151,7 +153,7 @@ class PreferenceRolloutWrapper(gym.Wrapper, _Rollouts, gym.utils.RecordConstruct
 
 
 class PreferenceRolloutVectorWrapper(VectorWrapper, _Rollouts):
-    """The same for a vector of environments, each of which takes chunks (k, m): that many episodes at once.
+    """The same for a vector of environments that take chunks (k, m): it plays one episode in each at the same time.
 
     Raises: SimulationError for numbers out of range, or environments without chunks.
     """
@@ -231,7 +233,7 @@ def policy_batch(observation: Any, camera: str = "head") -> dict[str, Any]:
 def outcome(info: Mapping[str, Any], i: int) -> dict[str, float]:
     """Return the outcome of the episode of environment i, from a vector's info.
 
-    Raises: SimulationError where the info has no outcome.
+    Raises: SimulationError if the info has no outcome.
     """
     entries = _last(info, i)
     result = {name: float(np.asarray(entries[name])[i]) for name in OUTCOMES if name in entries}
@@ -243,12 +245,12 @@ def outcome(info: Mapping[str, Any], i: int) -> dict[str, float]:
 
 
 def _last(info: Mapping[str, Any], i: int) -> Mapping[str, Any]:
-    """Return the info of environment i from before its reset, where it was reset in the same step."""
+    """Return the info of environment i; if it was reset in the same step, the info from before the reset."""
     return info["final_info"] if "final_info" in info and info["_final_info"][i] else info
 
 
 def _spread(policy: Any, size: int) -> np.ndarray:
-    """A normalised unit of each action; 1 for a policy that does not normalise."""
+    """Size of a normalised unit of each action; 1 for a policy that does not normalise."""
     network = getattr(policy, "network", policy)
     return spread_of(network, size) if hasattr(network, "denormalise") else np.ones(size)
 

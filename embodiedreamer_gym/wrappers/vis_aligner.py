@@ -24,33 +24,33 @@ SHOWING = ("pixels", "pixels_agent_pos")
 
 
 class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs):
-    """Replaces the cameras' pictures by those of a video model; reward and physics stay as they are.
+    """Replaces the cameras' pictures by those of a video model; reward and physics do not change.
 
-    An environment of yours needs attributes `obs_type` ("pixels" or "pixels_agent_pos") and `image_size` and a method
+    Your own environment needs the attributes `obs_type` ("pixels" or "pixels_agent_pos") and `image_size` and a method
     `capture(camera, size)` that returns a `Frame` (`engines.frame`), as `RobotView.at` does.
-    The wrapped environment may be an `ActionChunk(env, k)`; another one is wrapped in an `ActionChunk` of the aligner's
-    chunk, so that the action is (k, 14). The observation shows the last frame of a chunk, which is the reference
-    of the next chunk, beside the anchor, the first frame of the episode. At a reset the reference is composed from photos
-    of a bench, an empty plate with the objects where the simulator has them; or, with `reset(options={"reference": i})`, it
-    is photo i itself, and the simulator is set to its joints and objects.
+    The wrapped environment may be an `ActionChunk(env, k)`; any other is wrapped in an `ActionChunk` of the aligner's
+    chunk length, so that the action is (k, 14). The observation shows the last frame of a chunk. The next chunk is
+    generated with two references: this frame, and the anchor, which is the first frame of the episode. At a reset, the
+    reference is composed from photos of a bench: an empty plate, with the objects where the simulator has them. With
+    `reset(options={"reference": i})`, it is photo i itself, and the simulator is set to its joints and objects.
 
-    info["frames"]: generated frames (F, H, W, 3) uint8 after each chunk, F = k unless `every` is larger; of several cameras
-    by name, as in the observation.
-    info["filmed"]: how many of them are new.
+    info["frames"]: generated frames (F, H, W, 3) uint8 after each chunk, F = k unless `every` is larger; with several
+    cameras, by camera name, as in the observation.
+    info["filmed"]: how many of these frames are new.
 
     aligner: "lean" (the shipped weights), or a path.
     bank: "lab" (the shipped photos), or a path.
-    chunk: actions of a chunk; None for those of ActionChunk, else for the aligner's own.
-    editor: changes each episode's bench and objects, with draws of the reset's seed.
-    every: a frame after each n-th action of a chunk, and after its last; generation takes as much less time.
-    grain: add the noise of the bench's sensor, the same for the same seed of the reset; what follows a frame follows it
-    without.
-    device: on which the network computes: cpu, cuda, ..., or auto, which is an accelerator where there is one.
-    cameras: whose pictures are generated; the others are left out of the observation. Those that move with the robot, as on
-    its wrists, need a bank made with `vis bank --moving`.
-    moving_aligner: the aligner of cameras that move; "assembled" needs no network.
-    Raises: VisionError where weights, photos and picture size do not fit, or the device is not available; SimulationError
-    for observations without pictures, or an editor and more cameras than one.
+    chunk: actions per chunk; None for the length of an existing ActionChunk, else for the aligner's own.
+    editor: changes each episode's bench and objects, with random draws from the reset's seed.
+    every: n, for a frame after each n-th action of a chunk and after its last; generation time falls accordingly.
+    grain: whether to add the noise of the bench's sensor, the same for the same seed of the reset; the next frames are
+    generated from frames without it.
+    device: of the network: cpu, cuda, ..., or auto for an accelerator if there is one.
+    cameras: whose pictures are generated; the others are left out of the observation. Cameras that move with the robot,
+    such as those on its wrists, need a bank made with `vis bank --moving`.
+    moving_aligner: the aligner for cameras that move; "assembled" needs no network.
+    Raises: VisionError if weights, photos and picture size do not fit, or the device is not available; SimulationError
+    for observations without pictures, or an editor with more than one camera.
     """
 
     def __init__(
@@ -78,11 +78,11 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
 
     @property
     def references(self) -> References | None:
-        """What the next chunk of the first camera follows; None before the first reset."""
+        """References of the first camera's next chunk; None before the first reset."""
         return self._frames[self.cameras[0]].references[0]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode; options: those of the environment, and reference: number of a photo of the bank."""
+        """Start an episode; options: those of the environment, and `reference`, the number of a photo of the bank."""
         options, entry = _chosen(self.bank, options)
         observation, info = self.env.reset(seed=seed, options=options)
         self._rng = self._rng if seed is None else np.random.default_rng(seed)
@@ -103,7 +103,7 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
         return observation, float(reward), terminated, truncated, info
 
     def render(self) -> Any:
-        """The last generated frame (H, W, 3) of the first camera, where the environment renders at all."""
+        """The last generated frame (H, W, 3) of the first camera; None without a render mode."""
         return None if self.render_mode is None else self._frames[self.cameras[0]].shown[0]
 
     def _view(self, info: Mapping[str, Any], camera: str) -> Condition:
@@ -127,14 +127,14 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
 
 
 class VisAlignerVectorWrapper(VectorWrapper):
-    """The same for a vector of environments: all their chunks go through the network at once.
+    """The same for a vector of environments, whose chunks go through the network together.
 
-    Each environment must be an `ActionChunk`, which is told to film with the head camera; for instance
+    Each environment must be an `ActionChunk`, which is set to film with the head camera; for instance
     `gym.make_vec(id, 8, wrappers=[lambda env: ActionChunk(env, 8)])`.
     info["frames"] is (environments, F, H, W, 3) uint8.
 
-    device: as of `VisAlignerObservationWrapper`.
-    Raises: VisionError where weights, photos and picture size do not fit, or the device is not available; SimulationError
+    device: as in `VisAlignerObservationWrapper`.
+    Raises: VisionError if weights, photos and picture size do not fit, or the device is not available; SimulationError
     for other environments.
     """
 
@@ -158,13 +158,13 @@ class VisAlignerVectorWrapper(VectorWrapper):
 
     @property
     def references(self) -> list[References | None]:
-        """What the next chunk of each environment follows; None before the first reset."""
+        """References of each environment's next chunk; None before the first reset."""
         return self._frames.references
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Start an episode in each; options: those of the environment, and reference: number of a photo of the bank."""
+        """Start an episode in each; options: those of the environment, and `reference`, number of a bank photo."""
         options, entry = _chosen(self.bank, options)
         observation, info = self.env.reset(seed=seed, options=options)  # pyright: ignore[reportArgumentType]
         whole = isinstance(seed, int | np.integer)
@@ -188,9 +188,9 @@ def filmed(
 ) -> gym.Env:
     """The environment, in an `ActionChunk` that films with these cameras at the bank's size.
 
-    An ActionChunk that is there already is told to film; else there is one of `chunk` actions, `own` where that is None.
-    Raises: SimulationError for observations without pictures, or an ActionChunk of another length or that films something
-    else; VisionError for pictures of another size than the bank's.
+    An existing ActionChunk is set to film; otherwise one of `chunk` actions is added, `own` if that is None.
+    Raises: SimulationError for observations without pictures, or an ActionChunk of another length or one that films
+    something else; VisionError for pictures of another size than the bank's.
     """
     kind = getattr(env.unwrapped, "obs_type", None)
     if kind not in SHOWING:
@@ -211,7 +211,10 @@ def filmed(
 
 
 def check_size(size: tuple[int, int], bank: Bank) -> None:
-    """Raises: VisionError where pictures of a size (width, height) are asked for, and the bank's photos are of another."""
+    """Check that a size (width, height) is that of the bank's photos.
+
+    Raises: VisionError if it is not.
+    """
     if tuple(size) != bank.size:
         asked, known = (f"{width} x {height}" for width, height in (size, bank.size))
         raise VisionError(

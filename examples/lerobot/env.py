@@ -14,20 +14,20 @@ from embodiedreamer_gym.envs import NAMES
 from embodiedreamer_gym.envs.reset_options import RESET_OPTIONS
 
 SUITE = "embodiedreamer"
-ARGUMENTS: dict[str, Any] = {  # of the environments; robot="my_calibrated_arm.json" belongs here
+ARGUMENTS: dict[str, Any] = {  # of the environments; add robot="my_calibrated_arm.json" here
     "obs_type": "pixels_agent_pos", "cameras": ("head", "left_wrist", "right_wrist"), "image_size": (320, 240),
     "render_mode": "rgb_array",
 }  # fmt: skip
 
 
 class LeRobotEnv(gym.ObservationWrapper):
-    """States its task in words, names the picture of a single camera as well, and ignores reset options that are LeRobot's own."""
+    """Adds the task in words and the name of a single camera, and ignores LeRobot's own reset options."""
 
     def __init__(self, env: gym.Env) -> None:
         super().__init__(env)
         (self.camera, *others), space = ARGUMENTS["cameras"], env.observation_space
         self.single = not others
-        if self.single:  # LeRobot's policies expect observation.images.CAMERA, and would be given observation.image
+        if self.single:  # LeRobot's policies expect observation.images.CAMERA, and would get observation.image
             self.observation_space = gym.spaces.Dict(
                 {**space, "pixels": gym.spaces.Dict({self.camera: space["pixels"]})}
             )
@@ -49,7 +49,7 @@ class LeRobotEnv(gym.ObservationWrapper):
 
 
 def make_one(task: str, control_hz: int) -> gym.Env:
-    """One environment; the id names its module, which another process has yet to import."""
+    """Make one environment; its id names the module, which a new process has not imported yet."""
     return LeRobotEnv(gym.make(f"embodiedreamer_gym:EmbodieDreamer/{task}-v0", control_hz=control_hz, **ARGUMENTS))
 
 

@@ -1,4 +1,4 @@
-"""Entries that come with the package: each file has `answer`, which makes a `Finding` of a `Task`."""
+"""Entries that come with the package: each file defines `answer`, which returns a `Finding` for a `Task`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ENTRIES = {  # name -> file
 def load_entry(name: str) -> Callable[[Task], Finding]:
     """The function of an entry.
 
-    Raises: EmbodieDreamerError for an unknown name, MissingExtraError where it needs a package that is not installed.
+    Raises: EmbodieDreamerError for an unknown name, MissingExtraError if it needs a package that is not installed.
     """
     if name not in ENTRIES:
         raise EmbodieDreamerError(f"there is no entry '{name}'; there are {', '.join(ENTRIES)}.")

@@ -1,4 +1,4 @@
-"""Gradient-boosted trees on the nominal model's error: a correction that names nothing."""
+"""Gradient-boosted trees on the nominal model's error: a correction that names no effect."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LAGS = (0.05, 0.2)  # s
 
 
 def answer(task: Task) -> Finding:
-    """Learn measured less nominal from what the nominal run does now and did a little before; one regressor a joint."""
+    """Learn measured minus nominal from the nominal run, at each sample and shortly before; one regressor per joint."""
     regressor = _regressor()
     logs = [*task.train, *task.test]
     runs = [features(task, log) for log in logs]

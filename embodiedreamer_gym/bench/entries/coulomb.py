@@ -1,4 +1,4 @@
-"""Always Coulomb friction: every joint gets it, whatever the recordings show."""
+"""An entry that always names Coulomb friction on every joint, whatever the recordings show."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ NAME = "coulomb_friction"
 
 
 def answer(task: Task) -> Finding:
-    """Name it with the values of a fit."""
+    """Name Coulomb friction with fitted values."""
     model = add_effect(task.model, NAME, task.train, task.test).after.model
     return Finding("missing", (named(model, NAME),), task.predictions(model))

@@ -10,10 +10,10 @@ from embodiedreamer_gym.effects import CATALOGUE
 
 
 def answer(task: Task) -> Finding:
-    """Diagnose the model; where nothing is named, the calibrated model (or that with the closest effect) predicts."""
+    """Diagnose the model; if no effect is named, predict with the calibrated model or the closest effect."""
     known = {name: kind for name, kind in CATALOGUE.items() if name in task.effects}
     found = diagnose(task.model, task.train, task.test, catalogue=known, jobs=1)
-    own = {effect.name for effect in found.model.effects}  # of a tie only one
+    own = {effect.name for effect in found.model.effects}  # for a tie, only one of its effects
     effects = tuple(
         named(found.model, name, found.members.get(name)) if name in own else NamedEffect(name, found.members.get(name))
         for name in found.effects

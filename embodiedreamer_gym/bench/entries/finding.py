@@ -1,4 +1,4 @@
-"""What an entry finds in a case."""
+"""Result of an entry for a case."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Finding:
 
 
 def named(model: RobotModel, effect: str, probability: float | None = None) -> NamedEffect:
-    """An effect of a model with its values and, where the last fit gave some, its intervals."""
+    """An effect of a model with its values and, if the last fit computed them, its intervals."""
     parameters: dict[str, dict[str, dict[str, float]]] = {}
     for row in model.parameters().of_effect(effect):
         ends = {} if row.interval is None else {"low": float(row.interval[0]), "high": float(row.interval[1])}

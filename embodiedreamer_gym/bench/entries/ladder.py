@@ -1,4 +1,4 @@
-"""A ladder of least squares: one more term for all joints, as long as it lowers the torque error on held-out recordings."""
+"""Stepwise least squares: terms are added for all joints if they lower the torque error on held-out recordings."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from embodiedreamer_gym.bench.entries.finding import Finding
 from embodiedreamer_gym.bench.task import Task
 
 RUNGS = ((r.GAIN, r.VISCOUS), ("sign v",), ("1",), ("q",), ("v|v|",), (r.INERTIA,))
-LOWER = 0.9  # of the error below, that a rung must not exceed
+LOWER = 0.9  # multiple of the previous error that must be reached to keep a term
 
 
 def answer(task: Task) -> Finding:
-    """Gains and viscous friction, then dry friction, bias, spring, drag and inertia, each kept if it lowers the error by a tenth."""
+    """Fit gains and viscous friction, then add dry friction, bias, spring, drag and inertia.
+
+    Each is kept if it lowers the error by at least 10 %.
+    """
     rest, columns = r.left_over(task, task.train)
     held, seen = r.left_over(task, task.test)
     kept: tuple[str, ...] = ()

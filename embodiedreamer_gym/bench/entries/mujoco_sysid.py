@@ -1,6 +1,6 @@
-"""MuJoCo's own toolbox, `mujoco.sysid`, with a list of structures made by hand: each is fitted, the best on held-out recordings is named.
+"""MuJoCo's toolbox, `mujoco.sysid`, with a manual list of structures; the best one on held-out recordings is named.
 
-It simulates forward from commands, so it has no answer to recordings without them.
+It simulates forward from commands, so it gives no answer for recordings without commands.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from embodiedreamer_gym.engines.mujoco.library import mujoco
 from embodiedreamer_gym.errors import MissingExtraError
 from embodiedreamer_gym.recordings import Recording
 
-SECONDS = 3.0  # of each recording that a fit sees
+SECONDS = 3.0  # s of each recording used in a fit
 ITERATIONS = 6
-FACTORS = (0.1, 10.0)  # least and most, on stiffness, damping and viscous friction
-LOWER = 0.9  # of the error without a structure, that it must not exceed to be named
+FACTORS = (0.1, 10.0)  # bounds of the factors on stiffness, damping and viscous friction
+LOWER = 0.9  # multiple of the error without a structure that a structure must reach to be named
 
 
 @dataclass(frozen=True)
 class Structure:
-    """One effect: its parameter, the bounds of its value, how it is written, and whether it is one number for all joints."""
+    """One effect: parameter, bounds, function that writes its value, and whether it is one number for all joints."""
 
     effect: str
     parameter: str
@@ -85,7 +85,7 @@ STRUCTURES = (
 
 
 def answer(task: Task) -> Finding:
-    """Fit gains and damping, then each structure beside them; name the best where it lowers the held-out error by a tenth."""
+    """Fit gains and damping, then each structure in addition; name the best if the held-out error falls by 10 %."""
     sysid = _toolbox()
     if task.signal == "effort":
         return Finding(None)
@@ -101,7 +101,10 @@ def answer(task: Task) -> Finding:
 
 
 class _Fit:
-    """The nominal MJCF with factors (3 n,) on stiffness, damping and viscous friction, and one structure; fitted to the training part."""
+    """The nominal MJCF fitted to the training recordings.
+
+    Parameters are factors (3 n,) on stiffness, damping and viscous friction, and those of one structure.
+    """
 
     def __init__(self, task: Task, sysid: Any, structure: Structure | None, start: np.ndarray) -> None:
         self.structure, self.sysid, self.joints = structure, sysid, list(task.model.joints)
@@ -127,7 +130,7 @@ class _Fit:
         )  # fmt: skip
         residual = sysid.build_residual_fn(models_sequences=[sequences], build_model=self._build, n_threads=1)
         parameters.move_off_bounds()
-        with redirect_stdout(io.StringIO()):  # of the solver, whatever `verbose` says
+        with redirect_stdout(io.StringIO()):  # the solver prints even if `verbose` is false
             self.fitted, result = sysid.optimize(parameters, residual, max_iters=ITERATIONS, verbose=False)
         parts, _, _ = residual(result.x, self.fitted)
         _, self.half = sysid.calculate_intervals([np.ravel(part) for part in parts], np.asarray(result.jac))
@@ -169,7 +172,7 @@ class _Fit:
         return float(np.sqrt((rests**2).mean(axis=0)).mean())
 
     def effect(self, structure: Structure, tip: str) -> NamedEffect:
-        """The structure as an effect: on the joints whose 95 % interval is away from zero, or on the end effector."""
+        """The structure as an effect: on the joints whose 95 % interval excludes zero, or on the end effector."""
         values, half = self.fitted["effect"].value, self.half[-self.fitted["effect"].size :]
         places = [tip] if structure.effect == "payload" else self.joints
         pairs = list(zip(np.broadcast_to(values, len(places)), np.broadcast_to(half, len(places)), strict=True))
@@ -180,7 +183,7 @@ class _Fit:
 
 
 def _specification(task: Task, structure: Structure | None) -> Any:
-    """The case's MJCF with a sensor of each joint's position; with a filter before the servos where the structure is one."""
+    """The case's MJCF with a position sensor at each joint, and filters before the servos if the structure is one."""
     spec = mujoco.MjSpec.from_file(str(task.folder / "arm.xml"))
     for name in task.model.joints:
         spec.add_sensor(

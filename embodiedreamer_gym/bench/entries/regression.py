@@ -1,7 +1,8 @@
-"""Torques that the nominal model leaves over, as sums of terms with one coefficient a joint.
+"""Residual torques of the nominal model, as sums of terms with one coefficient per joint.
 
-The torque that the servo law gives for the logged command (or the logged effort, where there is no command) less what the
-nominal model needs for the measured motion, both smoothed alike. Positive means that the robot resists more.
+A residual torque is the torque of the servo law for the logged command (or the logged effort, if there is no command)
+minus the torque that the nominal model needs for the measured motion, both smoothed in the same way. A positive value
+means that the robot resists more.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from embodiedreamer_gym.simulation import run_sets
 
 Array = np.ndarray
 Columns = Mapping[str, Array]
-SLOW = 0.02  # rad/s, over which a dry friction turns round
+SLOW = 0.02  # rad/s, over which dry friction changes sign
 GAIN, VISCOUS, INERTIA, SINE = "torque", "v", "a", "sin q"
 TERMS: dict[str, Callable[[Array, Array, Array, Array], Array]] = {  # of position, velocity, acceleration, torque
     GAIN: lambda q, v, a, torque: torque,
@@ -31,7 +32,7 @@ TERMS: dict[str, Callable[[Array, Array, Array, Array], Array]] = {  # of positi
     "v|v|": lambda q, v, a, torque: v * np.abs(v),
     INERTIA: lambda q, v, a, torque: a,
 }
-PARAMETERS = {  # term -> effect, parameter, its sign in the sum; the others change the servo or what a joint carries
+PARAMETERS = {  # term -> effect, parameter, sign in the sum; the other terms change the servo or the load
     "sign v": ("coulomb_friction", "torque", 1.0),
     "1": ("torque_bias", "torque", -1.0),
     "q": ("joint_spring", "stiffness", 1.0),
@@ -39,11 +40,11 @@ PARAMETERS = {  # term -> effect, parameter, its sign in the sum; the others cha
     INERTIA: ("rotor_inertia", "inertia", 1.0),
 }
 POSITIVE = ("sign v", "v|v|", INERTIA, "q")
-VISIBLE = 0.05  # of a joint's torque (rms), from which on a term's part counts
+VISIBLE = 0.05  # share of a joint's torque (rms) above which a term counts
 
 
 class SineLoad(SignalLaw):
-    """A load that grows with the sine of the joint's angle."""
+    """A load that is proportional to the sine of the joint's angle."""
 
     name = "sine_load"
     stage = "load"
@@ -54,12 +55,12 @@ class SineLoad(SignalLaw):
 
     @staticmethod
     def law(signal, joint, memory, p):
-        """Take the load (B, n) N m away."""
+        """Subtract the load (B, n) in N m."""
         return signal - p.torque * np.sin(joint.position), memory
 
 
 def left_over(task: Task, recordings: Sequence[Recording]) -> tuple[Array, dict[str, Array]]:
-    """Torque (T, n) that is left over in recordings, and the terms' columns (T, n) there."""
+    """Residual torque (T, n) of recordings, and the columns (T, n) of the terms."""
     rests, parts = [], []
     for log in recordings:
         motion = smooth_motion(log)
@@ -81,7 +82,10 @@ def servo_torque(model: RobotModel, log: Recording, velocity: Array) -> Array:
 
 
 def solve(rest: Array, columns: Columns, chosen: Array) -> Array:
-    """Coefficients (terms, n) of the terms chosen (terms, n) bool by ridge regression; what must be positive and is not becomes zero."""
+    """Coefficients (terms, n) of the chosen terms (terms, n) bool, by ridge regression.
+
+    Coefficients that must be positive but are negative are set to zero.
+    """
     found = np.zeros(chosen.shape)
     for j in range(rest.shape[1]):
         use = chosen[:, j].copy()
@@ -109,14 +113,14 @@ def explained(columns: Columns, coefficients: Array) -> Array:
 
 
 def shares(columns: Columns, coefficients: Array) -> Array:
-    """Part (terms, n) of each term, rms, of the joint's torque."""
+    """Rms (terms, n) of each term relative to the joint's torque."""
     size = np.sqrt((columns[GAIN] ** 2).mean(axis=0))
     rms = np.stack([np.sqrt((column**2).mean(axis=0)) for column in columns.values()])
     return np.abs(coefficients) * rms / size
 
 
 def effects_of(task: Task, columns: Columns, coefficients: Array) -> tuple[NamedEffect, ...]:
-    """The effects that stand for the terms whose part is visible, with their values on the joints where it is."""
+    """The effects of the terms whose share is visible, with their values on the joints where it is visible."""
     part, found = shares(columns, coefficients), []
     for k, name in enumerate(columns):
         joints = np.flatnonzero(part[k] >= VISIBLE)
@@ -128,7 +132,7 @@ def effects_of(task: Task, columns: Columns, coefficients: Array) -> tuple[Named
 
 
 def predictions(task: Task, columns: Columns, coefficients: Array) -> dict[str, Array]:
-    """Predictions of the nominal model with the terms as effects; a gain scales the servo, or the effort that is shown."""
+    """Predictions of the nominal model with the terms as effects; a gain scales the servo or the logged effort."""
     value = dict(zip(columns, coefficients, strict=True))
     gain = np.clip(1.0 - value[GAIN], 0.2, 5.0)
     model = task.model.with_(

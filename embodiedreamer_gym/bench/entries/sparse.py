@@ -1,6 +1,6 @@
 """Sparse regression on a library of terms, by sequentially thresholded ridge regression (STLSQ).
 
-Source: Brunton, Proctor and Kutz, PNAS 113, 2016 (SINDy), on the torques that the nominal model leaves over.
+Source: Brunton, Proctor and Kutz, PNAS 113, 2016 (SINDy), applied to the residual torques of the nominal model.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ ROUNDS = 10
 
 
 def answer(task: Task) -> Finding:
-    """Fit all terms, drop those whose part of the torque is below 5 %, fit again, until nothing is dropped."""
+    """Fit all terms, drop those with a share below 5 % of the torque, and fit again, until no term is dropped."""
     rest, columns = r.left_over(task, [*task.train, *task.test])
     chosen = np.ones((len(columns), rest.shape[1]), bool)
     coefficients = r.solve(rest, columns, chosen)

@@ -1,4 +1,4 @@
-"""A picture of a motion before it runs on somebody's hardware."""
+"""Figure of a proposed motion, to check it before it runs on hardware."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ COLUMNS = 3
 
 
 def dry_run(proposal: Proposal) -> Figure:
-    """Each joint's command within its limits, what the two models would do differently, and the paths of the tips."""
+    """Each joint's command within its limits, the difference of the two models, and the end effectors' paths."""
     model, n = proposal.models[0], len(proposal.joints)
     rows = int(np.ceil(n / COLUMNS))
     figure = Figure(figsize=(WIDTH, 1.5 * rows + 5.2), layout="constrained")
@@ -50,7 +50,7 @@ def _difference(proposal: Proposal, axes) -> None:
 
 
 def _paths(proposal: Proposal, axes) -> None:
-    """Height of each end effector over its distance from the robot's root."""
+    """Height of each end effector against its distance from the robot's root."""
     model = proposal.models[0]
     for k, tip in enumerate(model.tree.tips):
         chain = Kinematics(model, tip)

@@ -1,4 +1,4 @@
-"""Pictures of where a model's error lies: data in, matplotlib Figure out, no global state."""
+"""Figures of a model's error: each function takes data and returns a matplotlib Figure, without global state."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from embodiedreamer_gym.diagnosis.report.drawing import AFTER, BAND, BEFORE, GRE
 from embodiedreamer_gym.io.tables import MILLI
 
 WINDOW = 8.0  # s of a recording that an overlay shows
-SHOWN = 3  # joints of an overlay
+SHOWN = 3  # joints in an overlay
 
 
 def worst_joints(
     comparison: Comparison, model: int = 0, at_fault: Sequence[str] = (), most: int = SHOWN
 ) -> list[int]:  # fmt: skip
-    """Columns of the joints to show: those at fault, then those in which a model fails most, in units of their noise."""
+    """Columns of the joints to show: those at fault, then those with the largest error in units of their noise."""
     chi2 = np.nan_to_num(comparison.joint_chi2[model], nan=-1.0)
     first = np.array([joint in at_fault for joint in comparison.joints])
     return [int(j) for j in np.lexsort((-chi2, ~first))[:most] if chi2[j] >= 0]
 
 
 def overlay(comparison: Comparison, joints: Sequence[int], before: int = 0) -> Figure:
-    """Measured motion of joints beside that of a model `before` and the last one; at the right their errors.
+    """Measured motion of joints with that of model `before` and of the last model; on the right their errors.
 
-    A grey band is two standard deviations of the sensor's noise to either side.
+    The grey band is +-2 standard deviations of the sensor noise.
     """
     figure = Figure(figsize=(WIDTH, 0.5 + 1.9 * len(joints)), layout="constrained")
     grid = figure.subplots(len(joints), 2, squeeze=False)
@@ -75,7 +75,7 @@ def _simulated(comparison: Comparison, model: int) -> list[np.ndarray]:
 
 
 def _worst_window(comparison: Comparison, joint: int, model: int) -> tuple[int, slice]:
-    """Recording and rows in which a model's error in a joint is largest."""
+    """Recording and rows in which a model's error at a joint is largest."""
     best, place = -1.0, (0, slice(0, len(comparison.recordings[0].time)))
     errors, usable = comparison.errors(model), comparison.signals.usable
     for run, recording in enumerate(comparison.recordings):
@@ -89,7 +89,7 @@ def _worst_window(comparison: Comparison, joint: int, model: int) -> tuple[int, 
 
 
 def heat_map(comparison: Comparison, before: int = 0) -> Figure:
-    """chi2/n by joint and regime, of a model `before` and of the last one."""
+    """chi2/n by joint and regime, for model `before` and for the last model."""
     models = sorted({before, len(comparison.labels) - 1})
     joints = len(comparison.joints)
     figure = Figure(figsize=(WIDTH, max(1.1 + 0.3 * joints, 2.0)), layout="constrained")

@@ -1,4 +1,4 @@
-"""The report: one self-contained HTML page, its pictures inside, readable without JavaScript."""
+"""The report: one self-contained HTML page with embedded figures, readable without JavaScript."""
 
 from __future__ import annotations
 
@@ -42,12 +42,13 @@ def write_report(
     models: Sequence[RobotModel] = (),
     links: Mapping[str, str] = MappingProxyType({}),
 ) -> Path:
-    """Write index.html into a folder and return its path; an older page stays when writing fails.
+    """Write index.html into a folder and return its path; an older page is kept if writing fails.
 
-    Any of the results may be left out. Without a comparison, `models` (of a diagnosis: its nominal, calibrated and
-    better model) are compared on `recordings`, where there are any, but for those that the diagnosis learned from.
-    links: text -> file beside the page.
-    Raises: EmbodieDreamerError when there is nothing to report or the folder cannot be written to.
+    Any of the results may be left out. Without a comparison, `models` (by default the nominal, calibrated and final
+    model of a diagnosis) are compared on `recordings`, if there are any, except for those that the diagnosis was also
+    fitted to.
+    links: text -> file in the same folder as the page.
+    Raises: EmbodieDreamerError if there is nothing to report or the folder cannot be written to.
     """
     if diagnosis:
         recordings = [recording for recording in recordings if recording.name not in diagnosis.learned_from]
@@ -74,7 +75,7 @@ def write_report(
 
 
 def _code(text: str) -> Markup:
-    """Escaped text in which what stands between backquotes is code."""
+    """Escaped text, with the parts between backquotes as code."""
     return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
@@ -132,7 +133,7 @@ def _context(
 
 
 def _of_diagnosis(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What the page shows of a diagnosis."""
+    """The values that the page shows of a diagnosis."""
     data, error, guessed = diagnosis.as_dict(), diagnosis.error, diagnosis.gains_guessed
     names = {**STEPS, "nominal": f"nominal ({GUESSED})" if guessed else "nominal"}
     ranking = sorted(
@@ -158,7 +159,7 @@ def _of_diagnosis(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _of_comparison(comparison: Comparison, before: int, at_fault: Sequence[str]) -> dict[str, Any]:
-    """What the page shows of a comparison, for a model `before` and the last one."""
+    """The values that the page shows of a comparison, for model `before` and the last one."""
 
     def label(name: str) -> str:
         return f"{name} ({GUESSED})" if name in comparison.gains_guessed else name
@@ -183,7 +184,7 @@ def _of_comparison(comparison: Comparison, before: int, at_fault: Sequence[str])
 
 
 def _at_end(millimetres: float | None) -> str:
-    """The error at the end effector, where there is one."""
+    """The error at the end effector, "" if there is none."""
     return (
         f"{number(millimetres)} mm at the end effector" if millimetres is not None and np.isfinite(millimetres) else ""
     )

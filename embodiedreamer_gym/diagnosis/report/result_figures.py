@@ -1,4 +1,4 @@
-"""Pictures of a diagnosis' results: how the error falls, which effects were tried, the parameters' intervals."""
+"""Figures of a diagnosis: the fall of the error, the effects that were tried, the parameters' intervals."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SPREAD = 1.96  # standard errors to either side: 95 % of a normal distribution
 
 
 def staircase(steps: Sequence[tuple[str, float]], noise: float, unit: str = "mrad") -> Figure:
-    """Error of each step (label, error) beside the noise; unit: of a thousandth of it."""
+    """Error of each step (label, error), with the noise; unit: name of a thousandth of the error's unit."""
     figure = Figure(figsize=(WIDTH, 3.1), layout="constrained")
     axes = figure.subplots()
     levels = [1e3 * error for _, error in steps]
@@ -49,7 +49,7 @@ def staircase(steps: Sequence[tuple[str, float]], noise: float, unit: str = "mra
 
 
 def ranking(entries: Sequence[Ranked], named: Sequence[str], most: int = 15) -> Figure:
-    """Held-out chi2/n of the effects tried, in the order given, and their gains' intervals; the named ones are marked."""
+    """Held-out chi2/n of the tried effects in the given order, and their gains' intervals; named ones are marked."""
     entries = entries[:most]
     figure = Figure(figsize=(WIDTH, 0.9 + 0.27 * len(entries)), layout="constrained")
     axes, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
@@ -79,7 +79,7 @@ def ranking(entries: Sequence[Ranked], named: Sequence[str], most: int = 15) -> 
 
 
 def intervals(rows: Sequence[ParameterRow], columns: int = 3) -> Figure:
-    """Values with their 95 % intervals, a panel for each group of parameters."""
+    """Values with their 95 % intervals, one panel for each group of parameters."""
     groups: dict[str, list[ParameterRow]] = {}
     for row in rows:
         groups.setdefault(str(row.key.group), []).append(row)

@@ -23,17 +23,17 @@ FALSE_ALARMS, FAULTLESS = 0, 76
 
 
 def effect_name(name: str) -> str:
-    """An effect's name for reading."""
+    """An effect's name with spaces."""
     return name.replace("_", " ")
 
 
 def percent(share: float) -> str:
-    """A share as "48 %", which no line breaks."""
+    """A share as "48 %", with a space that does not break."""
     return f"{100 * share:.0f}{PERCENT}"
 
 
 def with_interval(value: float, error: float) -> str:
-    """A value and its 95 % interval of so many standard errors, as "3.00 [2.80, 3.20]"."""
+    """A value and its 95 % interval from the standard error, as "3.00 [2.80, 3.20]"."""
     return f"{number(value)} [{number(value - SPREAD * error)}, {number(value + SPREAD * error)}]"
 
 
@@ -43,14 +43,14 @@ def listed(names: Sequence[str], word: str = "and") -> str:
 
 
 def on_joints(names: Sequence[str]) -> str:
-    """Where an effect acts; joints too many to read are counted."""
+    """Where an effect acts; if there are too many joints to read, their number."""
     if not names:
         return ""
     return f" on {listed(names)}" if len(names) <= READABLE else f" on {len(names)} joints"
 
 
 def verdict_sentence(data: Mapping[str, Any]) -> str:
-    """One sentence from a diagnosis' JSON."""
+    """The verdict as one sentence, from a diagnosis' JSON."""
     error, unit = data["error"], data["error"]["unit"]
     effects = [f"{effect_name(e)}{on_joints(data['joints'].get(e, []))}" for e in data["effects"]]
     floor = f"sensor noise is {milli(error['noise'], unit)}"
@@ -77,7 +77,7 @@ def verdict_sentence(data: Mapping[str, Any]) -> str:
 
 
 def _is_inexact(data: Mapping[str, Any]) -> bool:
-    """Whether a single effect that is named leaves a little more than faultless robots have."""
+    """Whether a single named effect leaves a little more error than faultless robots have."""
     return len(data["effects"]) == 1 and EXACT < data.get("excess", 0.0) <= INEXACT
 
 
@@ -91,7 +91,7 @@ def next_step(data: Mapping[str, Any], sentence: str) -> str:
 
 
 def alarm_sentence(data: Mapping[str, Any]) -> str:
-    """How likely a faultless robot is to do as badly as this one."""
+    """The probability that a faultless robot has an error as large as this one."""
     chance = f"of {data['p_value']:.3f}" if data["p_value"] >= 5e-4 else "below 0.001"
     return (
         f"If the model lacked no effect and its masses were 2{PERCENT} off, an error as large as this would have a probability "

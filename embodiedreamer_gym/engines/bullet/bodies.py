@@ -1,9 +1,9 @@
-"""A robot model as the bodies PyBullet simulates: one URDF for each arm, and the rotors' inertia for its links.
+"""A robot model as bodies for PyBullet: one URDF for each arm, with the rotors' inertia added to its links.
 
-An arm of its own is a fifth faster than a body with two arms, and arms of different bodies collide. In free motion the
-torque of each step undoes whatever inertia the bodies have; in contact a link must resist as its geared rotor does, or a
-gripper would close on a cup with a sixth of its force. PyBullet takes no inertia about one axis alone (it breaks the
-triangle rule), so a rotor adds to all three.
+One body per arm is a fifth faster than one body with two arms, and arms in different bodies collide. In free motion,
+the torque of each step compensates for any inertia of the bodies. In contact, a link must resist as its geared rotor
+does; otherwise a gripper would close on a cup with a sixth of its force. PyBullet does not accept inertia about a
+single axis (it violates the triangle inequality), so a rotor adds to all three.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ FIXED = "fixed"
 
 @dataclass(frozen=True)
 class ArmBody:
-    """One body for PyBullet: its URDF and the links to which that gives no mass (PyBullet would make it 1 kg)."""
+    """One body for PyBullet: its URDF, and the links without a mass in it (PyBullet would set 1 kg)."""
 
     urdf: str
     weightless: frozenset[str]
 
 
 def arm_bodies(model: RobotModel) -> tuple[ArmBody, ...]:
-    """URDF of each arm, cut where the arms leave the static part of the robot; meshes by absolute path."""
+    """The robot cut into one URDF for each arm, where the arms leave its static part; meshes have absolute paths."""
     root = read_xml(model.urdf)
     resolve_meshes(root, model.urdf)
     return tuple(ArmBody(_write(part), _weightless(part)) for part in _cut(root))
 
 
 def bullet_mechanics(model: RobotModel) -> Mechanics:
-    """Masses and inertias of those bodies: the URDF's, and each rotor's share on the link that it moves."""
+    """Masses and inertias of these bodies: the URDF's, plus each rotor's share on the link that it moves."""
     tree, rotor = model.tree, rotor_shares(model)
     mechanics = model.nominal_mechanics
     mass, moment, inertia = mechanics.mass.copy(), mechanics.first_moment.copy(), mechanics.inertia.copy()
@@ -56,7 +56,7 @@ def bullet_mechanics(model: RobotModel) -> Mechanics:
 
 
 def _cut(root: Element) -> Iterator[Element]:
-    """The robot once for each branch of moving links; a static link's shapes go with the branch that grows on it."""
+    """One copy of the robot for each branch of moving links; a static link's shapes stay with the branch on it."""
     joints = root.findall("joint")
     children: dict[str, list[Element]] = {}
     for joint in joints:

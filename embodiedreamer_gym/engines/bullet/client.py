@@ -1,4 +1,4 @@
-"""PyBullet, imported in one place: without its banner, and with a sentence where it is absent or installed twice."""
+"""Imports PyBullet without its banner, with a clear error if it is missing and a warning if it is installed twice."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from importlib import metadata
 from embodiedreamer_gym.errors import MissingExtraError
 from embodiedreamer_gym.io.quiet import silenced
 
-BUILDS = ("pybullet", "pybullet-arm64")  # two distributions of one module
+BUILDS = ("pybullet", "pybullet-arm64")  # two distributions of the same module
 
 try:
     with silenced():  # it prints its build time
@@ -43,7 +43,7 @@ warn_of_two_builds()
 
 
 class World(BulletClient):
-    """A PyBullet world of its own in this process, without a window; the plain client prints a line when it connects."""
+    """A separate PyBullet world in this process, without a window; a plain BulletClient prints when it connects."""
 
     def __init__(self) -> None:
         self._shapes: dict = {}

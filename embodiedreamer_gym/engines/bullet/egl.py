@@ -1,7 +1,7 @@
-"""PyBullet's OpenGL renderer without a display: whether it can be loaded here, and whose turn it is to draw.
+"""PyBullet's OpenGL renderer without a display: checks whether it can be loaded, and manages its contexts.
 
-The plugin ends the process where it finds no driver, so another process tries it first. It also draws into whatever
-context is current: with two of them in one process, each has to be made current before it is used.
+The plugin ends the process if it finds no driver, so another process tries it first. It also draws into the current
+context: with two contexts in one process, each has to be made current before it is used.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.io.quiet import silenced
 
 PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri"  # Debian's names
-PLUGIN, ENTRY = "eglRenderer", "_eglRendererPlugin"  # a module of pybullet's wheel, its functions' suffix
+PLUGIN, ENTRY = "eglRenderer", "_eglRendererPlugin"  # a module of pybullet's wheel, suffix of its functions
 TRIAL = f"import pybullet as p, sys; p.connect(p.DIRECT); sys.exit(p.loadPlugin(sys.argv[1], {ENTRY!r}) < 0)"
 TRIAL_TIME = 60.0  # s
-LARGEST = (1024, 768)  # pixels of its buffer; a larger picture would be this one blown up
+LARGEST = (1024, 768)  # pixels of its buffer; a larger picture would be upscaled from it
 DRAW, READ = 0x3059, 0x305A  # EGL_DRAW, EGL_READ
 
 
 def plugin_path() -> str | None:
-    """Where pybullet's plugin lies, or None on a system for which it has none."""
+    """Path of pybullet's plugin; None on a system without one."""
     found = importlib.util.find_spec(PLUGIN)
     return None if found is None else found.origin
 
 
 @functools.cache
 def is_available() -> bool:
-    """Whether the plugin finds a driver here, tried once in a process of its own."""
+    """Whether the plugin finds a driver, tested once in a separate process."""
     path = plugin_path()
     if path is None:
         return False
@@ -49,7 +49,7 @@ def fits(size: tuple[int, int]) -> bool:
 
 
 class EglContext:
-    """The plugin in one PyBullet world, which must hold no body yet: it would never be drawn.
+    """The plugin in one PyBullet world, which must not have bodies yet, as they would not be drawn.
 
     Raises: SimulationError when there are bodies, or the plugin cannot be loaded.
     """
@@ -76,9 +76,9 @@ class EglContext:
         )  # fmt: skip
 
     def make_current(self) -> None:
-        """Let OpenGL draw here from now on, in this thread.
+        """Make this context current in this thread.
 
-        Raises: SimulationError when it is closed, or another thread draws here.
+        Raises: SimulationError when it is closed, or in use by another thread.
         """
         if self._plugin < 0:
             raise SimulationError("renderer 'egl' is closed; make another, for another world.")
@@ -86,7 +86,7 @@ class EglContext:
             raise SimulationError("renderer 'egl' is in use by another thread; make one environment for each thread.")
 
     def close(self) -> None:
-        """Unload the plugin; twice does no harm."""
+        """Unload the plugin; safe to call twice."""
         if self._client.isConnected() and self._plugin >= 0:
             self.make_current()
             with silenced():
@@ -95,7 +95,7 @@ class EglContext:
 
 
 def _library() -> ctypes.CDLL:
-    """The EGL that the plugin has loaded."""
+    """The EGL library that the plugin has loaded."""
     egl = ctypes.CDLL("libEGL.so.1")
     for function in (egl.eglGetCurrentDisplay, egl.eglGetCurrentSurface, egl.eglGetCurrentContext):
         function.restype = ctypes.c_void_p

@@ -1,4 +1,4 @@
-"""The PyBullet engine: a table with props, PyBullet's contacts, and a reset that forgets the past."""
+"""The PyBullet engine: a table with props, PyBullet's contacts, and a reset that is independent of the past."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FAR = 50.0  # m
 GROUND = 5.0  # m, half the edge of the ground
 PADS = {"lateralFriction": FINGER_FRICTION, "spinningFriction": TIP_SPIN, "rollingFriction": TIP_ROLL}
 REST = {"spinningFriction": 0.001, "rollingFriction": 0.0001}  # without the latter, a pen creeps by 3 mm in 10 s
-TOUCH = 1e-3  # m between two bodies that touch
+TOUCH = 1e-3  # m: bodies at a smaller distance touch
 
 
 class BulletEngine(PlantEngine):
@@ -71,7 +71,7 @@ class BulletEngine(PlantEngine):
         self._lay_ground()
 
     def _load(self, prop: Prop) -> int:
-        """Load a prop; with `useMaximalCoordinates` it costs 10 us less, but no episode can be repeated bit for bit."""
+        """Load a prop; `useMaximalCoordinates` would save 10 us, but episodes would not be exactly repeatable."""
         with tempfile.TemporaryDirectory() as folder:
             for name, text in prop.files().items():
                 (Path(folder) / name).write_text(text, encoding="utf-8")
@@ -91,7 +91,7 @@ class BulletEngine(PlantEngine):
         raise KeyError(joint)
 
     def _lay_ground(self) -> None:
-        """Ground below the table, which no camera draws: what is pushed off would fall for ever."""
+        """Add an invisible ground below the table, so that props pushed off the table do not fall for ever."""
         client = self.client
         box = client.createCollisionShape(pybullet.GEOM_BOX, halfExtents=(GROUND, GROUND, 0.1))
         # Without a visual shape PyBullet would draw the collision shape; this one is a speck inside it.
@@ -100,10 +100,10 @@ class BulletEngine(PlantEngine):
 
     def reset(self, position: np.ndarray, velocity: np.ndarray, command: np.ndarray, poses: Mapping[str, Pose],
               sets: Sets | None = None, rng: np.random.Generator | None = None) -> None:  # fmt: skip
-        """Put robot and props in place, whatever went before.
+        """Place robot and props, independently of the past.
 
-        PyBullet keeps contact points of the last step, from which the next one starts: moved far apart and looked at
-        once, the bodies lose them, so that the same reset gives the same episode bit for bit.
+        PyBullet keeps the contact points of the last step for the next one. To remove them, the props are first moved
+        far apart and collisions are detected once, so that the same reset gives exactly the same episode.
         """
         self.clear()
         self.plant.reset(position, velocity, command, sets)
@@ -119,12 +119,12 @@ class BulletEngine(PlantEngine):
             self.client.resetBasePositionAndOrientation(body, (FAR * (i + 1), FAR, FAR), (0, 0, 0, 1))
 
     def _put(self, body: int, prop: Prop, pose: Pose) -> None:
-        """Place a prop; PyBullet wants the pose of its centre of mass."""
+        """Place a prop; PyBullet takes the pose of its centre of mass."""
         place = pose.position + pose.rotation @ prop.centre
         self.client.resetBasePositionAndOrientation(body, place.tolist(), pose.quaternion.tolist())
 
     def pose(self, prop: str) -> Pose:
-        """Where a prop is."""
+        """Pose of a prop."""
         position, quaternion = self.client.getBasePositionAndOrientation(self.bodies[prop])
         centre = Pose(np.array(position), np.array(quaternion))
         return Pose(centre.position - centre.rotation @ self._props[prop].centre, centre.quaternion)
@@ -134,7 +134,7 @@ class BulletEngine(PlantEngine):
         return tuple(self.plant.links)
 
     def link_pose(self, link: str) -> Pose:
-        """Where the frame of a robot's link is."""
+        """Pose of the frame of a robot's link."""
         body, index = self.plant.links[link]
         if index < 0:
             position, quaternion = self.client.getBasePositionAndOrientation(body)
@@ -162,12 +162,12 @@ class BulletEngine(PlantEngine):
 
     @cached_property
     def hulls(self) -> np.ndarray:
-        """Hulls of the parts; PyBullet has a prop's frame at its centre of mass."""
+        """Hulls of the parts; in PyBullet, a prop's frame is at its centre of mass."""
         centres = {name: prop.centre for name, prop in self._props.items()}
         return part_hulls(self.model, self.settings.props, self.part_names, centres)
 
     def close(self) -> None:
-        """Disconnect; twice does no harm."""
+        """Disconnect; safe to call twice."""
         if self.client.isConnected():
             self.renderer.close()
             self.client.disconnect()

@@ -19,8 +19,8 @@ from embodiedreamer_gym.simulation.drive import TIME_STEP
 class BulletBodies:
     """The arms of a robot model in a PyBullet world.
 
-    PyBullet ignores URDF joint friction, knows no rotor inertia, damps joints explicitly, caches masses and gives
-    1 kg to a link without an inertial; so its motors and dampings are switched off and such links are made weightless.
+    PyBullet ignores URDF joint friction, has no rotor inertia, damps joints explicitly, caches masses and gives
+    1 kg to a link without an inertial. So its motors and damping are switched off, and such links are made weightless.
 
     ids: PyBullet's ids of the arms; links: link name -> (body, PyBullet's link index).
     """
@@ -28,7 +28,7 @@ class BulletBodies:
     def __init__(self, model: RobotModel, client: BulletClient, dt: float) -> None:
         self.model, self.client = model, client
         self._joint_states, self._drive_joints = client.getJointStates, client.setJointMotorControlArray
-        self._advance = client.stepSimulation  # looked up once: the client builds them anew at each call
+        self._advance = client.stepSimulation  # looked up once, as the client creates them at each access
         client.setTimeStep(dt)
         client.setGravity(0.0, 0.0, -9.81)
         self.links: dict[str, tuple[int, int]] = {}
@@ -50,7 +50,7 @@ class BulletBodies:
         self.mechanics = bullet_mechanics(model)
 
     def _load(self, part: ArmBody, path: Path, joints: dict[str, tuple[int, int]]) -> int:
-        """Load one arm, switch PyBullet's dampings off, and note its joints and links."""
+        """Load one arm, switch PyBullet's damping off, and record its joints and links."""
         path.write_text(part.urdf, encoding="utf-8")
         body = self.client.loadURDF(str(path), useFixedBase=True, flags=pybullet.URDF_USE_INERTIA_FROM_FILE)
         infos = [self.client.getJointInfo(body, j) for j in range(self.client.getNumJoints(body))]
@@ -67,7 +67,7 @@ class BulletBodies:
         return body
 
     def _switch_off(self) -> None:
-        """Disable PyBullet's own motors, of joints that stay at zero too."""
+        """Disable PyBullet's own motors, also of joints that stay at zero."""
         for body in self.ids:
             kinds = [self.client.getJointInfo(body, j)[2] for j in range(self.client.getNumJoints(body))]
             moving = [j for j, kind in enumerate(kinds) if kind != pybullet.JOINT_FIXED]
@@ -75,7 +75,7 @@ class BulletBodies:
             self.client.setJointMotorControlArray(body, moving, pybullet.VELOCITY_CONTROL, forces=idle)
 
     def _add_rotors(self) -> None:
-        """Give each driven link its share of rotor inertia, as `bullet_mechanics` counts it."""
+        """Give each driven link its share of rotor inertia, as in `bullet_mechanics`."""
         tree, shares = self.model.tree, rotor_shares(self.model)
         for body, ids, rows in self._calls:
             for joint, b in zip(ids, self.order[rows], strict=True):
@@ -106,7 +106,7 @@ class BulletBodies:
 
 
 class BulletPlant(Plant):
-    """A robot model in PyBullet; without a client it opens a world of its own."""
+    """A robot model in PyBullet; without a client, it opens its own world."""
 
     def __init__(self, model: RobotModel, client: BulletClient | None = None, dt: float = TIME_STEP) -> None:
         self._own = client is None
@@ -116,7 +116,7 @@ class BulletPlant(Plant):
         super().__init__(model, bodies, dt)
 
     def close(self) -> None:
-        """Disconnect, if the plant opened the connection itself; twice does no harm."""
+        """Disconnect if the plant opened the connection itself; safe to call twice."""
         if self._own and self.client.isConnected():
             self.client.disconnect()
 

@@ -1,4 +1,4 @@
-"""The renderers, which draw what a camera sees of a PyBullet world."""
+"""Draws pictures of a PyBullet world with TinyRenderer or OpenGL."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from embodiedreamer_gym.geometry.camera import Camera, Pose, rotation_matrix, wh
 
 Drawn = tuple[np.ndarray, np.ndarray, np.ndarray]
 Part = tuple[int, int]  # PyBullet's body and link
-LINK = 24  # bits to the left of which PyBullet's segmentation has the link + 1
+LINK = 24  # bit from which on PyBullet's segmentation has the link + 1
 BODY = (1 << LINK) - 1
 
 CHOICES = ("auto", "tiny", "egl")
-SMALL = 128 * 128  # pixels up to which TinyRenderer is as fast as OpenGL on a processor
-TINY_SHIFT = 0.5  # pixels to the right and up that TinyRenderer draws things: it looks at pixels' corners
-LIGHT_POSITION = (-3.0, 2.5, 5.0)  # m: over the robot's left shoulder; the head camera sees no glare on the table
-BACKGROUND = (214, 216, 220)  # RGB where nothing is; the renderers' own are white and lilac
-LIGHTS: dict[str, dict[str, Any]] = {  # of OpenGL: what its shader does, which nothing can change
+SMALL = 128 * 128  # pixels up to which TinyRenderer is as fast as OpenGL on a CPU
+TINY_SHIFT = 0.5  # pixels by which TinyRenderer shifts pictures to the right and up, as it samples pixels' corners
+LIGHT_POSITION = (-3.0, 2.5, 5.0)  # m: above the robot's left shoulder; the head camera sees no glare on the table
+BACKGROUND = (214, 216, 220)  # RGB of the background; the renderers' own colours are white and lilac
+LIGHTS: dict[str, dict[str, Any]] = {  # those of OpenGL are fixed in its shader
     "tiny": {"position": LIGHT_POSITION, "colour": (1.0, 1.0, 1.0), "ambient": 0.6, "diffuse": 0.4,
              "specular": 0.05, "shadow": False, "background": BACKGROUND},
     "egl": {"position": LIGHT_POSITION, "colour": (1.0, 1.0, 1.0), "ambient": 0.75, "diffuse": 0.25,
@@ -35,18 +35,18 @@ LIGHTS: dict[str, dict[str, Any]] = {  # of OpenGL: what its shader does, which 
 IDENTITY = tuple(np.eye(4).ravel())
 PAPER = np.array([*BACKGROUND, 255], np.uint8).view(np.uint32)[0]
 NO_HULLS = np.zeros((0, 0, 3), np.float32)
-ONE_TEXEL = (*([0.0] * 12), 0.5, 0.5, 1.0, 0.0)  # a projection that maps all the world to one point of a texture
+ONE_TEXEL = (*([0.0] * 12), 0.5, 0.5, 1.0, 0.0)  # a projection that maps the whole world to one point of a texture
 
 
 class Renderer:
-    """Draws a PyBullet world: by TinyRenderer on the processor, or by OpenGL (EGL), which needs a driver but no display.
+    """Draws a PyBullet world with TinyRenderer on the CPU, or with OpenGL (EGL), which needs a driver but no display.
 
-    The two light the world differently; `name` and `light` tell a data set which of them drew it. Bodies show their
-    colours, not textures, and no shadows. Make the renderer before bodies are loaded. Where several worlds of one
-    process draw by OpenGL, call `activate` before bodies are loaded or removed later, and `close` before disconnecting.
+    Their lights differ; `name` and `light` describe the one that is used, e.g. for data sets. Bodies have colours, but
+    no textures or shadows. Create the renderer before bodies are loaded. If several worlds of one process use OpenGL,
+    call `activate` before bodies are loaded or removed later, and `close` before disconnecting.
 
-    choice: tiny, egl, or auto: egl for pictures above 128 x 128 where it can be loaded; size: width, height.
-    Raises: SimulationError for another choice, or egl where it cannot be loaded or bodies are there already.
+    choice: tiny, egl, or auto: egl for pictures above 128 x 128 if it can be loaded; size: width, height.
+    Raises: SimulationError for another choice, or egl where it cannot be loaded or bodies exist already.
     """
 
     def __init__(self, client: BulletClient, choice: str = "auto", size: tuple[int, int] = (128, 96)) -> None:
@@ -66,7 +66,7 @@ class Renderer:
             "lightDiffuseCoeff": light["diffuse"], "lightSpecularCoeff": light["specular"],
         }  # fmt: skip
         self._flags, self._shift = 0, TINY_SHIFT
-        if wanted:  # the one mode of the plugin that draws no shadow map, which takes longer than the picture
+        if wanted:  # the plugin's only mode without a shadow map, which takes longer than the picture
             self._flags, self._shift = pybullet.ER_USE_PROJECTIVE_TEXTURE, 0.0
             self._fixed |= {"projectiveTextureView": IDENTITY, "projectiveTextureProj": ONE_TEXEL}
 
@@ -74,28 +74,28 @@ class Renderer:
         return f"Renderer({self.name!r})"
 
     def __del__(self) -> None:
-        """Leave other worlds' OpenGL alone when the client of this one disconnects."""
+        """Close the renderer, so that disconnecting this world's client does not affect the OpenGL of other worlds."""
         if getattr(self, "_context", None) is not None and not sys.is_finalizing():
-            with contextlib.suppress(SimulationError):  # another thread collects the garbage
+            with contextlib.suppress(SimulationError):  # garbage collection in another thread
                 self.close()
 
     @property
     def light(self) -> dict[str, Any]:
-        """Constants of the light, fit for JSON: position, m; shares of ambient, diffuse and specular light."""
+        """Constants of the light, JSON-compatible: position, m; shares of ambient, diffuse and specular light."""
         return {key: list(value) if isinstance(value, tuple) else value for key, value in LIGHTS[self.name].items()}
 
     def activate(self) -> None:
-        """Make ready for bodies to be loaded or removed."""
+        """Prepare for bodies to be loaded or removed."""
         if self._context is not None:
             self._context.make_current()
 
     def close(self) -> None:
-        """Let go of OpenGL; twice does no harm."""
+        """Release OpenGL; safe to call twice."""
         if self._context is not None:
             self._context.close()
 
     def rgb(self, camera: Camera, size: tuple[int, int], pose_of_link: Pose | None = None) -> np.ndarray:
-        """Colours (H, W, 3), uint8, of a picture of a size (width, height); pose_of_link: where the camera's link is.
+        """Colours (H, W, 3), uint8, of a picture of a size (width, height); pose_of_link: of the camera's link.
 
         Raises: SimulationError when the camera's link has no pose, or the picture is too large.
         """
@@ -107,8 +107,8 @@ class Renderer:
         """Colours, depth and classes of a picture of a size (width, height).
 
         pose_of_link: position (3,), m, and quaternion (4,) xyzw of the frame of the camera's link; classes: PyBullet's
-        body -> class number, 0 for those left out; parts: PyBullet's body and link (-1: the base) of those to be told apart;
-        hulls: of these parts, see `Frame`.
+        body -> class number, 0 for bodies left out; parts: PyBullet's body and link (-1: the base) of the parts to
+        number; hulls: of these parts, see `Frame`.
         Raises: SimulationError when the camera's link has no pose, the picture is too large or a class is not 0 .. 255.
         """
         numbers = _lookup(classes or {})
@@ -164,8 +164,8 @@ def _array(image: np.ndarray | tuple, size: tuple[int, int], kind: type[np.gener
 
 
 def _lookup(classes: Mapping[int, int]) -> np.ndarray:
-    """Class number (bodies + 2,), uint8, by PyBullet's body + 1; those not named are 0."""
-    table = np.zeros(max(classes, default=-1) + 3, np.uint8)  # one more, for bodies beyond the last one named
+    """Class number (bodies + 2,), uint8, by PyBullet's body + 1; 0 for bodies without a class."""
+    table = np.zeros(max(classes, default=-1) + 3, np.uint8)  # one more, for bodies beyond the last one in classes
     for body, number in classes.items():
         if not 0 <= number <= 255:
             raise SimulationError(f"class {number} of body {body} is not one of 0 .. 255.")

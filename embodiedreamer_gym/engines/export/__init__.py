@@ -1,4 +1,4 @@
-"""Calibrated models in other simulators' files: MJCF and URDF."""
+"""Exports calibrated models to files for other simulators: MJCF and URDF."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def export_model(
     timestep: float | None = None,
     recordings: Sequence[Recording] = (),
 ) -> Export:
-    """Write what a format can say of a model with its effects; what it cannot say is listed in the result and in the file.
+    """Write a model with the effects that a format can express; the others are listed in the result and in the file.
 
-    path: the file; meshes go into FILE_meshes beside it.
+    path: the file; meshes are copied into the folder FILE_meshes beside it.
     to: one of FORMATS.
-    timestep: s, of an MJCF; None: chosen by what the model contains.
+    timestep: s, of an MJCF; None: chosen from the model's effects.
     recordings: replayed in MuJoCo from the written file, and compared with the model's own rollouts.
-    Raises: ModelError for another format, what an URDF has not, a file that cannot be read or written or that is the model's own
-        URDF; SimulationError when a replay diverges or a recording is of another robot.
+    Raises: ModelError for another format, options that a URDF does not have, a file that cannot be read or written, or
+    a path to the model's own URDF; SimulationError when a replay diverges or a recording is of another robot.
     """
     path = Path(path)
     if to not in FORMATS:

@@ -1,4 +1,4 @@
-"""The actuators of an MJCF: a servo for each joint, and motors without input for what only acts on it."""
+"""The actuators of an MJCF: a servo for each joint, and motors without input for passive effects on it."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from embodiedreamer_gym.engines.export.joints import Joints
 from embodiedreamer_gym.engines.mujoco.library import mujoco
 
-LEAST = 0.05  # of Stribeck's extra friction, which its bristle keeps at any speed
+LEAST = 0.05  # share of Stribeck's extra friction that its bristle keeps at any speed
 POSITION, PASSIVE = 1, 16  # inputs of an actuator, mjtCtrlInput
 
 
 def add_servo(spec: Any, name: str, joints: Joints, i: int, dt: float) -> None:
-    """Add a joint's servo: force = stiffness (command - position) - damping velocity + bias, inside its limits."""
+    """Add a joint's servo: force = stiffness (command - position) - damping velocity + bias, within its limits."""
     servo = spec.add_actuator()
     servo.name, servo.target, servo.trntype = name, name, mujoco.mjtTrn.mjTRN_JOINT
     stiffness, damping, bias, limit = joints.stiffness[i], joints.damping[i], joints.bias[i], joints.limit[i]
@@ -41,14 +41,14 @@ def add_servo(spec: Any, name: str, joints: Joints, i: int, dt: float) -> None:
 
 
 def add_passive(spec: Any, name: str, joints: Joints, i: int, stiffest: float) -> None:
-    """Add motors without input: bristles of LuGre's friction model, cogging, and beside a motor a constant torque.
+    """Add motors without input: bristles of LuGre's friction model, cogging, and the bias of a servo that is a motor.
 
     stiffest: of bristles, N m/rad.
     """
     least = sliding_share(joints)[i]
     constant = joints.bias[i] if np.isfinite(joints.fastest[i]) else 0.0
     level, phase = joints.hysteresis[i], joints.ripple_phase[i] - joints.ripple_frequency[i] * joints.offset[i]
-    kinds = {  # what of a motor it is, and its numbers, the first that is zero where there is none
+    kinds = {  # the motor's law and its numbers; the first number is zero if the effect is absent
         "bias": ("cogging", [constant, 0.0, 0.5 * np.pi]),
         "ripple": ("cogging", [joints.ripple[i], joints.ripple_frequency[i], phase]),
         "hysteresis": ("lugre", [level / max(joints.travel[i], 1e-9), 0.0, level, level, 1.0]),
@@ -62,7 +62,7 @@ def add_passive(spec: Any, name: str, joints: Joints, i: int, stiffest: float) -
 
 
 def sliding_share(joints: Joints) -> np.ndarray:
-    """What Stribeck's bristles keep of the dry friction (n,) at any speed: their law divides by it."""
+    """Dry friction (n,) that Stribeck's bristles keep at any speed; it is not zero, as their law divides by it."""
     return np.clip(
         LEAST * joints.extra_static,
         1e-3 * joints.extra_static,
@@ -71,5 +71,5 @@ def sliding_share(joints: Joints) -> np.ndarray:
 
 
 def filter_constant(constant: float, dt: float) -> float:
-    """Time constant, s, of a filter that takes each command as held for a step, and lags behind a ramp by `constant`."""
+    """Time constant, s, with which a filter that holds each command for a step lags behind a ramp by `constant`."""
     return dt / float(np.log1p(dt / constant))

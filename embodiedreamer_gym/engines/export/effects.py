@@ -1,8 +1,8 @@
-"""How each effect is written: one small function an effect, and one table a format.
+"""Export of each effect: one function per effect, and one table per format.
 
-A function changes the joints' numbers by the effect's parameters (n,), and returns what is lost of it, if anything. A
-change of mechanics needs none: the changed masses are written, as far as the format has a place for what it changes. An
-effect of neither kind is listed as not exported, with its symptom.
+A function changes the joints' numbers with the effect's parameters (n,), and returns what the format loses, if
+anything. Changes of mechanics need no function: the changed masses are written, if the format has a place for them.
+Other effects are listed as not exported, with their symptom.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from embodiedreamer_gym.engines.export.joints import Joints
 
 
 class Entry(NamedTuple):
-    """An effect of a format.
+    """An effect in a format.
 
     write: changes the joints, returns what is lost.
-    place: where in the file it stands.
-    needs: what of MuJoCo's module a version must have.
-    otherwise: what an older version writes in its place.
+    place: where it is in the file.
+    needs: attribute that the mujoco module must have.
+    otherwise: entry for older versions without it.
     """
 
     write: Callable[[Joints, SimpleNamespace], str | None]
@@ -47,17 +47,17 @@ def command_rate_limit(joints: Joints, p: SimpleNamespace) -> None:
 
 
 def torque_saturation(joints: Joints, p: SimpleNamespace) -> None:
-    """A highest torque."""
+    """A limit of the torque."""
     joints.limit = np.minimum(joints.limit, p.limit)
 
 
 def torque_constant(joints: Joints, p: SimpleNamespace) -> None:
-    """Gains and limits of the torque that arrives."""
+    """A factor of the servo's gains and limits."""
     joints.gain = joints.gain * p.gain
 
 
 def voltage_limit(joints: Joints, p: SimpleNamespace) -> str | None:
-    """A motor on a fixed voltage, whose torque falls alike in both directions."""
+    """A motor with limited voltage, whose torque falls equally in both directions."""
     joints.stall, joints.forward, joints.backward = p.stall_torque, p.forward, p.backward
     if np.allclose(p.forward, p.backward, rtol=0.01):
         return None
@@ -66,7 +66,7 @@ def voltage_limit(joints: Joints, p: SimpleNamespace) -> str | None:
 
 
 def speed_limit(joints: Joints, p: SimpleNamespace) -> str:
-    """The highest speed, and the torque at rest as the highest torque."""
+    """The highest speed; the torque at rest becomes the torque limit."""
     joints.forward, joints.backward = p.forward, p.backward
     joints.limit = np.minimum(joints.limit, p.stall_torque)
     return "the fall of the torque on the way to the highest speed: fast moves are too fast"
@@ -78,7 +78,7 @@ def coulomb_friction(joints: Joints, p: SimpleNamespace) -> None:
 
 
 def direction_dependent_friction(joints: Joints, p: SimpleNamespace) -> None:
-    """The mean of both directions as dry friction, half the difference as a constant torque: the sum is exact."""
+    """The mean of both directions as dry friction, and half the difference as a constant torque; the sum is exact."""
     joints.dry_friction = joints.dry_friction + 0.5 * (p.forward + p.backward)
     joints.bias = joints.bias + 0.5 * (p.backward - p.forward)
 
@@ -90,13 +90,13 @@ def sliding_friction(joints: Joints, p: SimpleNamespace) -> str:
 
 
 def stribeck_friction(joints: Joints, p: SimpleNamespace) -> None:
-    """The sliding level as dry friction, which stays rigid, and beside it a bristle for the extra level near standstill."""
+    """The sliding level as dry friction, which stays rigid, and a bristle for the extra level near standstill."""
     joints.dry_friction = joints.dry_friction + p.sliding
     joints.extra_static, joints.stribeck_speed = p.extra_static, p.speed
 
 
 def hysteresis(joints: Joints, p: SimpleNamespace) -> None:
-    """A bristle of one level: Dahl's law is LuGre's without its falling curve and its damper."""
+    """A bristle with one level: Dahl's law is LuGre's without the falling curve and the damper."""
     joints.hysteresis, joints.travel = p.torque, p.travel
 
 
@@ -106,7 +106,7 @@ def torque_ripple(joints: Joints, p: SimpleNamespace) -> None:
 
 
 def quadratic_drag(joints: Joints, p: SimpleNamespace) -> None:
-    """Damping in proportion to the speed."""
+    """Damping proportional to the speed."""
     joints.drag = joints.drag + p.coefficient
 
 
@@ -121,11 +121,11 @@ def joint_spring(joints: Joints, p: SimpleNamespace) -> None:
 
 
 def encoder_offset(joints: Joints, p: SimpleNamespace) -> None:
-    """Another number for the same angle."""
+    """An offset of the joint's value."""
     joints.offset = joints.offset + p.angle
 
 
-MOTORS = "mjtCtrlInput.mjINPUT_NONE"  # with inputs of choice, or without
+MOTORS = "mjtCtrlInput.mjINPUT_NONE"  # motors with selectable inputs, or without
 
 MJCF: Mapping[str, Entry] = {
     "command_delay": Entry(command_delay, "actuator: delay, nsample", "MjsActuator.delay"),
@@ -161,7 +161,7 @@ MJCF_BODIES: Mapping[str, str] = {
 
 
 def conflicts(joints: Joints) -> dict[str, str]:
-    """Effects that an actuator cannot have beside others, and take off the joints: what is lost by each."""
+    """Remove effects from the joints that an actuator cannot combine with others; returns what is lost with each."""
     lost = {}
     line, ramp, filtered = np.isfinite(joints.fastest), np.isfinite(joints.rate), joints.lowpass > 0
     if np.any(filtered & (line | ramp)):

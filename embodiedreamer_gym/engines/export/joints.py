@@ -1,4 +1,4 @@
-"""What a calibrated model says of its joints, as numbers that file formats have places for."""
+"""Joint parameters of a calibrated model, as numbers for file formats."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 
 from embodiedreamer_gym.robot import RobotModel
 
-POWERS = {  # of the stroke, by which numbers of a recorded unit become those of the URDF's
+POWERS = {  # of the stroke, which converts numbers in recorded units to URDF units
     **dict.fromkeys(("stiffness", "damping", "rotor_inertia", "viscous_friction", "spring"), -2),
     **dict.fromkeys(("dry_friction", "extra_static", "hysteresis", "ripple", "bias", "limit", "stall"), -1),
     **dict.fromkeys(("stribeck_speed", "travel", "rate", "forward", "backward", "offset"), 1),
     "drag": -3, "ripple_frequency": -1,
 }  # fmt: skip
-DRIVEN = ("stiffness", "damping", "limit", "stall")  # that the drive's gain multiplies
-SIGNED = ("bias", "offset", "ripple", "ripple_frequency")  # that change their sign with the direction of the joint
+DRIVEN = ("stiffness", "damping", "limit", "stall")  # multiplied by the drive's gain
+SIGNED = ("bias", "offset", "ripple", "ripple_frequency")  # their sign depends on the joint's direction
 
 
 @dataclass
@@ -24,12 +24,12 @@ class Joints:
 
     stiffness, damping, rotor_inertia, viscous_friction: as in a robot model;
     dry_friction: N m, the same in both directions; drag: N m s^2/rad^2; bias: constant torque, N m;
-    extra_static, stribeck_speed: dry friction near standstill beyond that, N m, and the speed of its fall, rad/s;
-    hysteresis, travel: friction that builds up over a travel, N m and rad;
+    extra_static, stribeck_speed: additional dry friction near standstill, N m, and the speed over which it falls,
+    rad/s; hysteresis, travel: friction that builds up over a travel, N m and rad;
     ripple, ripple_frequency, ripple_phase: a torque A sin(N q + phase), N m, 1/rad and rad;
-    spring, spring_angle: N m/rad and rad; gain: of the drive's torque, which gains and limits already have in `of_urdf`;
-    limit: highest torque of the drive, N m; stall, forward, backward: its torque at rest, N m, which falls to nothing at these
-    speeds, rad/s;
+    spring, spring_angle: N m/rad and rad; gain: of the drive's torque, already applied to gains and limits by
+    `of_urdf`; limit: highest torque of the drive, N m; stall, forward, backward: its torque at rest, N m, which falls
+    to zero at these speeds, rad/s;
     delay, lowpass: of the command, s; rate: its highest slope, rad/s; offset: of the encoder, rad.
     """
 
@@ -60,7 +60,7 @@ class Joints:
     offset: np.ndarray
 
     def of_urdf(self, gain: np.ndarray, zero: np.ndarray) -> Joints:
-        """The same numbers where the joint's value is gain * recorded + zero, each (n,)."""
+        """The same numbers for joints whose URDF value is gain * recorded + zero, each (n,)."""
         driven = replace(self, **{name: getattr(self, name) * self.gain for name in DRIVEN})
         values = {name: getattr(driven, name) * np.abs(gain) ** power for name, power in POWERS.items()}
         values |= {name: values[name] * np.sign(gain) for name in SIGNED}
@@ -69,7 +69,7 @@ class Joints:
 
     @property
     def fastest(self) -> np.ndarray:
-        """Speed (n,) rad/s at which the drive's torque has fallen to nothing, the harmonic mean of both directions; inf: never."""
+        """Speed (n,) rad/s at which the drive's torque is zero, as harmonic mean of both directions; inf: never."""
         with np.errstate(divide="ignore"):
             speed = 2.0 / (1.0 / self.forward + 1.0 / self.backward)
         return np.where(np.isfinite(self.stall), speed, np.inf)
@@ -86,7 +86,7 @@ def plain_joints(model: RobotModel) -> Joints:
 
 
 def scales(model: RobotModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Body that each driven joint moves, and the joint's value as gain * recorded + zero, each (n,)."""
+    """Body that each driven joint moves, and gain and zero of its value gain * recorded + zero, each (n,)."""
     tree = model.tree
     bodies = np.array([tree.joint_names.index(name) for name in model.joints])
     return bodies, tree.gain[bodies], tree.offset[bodies]

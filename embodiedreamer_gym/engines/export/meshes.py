@@ -1,4 +1,4 @@
-"""The meshes of an exported file: copied into a folder beside it, so that both can be moved together."""
+"""Copies the meshes of an exported file into a folder beside it, so that both can be moved together."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from embodiedreamer_gym.io.files import atomic_file
 
 
 def copy_meshes(names: Iterable[str], folder: Path, path: Path) -> dict[str, str]:
-    """Copy mesh files into the folder FILE_meshes beside an exported file; name -> name relative to that file.
+    """Copy mesh files into the folder FILE_meshes beside an exported file; returns name -> name relative to that file.
 
-    names: paths, relative ones in `folder`; those without a file are left out. Two files of one name get numbers.
+    names: paths; relative ones are in `folder`; missing files are left out. Files with the same name get numbers.
     Raises: ModelError when they cannot be written.
     """
     target, copied = path.with_name(f"{path.stem}_meshes"), {}
@@ -38,6 +38,6 @@ def copy_meshes(names: Iterable[str], folder: Path, path: Path) -> dict[str, str
 
 
 def mesh_notes(copied: Mapping[str, str], missing: Iterable[str], path: Path) -> list[str]:
-    """What a user must know of copied and of missing meshes."""
+    """Notes for the user on copied and missing meshes."""
     notes = [f"Meshes are copied into {path.stem}_meshes beside this file; keep both together."] if copied else []
     return [*notes, *(f"The mesh {name} is missing, or of a format that MuJoCo does not read." for name in missing)]

@@ -1,4 +1,4 @@
-"""A calibrated model as an MJCF: bodies, actuators that are the servos, frictions, and the step that they need."""
+"""Writes a calibrated model as an MJCF: bodies, servos as actuators, friction, and the time step that they need."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from embodiedreamer_gym.robot.data import GRAVITY
 from embodiedreamer_gym.robot.tree import WORLD
 from embodiedreamer_gym.robot.urdf import resolve_meshes
 
-BRISTLE = 0.1  # stiffness of a bristle, of inertia over squared step: a step resolves it
-STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp: nothing gives way; the highest impedance that MuJoCo allows
+BRISTLE = 0.1  # stiffness of a bristle, in units of inertia / step^2, so that the step resolves it
+STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp: rigid, the highest impedance that MuJoCo allows
 WXYZ = [3, 0, 1, 2]
 
 
 def write_mjcf(model: RobotModel, path: Path, timestep: float | None = None) -> Export:
-    """Write a model as an MJCF, its meshes into FILE_meshes beside it.
+    """Write a model as an MJCF, and its meshes into the folder FILE_meshes beside it.
 
-    timestep: s; None: chosen by what the model contains.
-    Raises: ModelError when a file cannot be read or written, or MuJoCo refuses the model.
+    timestep: s; None: chosen from the model's effects.
+    Raises: ModelError when a file cannot be read or written, or MuJoCo cannot simulate the model.
     """
     parts = parts_of(model, MJCF, MJCF_BODIES, mujoco)
     lost = conflicts(parts.joints)
@@ -67,14 +67,14 @@ def write_mjcf(model: RobotModel, path: Path, timestep: float | None = None) -> 
 
 
 def _specification(model: RobotModel, urdf: ElementTree.Element, parts: Parts, dt: float) -> Any:
-    """MuJoCo's specification of a URDF's bodies with the joints, servos and gravity of a model's parts."""
+    """A MuJoCo specification of a URDF's bodies, with the joints, servos and gravity of a model's parts."""
     spec = robot_specification(model, urdf)
-    spec.compiler.inertiafromgeom = 0  # a body weighs what its inertial says
+    spec.compiler.inertiafromgeom = 0  # masses are those of the inertial elements
     spec.option.timestep = dt
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     _set_gravity(spec, model, parts.mechanics.gravity[0])
     for geom in spec.geoms:
-        if geom.contype:  # links touch other things, but not each other
+        if geom.contype:  # links touch other bodies, but not each other
             geom.contype, geom.conaffinity = 1, 0
     _set_joints(spec, model, parts, dt)
     for i, name in enumerate(model.joints):
@@ -86,7 +86,7 @@ def _specification(model: RobotModel, urdf: ElementTree.Element, parts: Parts, d
 
 
 def _set_gravity(spec: Any, model: RobotModel, gravity: np.ndarray) -> None:
-    """Turn gravity (arms, 3); where it differs between arms, turn each arm's first moving body instead."""
+    """Set gravity (arms, 3); if it differs between arms, rotate each arm's first moving body instead."""
     tree = model.tree
     if np.allclose(gravity, gravity[0]):
         spec.option.gravity = gravity[0]
@@ -101,7 +101,7 @@ def _set_gravity(spec: Any, model: RobotModel, gravity: np.ndarray) -> None:
 
 
 def _set_joints(spec: Any, model: RobotModel, parts: Parts, dt: float) -> None:
-    """Write the driven joints, and hold those that follow them by stiff equalities."""
+    """Set the driven joints, and couple the joints that follow them with stiff equality constraints."""
     tree, joints, inertia = model.tree, parts.joints, armature(parts.joints, dt)
     stiff = [2 * dt, 1.0]
     for k, name in enumerate(tree.joint_names):
@@ -130,13 +130,13 @@ def _set_joints(spec: Any, model: RobotModel, parts: Parts, dt: float) -> None:
 
 
 def _polynomial(*coefficients: float) -> Any:
-    """Coefficients of a damping or a stiffness, which are one number in older versions of MuJoCo."""
+    """Coefficients of a damping or stiffness; older versions of MuJoCo take a single number."""
     whole = [*coefficients, *[0.0] * (3 - len(coefficients))]
     return whole if hasattr(mujoco, "mjNPOLY") else whole[0]
 
 
 def _step_notes(joints: Joints, dt: float) -> list[str]:
-    """What depends on the step, and so is wrong at another."""
+    """Notes on values that depend on the time step and are wrong at another one."""
     half = 0.5 * dt * (joints.damping + joints.viscous_friction)
     notes = ["The armature is the rotor inertia less half a step of damping, since the integrator adds a whole step of it; with "
              "another time step, export again."]  # fmt: skip

@@ -1,4 +1,4 @@
-"""The parts of a model that every format needs: its joints' numbers with the effects, its changed bodies."""
+"""The parts of a model that every format needs: the joints' numbers with the effects, and the changed bodies."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from embodiedreamer_gym.robot.urdf import read_xml
 from embodiedreamer_gym.simulation.drive_setup import changed_mechanics, parameter_values
 
 MASSES = ("mass", "first_moment", "inertia")
-OF_THE_LOG = ("effort", "clock")  # stages of laws that the robot does not feel
+OF_THE_LOG = ("effort", "clock")  # stages of laws that change only the log
 
 
 @dataclass
 class Parts:
-    """A model as a format can say it.
+    """A model as far as a format can express it.
 
     joints: in the units of the URDF's joints; mechanics: with the effects; bodies, gain, zero (n,): see `scales`.
     """
@@ -44,9 +44,9 @@ class Parts:
 
 
 def parts_of(model: RobotModel, table: Mapping[str, Entry], places: Mapping[str, str], library: Any = None) -> Parts:
-    """A model's parts, with the effects that a table writes and the changes of mechanics that have places.
+    """A model's parts, with the effects in a format's table and the changes of mechanics that have places in it.
 
-    library: a module of whose version some entries need something.
+    library: module whose attributes decide which entries can be used.
     """
     joints, written, lost = plain_joints(model), [], []
     if model.gravity_compensation.any():
@@ -74,7 +74,7 @@ def _apply(
     places: Mapping[str, str],
     library: Any,
 ) -> tuple[str, str]:
-    """Put an effect into the joints' numbers; where it stands, and what is lost of it."""
+    """Apply an effect to the joints' numbers; returns its place in the file, and what is lost."""
     if isinstance(effect, SignalLaw) and effect.stage in OF_THE_LOG:
         return "", "a property of the log, which the robot does not feel: nothing is lost"
     if isinstance(effect, MechanicsChange):
@@ -104,7 +104,7 @@ def _has(library: Any, name: str) -> bool:
 
 
 def changed_fields(effect: MechanicsChange, model: RobotModel) -> list[str]:
-    """What of the mechanics an effect changes."""
+    """Names of the fields of the mechanics that an effect changes."""
     values = parameter_values(effect, model, {}, 1)
     plain, changed = (changed_mechanics(model, model.rotor_inertia[None].copy(), v) for v in ([], [(effect, values)]))
     return [
@@ -117,7 +117,7 @@ def changed_fields(effect: MechanicsChange, model: RobotModel) -> list[str]:
 def changed_urdf(model: RobotModel, mechanics: Mechanics) -> ElementTree.Element:
     """The model's URDF with the masses of changed mechanics; joints that the model does not drive are fixed.
 
-    A changed body's whole inertial stands in the link that its joint moves; the links fixed to it have none then.
+    The inertial of a changed body is in the link that its joint moves; the links fixed to that have none.
     """
     root, tree, nominal = copy.deepcopy(read_xml(model.urdf)), model.tree, model.nominal_mechanics
     links = {str(link.get("name")): link for link in root.iter("link")}
@@ -157,7 +157,7 @@ def _fixed_to(link: str, below: Mapping[str, list[str]]) -> Iterator[str]:
 
 
 def _inertial(mass: float, moment: np.ndarray, inertia: np.ndarray) -> ElementTree.Element:
-    """The element of a mass, kg, its first moment (3,), kg m, and its inertia (3, 3) about the frame's origin, kg m^2."""
+    """The inertial of a mass, kg, with first moment (3,), kg m, and inertia (3, 3) about the frame's origin, kg m^2."""
     centre = moment / mass
     about = inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     element = ElementTree.Element("inertial")
@@ -169,7 +169,7 @@ def _inertial(mass: float, moment: np.ndarray, inertia: np.ndarray) -> ElementTr
 
 
 def write_xml(root: ElementTree.Element, comment: str, path: Path) -> None:
-    """Write XML with a comment at its beginning, atomically. Raises: ModelError when it cannot be written."""
+    """Write XML with a comment at the beginning, atomically. Raises: ModelError when it cannot be written."""
     root.insert(0, ElementTree.Comment(comment))
     ElementTree.indent(root)
     with atomic_file(path, ModelError) as part:

@@ -1,4 +1,4 @@
-"""A replay in plain MuJoCo from an exported file, against the package's own rollouts."""
+"""Replays recordings in plain MuJoCo from an exported file, and compares them with the package's own rollouts."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from embodiedreamer_gym.simulation.rollout import check_names, command_rule, fir
 
 
 def replay_mjcf(path: Path, model: RobotModel, recording: Recording, step: float = TIME_STEP) -> np.ndarray:
-    """Joint positions (T, n), in recorded units, that MuJoCo alone makes of a recording's commands.
+    """Joint positions (T, n), in recorded units, that MuJoCo alone simulates from a recording's commands.
 
-    model: says the unit of each joint, and how the controller moves between two commands; step: of the rollouts that the replay
-        is compared with, s.
+    model: gives the unit of each joint, and how the controller interpolates commands; step: of the rollouts to compare
+    with, s.
     Raises: ModelError when MuJoCo cannot read the file, SimulationError when it diverges.
     """
     check_names(model, recording)
@@ -43,7 +43,7 @@ def replay_mjcf(path: Path, model: RobotModel, recording: Recording, step: float
     for follower, leader, line in zip(world.eq_obj1id, world.eq_obj2id, world.eq_data, strict=True):
         data.qvel[world.jnt_dofadr[follower]] = line[1] * data.qvel[world.jnt_dofadr[leader]]
     mujoco.mj_forward(world, data)
-    data.qvel += data.qacc * (step - dt) / 2  # in both simulations a velocity belongs to half a step before
+    data.qvel += data.qacc * (step - dt) / 2  # in both simulations, a velocity is that of half a step earlier
     track = np.empty((len(commands), model.n))
     for k, command in enumerate(commands):
         data.ctrl[:], track[k] = command, data.qpos[at]
@@ -57,7 +57,7 @@ def replay_mjcf(path: Path, model: RobotModel, recording: Recording, step: float
 
 
 def rest(world: Any, data: Any, at: np.ndarray, position: np.ndarray, command: np.ndarray) -> None:
-    """Place the joints at `at` (n,) and those that follow them, with the actuators' memories at rest at a command (n,)."""
+    """Place the joints at indices `at` (n,) and their followers, with the actuators at rest at a command (n,)."""
     data.qpos[at] = position
     for follower, leader, line in zip(world.eq_obj1id, world.eq_obj2id, world.eq_data, strict=True):
         one, other = world.jnt_qposadr[follower], world.jnt_qposadr[leader]
@@ -71,7 +71,7 @@ def rest(world: Any, data: Any, at: np.ndarray, position: np.ndarray, command: n
     mujoco.mj_forward(world, data)
     for i in range(
         len(command), len(world.actuator_actadr)
-    ):  # bristles carry what is left over at rest, as far as they can
+    ):  # bristles carry the remaining torque at rest, up to their level
         if world.actuator_actadr[i] >= 0:
             left = data.qfrc_smooth[world.jnt_dofadr[world.actuator_trnid[i, 0]]]
             level, stiffness = world.actuator_biasprm[i, 4], world.actuator_dynprm[i, 5]
@@ -79,9 +79,9 @@ def rest(world: Any, data: Any, at: np.ndarray, position: np.ndarray, command: n
 
 
 def agreement(path: Path, model: RobotModel, recordings: Sequence[Recording], step: float = TIME_STEP) -> Agreement:
-    """How far replays from a file are from the model's rollouts at a step, s, by default that of `compare`.
+    """Differences between replays from a file and the model's rollouts at a step, s, by default that of `compare`.
 
-    Raises: ModelError, SimulationError as `replay_mjcf`.
+    Raises: ModelError and SimulationError as in `replay_mjcf`.
     """
     runs = simulate_sets(model, recordings, dt=step)
     gaps = [

@@ -1,4 +1,4 @@
-"""What an export wrote, and what the format has no place for."""
+"""Report of an export: what was written, and what the format cannot express."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from embodiedreamer_gym.robot.urdf import MOVABLE, read_xml
 
 @dataclass(frozen=True)
 class Line:
-    """One part of a model: its name, and where it stands in the file or what the user loses without it."""
+    """One part of a model: its name, and its place in the file or what is lost without it."""
 
     name: str
     text: str
@@ -23,7 +23,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """How far a replay from the file is from the package's own: largest and mean difference (R, n) of R recordings, rad."""
+    """Largest and mean difference (R, n), rad, between replays of R recordings from the file and model rollouts."""
 
     recordings: tuple[str, ...]
     joints: tuple[str, ...]
@@ -38,7 +38,7 @@ class Agreement:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """The figures as JSON, rad."""
+        """The differences as JSON-compatible data, rad."""
         return {"largest_rad": float(self.largest.max()), "mean_rad": float(self.mean.mean()),
                 "by_recording": {name: dict(zip(self.joints, row, strict=True))
                                  for name, row in zip(self.recordings, self.largest.tolist(), strict=True)}}  # fmt: skip
@@ -48,8 +48,8 @@ class Agreement:
 class Export:
     """An exported model.
 
-    written, lost: parts of the model by where they stand, and by what the user loses; notes: what else a user must know;
-    timestep: s, of an MJCF; agreement: of replays, where recordings were given.
+    written: parts of the model with their places in the file; lost: parts that were not exported, with the consequence;
+    notes: further notes for the user; timestep: s, of an MJCF; agreement: of replays, if recordings were given.
     """
 
     model: str
@@ -70,7 +70,7 @@ class Export:
         return "\n".join([*lines, *(["", str(self.agreement)] if self.agreement else [])])
 
     def as_dict(self) -> dict[str, Any]:
-        """The same as JSON."""
+        """The report as JSON-compatible data."""
         return {
             "model": self.model, "format": self.format, "path": str(self.path), "timestep": self.timestep,
             "exported": {part.name: part.text for part in self.written},
@@ -80,13 +80,13 @@ class Export:
 
     @property
     def comment(self) -> str:
-        """The same for a comment of XML, which must not hold two dashes in a row."""
+        """The report for an XML comment, which must not contain two dashes in a row."""
         text = f"\n{self}\n".replace("--", "- -")
         return text + " " if text.endswith("-") else text
 
 
 def joint_notes(model: RobotModel) -> list[str]:
-    """What a user must know of joints that are recorded in another unit than a file's, or are not driven."""
+    """Notes for the user on joints that are recorded in another unit than the file's, or are not driven."""
     fixed = [str(joint.get("name")) for joint in read_xml(model.urdf).iter("joint")
              if joint.get("type") in MOVABLE and joint.get("name") not in model.tree.joint_names]  # fmt: skip
     return [

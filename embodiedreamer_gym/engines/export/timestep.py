@@ -1,4 +1,4 @@
-"""The physics step at which an exported file agrees with the package's own rollouts, and the armature that belongs to it."""
+"""The time step at which an exported file agrees with the package's own rollouts, and the armature for it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from embodiedreamer_gym.engines.export.joints import Joints
 from embodiedreamer_gym.simulation.drive import TIME_STEP
 
 STEPS = tuple(TIME_STEP / k for k in (1, 2, 4, 8, 16))
-NEEDS = {  # number of the joints -> the longest step, and why
+NEEDS = {  # field of Joints -> the longest step, and why
     "limit": (
         TIME_STEP / 16,
         "because MuJoCo clamps a torque by the speed half a step ago, and drops its implicit damping then",
@@ -40,11 +40,11 @@ def choose_timestep(joints: Joints) -> tuple[float, str]:
 
 
 def armature(joints: Joints, dt: float) -> np.ndarray:
-    """Armature (n,) kg m^2: the rotor inertia less half a step of damping, not below zero.
+    """Armature (n,) kg m^2: the rotor inertia minus half a step of damping, not below zero.
 
-    An implicit integrator adds dt (damping + friction) to the inertia; the package takes damping at the mean of the old and the
-    new velocity, which adds half of that. A clamped servo adds nothing, and in that phase an error of the inertia accumulates, so
-    that where the torque is limited the servo's damping is not taken off.
+    An implicit integrator adds dt (damping + friction) to the inertia; the package computes damping at the mean of the
+    old and the new velocity, which adds half of that. A clamped servo adds nothing, and an error of the inertia would
+    accumulate meanwhile. So, for joints with a torque limit, the servo's damping is not subtracted.
     """
     damping = np.where(np.isfinite(joints.limit), 0.0, joints.damping)
     return np.maximum(joints.rotor_inertia - 0.5 * dt * (damping + joints.viscous_friction), 0.0)

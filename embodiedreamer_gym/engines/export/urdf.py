@@ -1,4 +1,4 @@
-"""A calibrated model as a URDF: masses, damping, dry friction and limits; controllers have no place in one."""
+"""Writes a calibrated model as a URDF: masses, damping, dry friction and limits; a URDF cannot contain controllers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from embodiedreamer_gym.robot import RobotModel
 
 
 def write_urdf(model: RobotModel, path: Path) -> Export:
-    """Write a model as a URDF, its meshes into FILE_meshes beside it.
+    """Write a model as a URDF, and its meshes into the folder FILE_meshes beside it.
 
     Raises: ModelError when a file cannot be read or written.
     """
@@ -44,7 +44,7 @@ def write_urdf(model: RobotModel, path: Path) -> Export:
 
 
 def _set(joint: ElementTree.Element, tag: str, **values: float) -> None:
-    """Set attributes of a joint's element, which is made where it is missing and there is something to say."""
+    """Set attributes of a joint's element; a missing element is created if there are any."""
     element = joint.find(tag)
     if element is None and values:
         element = ElementTree.SubElement(joint, tag)

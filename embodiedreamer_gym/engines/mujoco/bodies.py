@@ -19,10 +19,10 @@ READABLE = (".stl", ".obj", ".msh")  # meshes that MuJoCo reads
 
 
 class MujocoBodies:
-    """The arms of a robot model in a MuJoCo world, whose joints have the rotors' inertia as armature.
+    """The arms of a robot model in a MuJoCo world; the joints' armature is the rotors' inertia.
 
     model, data: MuJoCo's.
-    position, velocity, force: of the joints (k,), in MuJoCo's own memory.
+    position, velocity, force: of the joints (k,), as views of MuJoCo's memory.
     """
 
     def __init__(self, robot: RobotModel, dt: float, furnish: Callable[[Any], None]) -> None:
@@ -61,11 +61,11 @@ class MujocoBodies:
 
 
 def robot_specification(robot: RobotModel, root: ElementTree.Element | None = None) -> Any:
-    """A robot's URDF as a specification of MuJoCo's: each link a body, joints that the model does not drive fixed.
+    """A robot's URDF as a MuJoCo specification: each link is a body; joints that the model does not drive are fixed.
 
-    root: another URDF's XML in its place, whose meshes lie where the robot's do. Links without a visual are drawn by their
-    collision shapes; meshes that are missing, or of a format that MuJoCo does not read, are left out.
-    Raises: ModelError when MuJoCo refuses the URDF.
+    root: XML of another URDF to use instead, with meshes in the same place. Links without a visual are drawn with their
+    collision shapes; meshes that are missing, or of a format that MuJoCo cannot read, are left out.
+    Raises: ModelError when MuJoCo cannot read the URDF.
     """
     root = read_xml(robot.urdf) if root is None else root
     driven = set(robot.tree.joint_names)

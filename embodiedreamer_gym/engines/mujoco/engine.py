@@ -1,4 +1,4 @@
-"""The MuJoCo engine: the drive of the robot model, MuJoCo's bodies and contacts."""
+"""The MuJoCo engine: the drive of the robot model with MuJoCo's bodies and contacts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from embodiedreamer_gym.simulation.drive import Sets
 
 
 class MujocoEngine(MujocoWorld, PlantEngine):
-    """Bodies in one MuJoCo world; pictures are drawn by OpenGL, which needs EGL or OSMesa."""
+    """Bodies in one MuJoCo world; pictures are drawn with OpenGL, which needs EGL or OSMesa."""
 
     name = "mujoco"
 
@@ -42,7 +42,7 @@ class MujocoEngine(MujocoWorld, PlantEngine):
         self._let_arms_touch(settings.collisions)
 
     def _let_arms_touch(self, collisions: bool) -> None:
-        """Give the links of each arm a contact bit of its own: arms touch each other and things, not themselves."""
+        """Give the links of each arm their own contact bit: arms touch each other and objects, but not themselves."""
         model = self._bodies.model
         shapes = np.isin(model.geom_bodyid, [model.body(name).id for name in self.link_names]) & (
             model.geom_contype > 0
@@ -60,7 +60,7 @@ class MujocoEngine(MujocoWorld, PlantEngine):
 
     @cached_property
     def renderer(self) -> Renderer:
-        """What draws the pictures, made for the first of them.
+        """The renderer, created for the first picture.
 
         Raises: SimulationError where there is neither EGL nor OSMesa.
         """
@@ -70,7 +70,7 @@ class MujocoEngine(MujocoWorld, PlantEngine):
 
     def reset(self, position: np.ndarray, velocity: np.ndarray, command: np.ndarray, poses: Mapping[str, Pose],
               sets: Sets | None = None, rng: np.random.Generator | None = None) -> None:  # fmt: skip
-        """Put robot and props in place, whatever went before."""
+        """Place robot and props, independently of the past."""
         mujoco.mj_resetData(self._bodies.model, self._data)
         self.plant.reset(position, velocity, command, sets)
         self._command = command
@@ -79,12 +79,12 @@ class MujocoEngine(MujocoWorld, PlantEngine):
         mujoco.mj_forward(self._bodies.model, self._data)
 
     def advance(self, target: np.ndarray) -> None:
-        """Play one control period; the controller ramps to the target or holds it, as the robot model says.
+        """Simulate one control period; the controller ramps to the target or holds it, as set in the robot model.
 
         Raises: SimulationError when the engine diverges.
         """
         super().advance(target)
-        mujoco.mj_kinematics(self._bodies.model, self._data)  # a step ends with the poses of its beginning
+        mujoco.mj_kinematics(self._bodies.model, self._data)  # after a step, poses are those of its start
         if self._data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
             raise SimulationError(f"the simulation of {self.model.name} diverges in MuJoCo; check its servo gains.")
 
@@ -109,6 +109,6 @@ class MujocoEngine(MujocoWorld, PlantEngine):
         return part_hulls(self.model, self.settings.props, self.part_names)
 
     def close(self) -> None:
-        """Free the renderer; twice does no harm."""
+        """Close the renderer; safe to call twice."""
         if "renderer" in self.__dict__:
             self.renderer.close()

@@ -1,4 +1,4 @@
-"""Table, props and ground as MuJoCo's bodies, and which shapes of the robot touch them."""
+"""Table, props and ground as MuJoCo bodies, and their contacts with the robot's shapes."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from embodiedreamer_gym.engines.shapes import Shape
 from embodiedreamer_gym.engines.table import TABLE, TABLE_CENTRE
 from embodiedreamer_gym.geometry.mesh import surface_of_revolution
 
-THINGS, LINKS = 1, 2  # contact bits: things touch things and links, links touch things only
+THINGS, LINKS = 1, 2  # contact bits: things touch things and links, links touch only things
 LINK_FRICTION = 0.5
 STIFF = (0.004, 1.0)  # solref: s, and damping ratio, of a contact or a joint's stop
 HARD = (0.95, 0.99, 0.0005, 0.5, 2.0)  # solimp: from 0 to half a millimetre (or milliradian) deep
-SIDES = 24  # of an upright cylinder: of meshes MuJoCo finds all points where flat faces meet, of its cylinders but one
-PARKED = (-2.0, 3.0, 0.0)  # m, where props wait for an episode
+SIDES = 24  # of a cylinder, as a mesh: MuJoCo finds all contact points of flat faces, but only one of its own cylinders
+PARKED = (-2.0, 3.0, 0.0)  # m, place of the first prop before an episode
 APART = 0.5  # m
 UNSEEN, DRAWN = 0, 1  # groups of geoms
 
 
 class Furniture:
-    """Everything around the robot: called with a specification of MuJoCo's, it adds it.
+    """Everything around the robot: call it with a MuJoCo specification to add it.
 
     props: of a task.
-    fingers: names of the joints whose links close on things.
-    drawn: add what a renderer shows beside what touches.
+    fingers: names of the joints whose links grip objects.
+    drawn: whether to add visual shapes besides collision shapes.
     table: whether there is a table.
     """
 
@@ -38,10 +38,10 @@ class Furniture:
         self.props, self.fingers, self.drawn, self.table = tuple(props), tuple(fingers), drawn, table
 
     def __call__(self, spec: Any) -> None:
-        """Add ground, table and props; say which shapes touch which."""
+        """Add ground, table and props, and set which shapes touch each other."""
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-        spec.option.impratio = 10.0  # friction stiffer than contact: what is held does not creep
-        several = getattr(mujoco.mjtEnableBit, "mjENBL_MULTICCD", None)  # on by default from MuJoCo 4 on
+        spec.option.impratio = 10.0  # friction stiffer than contact, so that gripped objects do not creep
+        several = getattr(mujoco.mjtEnableBit, "mjENBL_MULTICCD", None)  # default since MuJoCo 4
         if several is not None:
             spec.option.enableflags |= int(several)
         for joint in spec.joints:
@@ -60,7 +60,7 @@ class Furniture:
             self._add(spec, prop, parked(i), 1)
 
     def _add(self, spec: Any, prop: Prop, place: Sequence[float], priority: int) -> None:
-        """A body whose frame is the prop's, with the mass of its URDF; loose unless it is fixed."""
+        """Add a body with the prop's frame and the mass of its URDF; it is free unless the prop is fixed."""
         body = spec.worldbody.add_body(name=prop.name, pos=place)
         x, y, z = prop.size
         body.explicitinertial, body.mass, body.ipos = True, prop.mass, prop.centre
@@ -78,12 +78,12 @@ class Furniture:
 
 
 def parked(number: int) -> tuple[float, float, float]:
-    """Where a prop waits for an episode, m."""
+    """Place of a prop before an episode, m."""
     return PARKED[0] - number * APART, *PARKED[1:]
 
 
 def _touch(geom: Any, friction: float, kind: int, others: int) -> None:
-    """Make a shape touch others; of two shapes' friction that of higher priority counts, else the larger."""
+    """Make a shape touch others; in a contact, the friction of the higher priority counts, or the larger if equal."""
     geom.contype, geom.conaffinity, geom.condim = kind, others, 4
     geom.friction, geom.solref, geom.solimp = (friction, TIP_SPIN, TIP_ROLL), STIFF, HARD
 
@@ -93,7 +93,7 @@ def _place(shape: Shape) -> dict[str, Any]:
 
 
 def _add_hull(spec: Any, body: Any, shape: Shape, name: str) -> Any:
-    """A box, or the convex hull of what is round."""
+    """A box, or the convex hull of a round shape."""
     if shape.kind == "box":
         return body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[edge / 2 for edge in shape.size], **_place(shape))
     spec.add_mesh(name=name, uservert=surface_of_revolution(shape.outline, SIDES)[0].ravel())
@@ -101,7 +101,7 @@ def _add_hull(spec: Any, body: Any, shape: Shape, name: str) -> Any:
 
 
 def _add_drawn(spec: Any, body: Any, shape: Shape, name: str) -> Any:
-    """A box, or the surface of what is round, hollow where it is."""
+    """A box, or the surface of a round shape, which may be hollow."""
     if shape.kind == "box":
         return _add_hull(spec, body, shape, name)
     points, faces = surface_of_revolution(shape.outline, SIDES)

@@ -1,4 +1,4 @@
-"""MuJoCo's module, untyped: its names come from compiled code, which a type checker cannot read."""
+"""The mujoco module, untyped, because its names come from compiled code that a type checker cannot read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of a MuJoCo world by OpenGL, without a display: through EGL or OSMesa."""
+"""Draws pictures of a MuJoCo world with OpenGL, without a display, through EGL or OSMesa."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from embodiedreamer_gym.errors import SimulationError, brief
 from embodiedreamer_gym.geometry.camera import Camera, Pose
 
 RENDERERS = ("auto", "egl", "osmesa")
-LARGEST = (2048, 2048)  # pixels of the buffer in which pictures are drawn
+LARGEST = (2048, 2048)  # pixels of the offscreen buffer
 LIGHT_POSITION = (-3.0, 2.5, 5.0)  # m
-BACKGROUND = (214, 216, 220)  # RGB where nothing is
+BACKGROUND = (214, 216, 220)  # RGB of the background
 LIGHT: Mapping[str, Any] = {
     "position": list(LIGHT_POSITION), "colour": [1.0, 1.0, 1.0], "ambient": 0.6, "diffuse": 0.4, "specular": 0.05,
     "shadow": False, "background": list(BACKGROUND),
 }  # fmt: skip
-GEOMS = 2000  # room for what is drawn
+GEOMS = 2000  # largest number of drawn geoms
 
 
 def check_renderer(choice: str) -> str:
-    """Return one of the renderers of this engine; whether it works here is known when the first picture is drawn.
+    """Return the name of a renderer of this engine; whether it works is checked with the first picture.
 
-    Raises: SimulationError for another one.
+    Raises: SimulationError for an unknown name.
     """
     if not isinstance(choice, str) or choice not in RENDERERS:
         raise SimulationError(
@@ -40,7 +40,7 @@ def check_renderer(choice: str) -> str:
 def open_context(choice: str, size: tuple[int, int]) -> tuple[Any, str]:
     """An OpenGL context, made current, and its kind: egl or osmesa.
 
-    Raises: SimulationError where it cannot be had.
+    Raises: SimulationError where none can be created.
     """
     reasons = []
     for kind in ("egl", "osmesa") if choice == "auto" else (choice,):
@@ -79,7 +79,7 @@ class Renderer:
         self._gl, self.name = open_context(choice, LARGEST)
         self._model = model
         model.vis.global_.offwidth, model.vis.global_.offheight = LARGEST
-        model.vis.quality.offsamples = 0  # a pixel shows one thing, as in its segmentation
+        model.vis.quality.offsamples = 0  # each pixel shows a single geom, as in the segmentation
         model.vis.headlight.active = 0
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
@@ -93,7 +93,7 @@ class Renderer:
         self._part_bodies = [names.index(name) for name in parts]
 
     def _numbers(self, by_body: Sequence[int]) -> np.ndarray:
-        """A number for each geom of the model, uint8, by its body; one more, 0, for the background."""
+        """A number for each geom of the model, uint8, from that of its body; a final 0 for the background."""
         return np.append(np.array(by_body)[self._model.geom_bodyid], 0).astype(np.uint8)
 
     def rgb(self, data: Any, camera: Camera, size: tuple[int, int], mount: Pose | None = None) -> np.ndarray:
@@ -113,7 +113,7 @@ class Renderer:
         ids = self._draw(size)[0].astype(np.int64) @ (1, 1 << 8, 1 << 16)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = 0
         self._scene.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 0
-        drawn = np.full(self._scene.ngeom + 1, -1)  # by number of what is drawn, from 1: the model's geom
+        drawn = np.full(self._scene.ngeom + 1, -1)  # number of a drawn geom, from 1 -> geom of the model
         for geom in self._scene.geoms[: self._scene.ngeom]:
             if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:
                 drawn[geom.segid + 1] = geom.objid
@@ -124,7 +124,7 @@ class Renderer:
                      projections(camera.matrix(size), position, axes, poses), hulls)  # fmt: skip
 
     def close(self) -> None:
-        """Free OpenGL; twice does no harm."""
+        """Free OpenGL's resources; safe to call twice."""
         if self._gl is not None:
             self._gl.make_current()
             self._context.free()
@@ -132,7 +132,7 @@ class Renderer:
             self._gl = None
 
     def _prepare(self, data: Any, camera: Camera, size: tuple[int, int], mount: Pose | None) -> None:
-        """Take over where everything is, and look through a camera."""
+        """Update the scene from MuJoCo's data and set the camera."""
         if self._gl is None:
             raise SimulationError("the renderer is closed; make another environment.")
         if size[0] > LARGEST[0] or size[1] > LARGEST[1]:
@@ -157,7 +157,7 @@ class Renderer:
             eye.frustum_top, eye.frustum_bottom = camera.near * top, camera.near * bottom
 
     def _light(self) -> None:
-        """One lamp over the robot's left shoulder, as in the other engine."""
+        """Set one light above the robot's left shoulder, as in the PyBullet engine."""
         self._scene.nlight = 1
         lamp = self._scene.lights[0]
         lamp.pos, lamp.dir = LIGHT_POSITION, -np.array(LIGHT_POSITION) / np.linalg.norm(LIGHT_POSITION)
@@ -168,7 +168,7 @@ class Renderer:
         lamp.specular = np.full(3, LIGHT["specular"])
 
     def _draw(self, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        """Colours (H, W, 3), uint8, and depth buffer (H, W), 0 near .. 1 far, row 0 on top."""
+        """Colours (H, W, 3), uint8, and depth buffer (H, W), 0 near .. 1 far; row 0 is at the top."""
         view = mujoco.MjrRect(0, 0, *size)
         rgb, depth = np.empty((size[1], size[0], 3), np.uint8), np.empty((size[1], size[0]), np.float32)
         mujoco.mjr_render(view, self._scene, self._context)

@@ -1,4 +1,4 @@
-"""Where things are in a MuJoCo world, and what touches what."""
+"""Poses and contacts of bodies in a MuJoCo world."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from embodiedreamer_gym.engines.prop import Prop
 from embodiedreamer_gym.engines.table import TABLE
 from embodiedreamer_gym.geometry.pose import Pose
 
-XYZW, WXYZ = np.array([1, 2, 3, 0]), np.array([3, 0, 1, 2])  # quaternions: MuJoCo's begin with w, ours end with it
+XYZW, WXYZ = np.array([1, 2, 3, 0]), np.array([3, 0, 1, 2])  # quaternions: w is first in MuJoCo, last in this package
 
 
 class WorldState:
@@ -28,14 +28,14 @@ class WorldState:
         self._ids = {name: i for i, name in enumerate(self.names)}
         self._places, self._quaternions, self._rotations = data.xpos, data.xquat, data.xmat.reshape(-1, 3, 3)
         self._centres, self._velocities, self._body_of_geom = data.xipos, data.qvel, model.geom_bodyid
-        self._first = model.body_dofadr.tolist()  # entry of a body's velocity
+        self._first = model.body_dofadr.tolist()  # index of a body's velocity
 
     def link_of(self, joint: str) -> str:
         """Name of the link that a joint moves."""
         return self.names[int(self.model.joint(joint).bodyid[0])]
 
     def place(self, prop: Prop, pose: Pose) -> None:
-        """Put a prop, at rest, where its frame has a pose."""
+        """Place a prop at a pose of its frame; its velocity is not changed."""
         where = np.concatenate([pose.position, pose.quaternion[WXYZ]])
         if prop.fixed:
             body = self._ids[prop.name]
@@ -44,7 +44,7 @@ class WorldState:
             self.data.joint(prop.name).qpos = where
 
     def pose(self, name: str) -> Pose:
-        """Where the frame of a body is."""
+        """Pose of a body's frame."""
         body = self._ids[name]
         return Pose(self._places[body].copy(), self._quaternions[body].take(XYZW))
 
@@ -68,25 +68,25 @@ class WorldState:
 
 
 class MujocoWorld(Engine):
-    """An engine whose world MuJoCo holds: where things are and what they touch.
+    """An engine with a MuJoCo world: poses, speeds and contacts.
 
     state: of the world.
     link_names: of the robot, in the order of MuJoCo's bodies.
     """
 
     def take_over(self, model: Any, data: Any) -> None:
-        """Read from this model and data of MuJoCo's from now on."""
+        """Use this MuJoCo model and data from now on."""
         props = [prop.name for prop in self.settings.props]
         self.state = WorldState(model, data)
         self.link_names = tuple(name for name in self.state.names if name not in ("world", TABLE.name, *props))
         self.part_names = (*self.link_names, *props)
 
     def pose(self, prop: str) -> Pose:
-        """Where a prop is."""
+        """Pose of a prop."""
         return self.state.pose(prop)
 
     def link_pose(self, link: str) -> Pose:
-        """Where the frame of a robot's link is."""
+        """Pose of the frame of a robot's link."""
         return self.state.pose(link)
 
     def links(self) -> Sequence[str]:

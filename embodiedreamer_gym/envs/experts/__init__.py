@@ -1,4 +1,4 @@
-"""Scripted experts, which fulfil the tasks through the environment's actions alone."""
+"""Scripted experts that perform the tasks with the environment's actions alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which joint angles lead an arm to an object, up with it, to the goal and away."""
+"""Plans joint angles that move an arm to an object, lift it, carry it to the goal and retreat."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from embodiedreamer_gym.geometry.pose import Pose
 from embodiedreamer_gym.robot.kinematics import Kinematics
 from embodiedreamer_gym.robot.paths import Path, line
 
-BACK = 0.08  # m from which a gripper approaches, and to which it retreats
+BACK = 0.08  # m: distance from which a gripper approaches, and to which it retreats
 LIFT = 0.10  # m
-ABOVE = 0.06  # m over its place from which an object is lowered
-GENTLE, BRISK = 0.2, 0.4  # m/s, of the end effector, towards things and away from them
-READY = np.array([0.0, 1.6, -1.5, 0.0, 0.8, 0.0])  # rad: from here inverse kinematics searches too
+ABOVE = 0.06  # m above its final position, from which an object is lowered
+GENTLE, BRISK = 0.2, 0.4  # m/s, of the end effector, towards objects and away from them
+READY = np.array([0.0, 1.6, -1.5, 0.0, 0.8, 0.0])  # rad: second start of inverse kinematics
 
 Paths = tuple[Path, Path, Path]
 
 
 class Planner:
-    """Finds ways of one arm for a task; no physics, no chance."""
+    """Plans paths of one arm for a task; deterministic and without physics."""
 
     def __init__(self, arm: Kinematics, task: Task) -> None:
         self.arm, self.task = arm, task
 
     def pick(self, now: Situation, start: np.ndarray) -> Paths | None:
-        """From angles (m,) to before the object, up to it, and up with it: by the first grip that leads to the goal too."""
+        """Paths from angles (m,) to near the object, to it, and up, for the first grip that can also reach the goal."""
         for grip in self.task.grips(now):
             paths = self._join(start, moved(grip, ahead=-BACK), grip, moved(grip, up=LIFT))
             if paths is not None and (self.task.goal is None or self.place(replace(now, tip=grip), paths[-1].end)):
@@ -35,7 +35,7 @@ class Planner:
         return None
 
     def place(self, held: Situation, start: np.ndarray) -> Paths | None:
-        """From angles (m,) to above the goal, down to it and away, with the object as it is held: the first that goes."""
+        """Paths from angles (m,) to above the goal, down to it and away, for the first reachable release."""
         for release in self.task.releases(held):
             paths = self._join(start, moved(release, up=ABOVE), release, moved(release, ahead=-BACK))
             if paths is not None:
@@ -43,14 +43,14 @@ class Planner:
         return None
 
     def _join(self, start: np.ndarray, first: Pose, second: Pose, third: Pose) -> Paths | None:
-        """From angles (m,) to a pose whichever way, then straight to two more."""
+        """Paths from angles (m,) to a pose in joint space, then straight to two more."""
         at = self._reach(first, start)
         to = None if at is None else line(self.arm, at, second, GENTLE)
         off = None if to is None else line(self.arm, to.end, third, BRISK)
         return None if at is None or to is None or off is None else (Path(np.array([start, at])), to, off)
 
     def _reach(self, pose: Pose, start: np.ndarray) -> np.ndarray | None:
-        """Angles (m,) of a pose: near the start's, else near those of an arm that faces it."""
+        """Angles (m,) that reach a pose: near the start angles, else near those of an arm that faces it."""
         base = self.arm.base
         ahead = float(np.arctan2(*(pose.position - base)[1::-1]))
         for guess in (start, np.array([ahead, *READY[1:]])):

@@ -15,11 +15,11 @@ from embodiedreamer_gym.robot.kinematics import RADIUS, Kinematics, rotation_vec
 from embodiedreamer_gym.robot.paths import Path
 
 CLOSING, OPENING = 0.5, 0.4  # s
-PATIENCE = 0.8  # s to come to rest
-NEAR = 1.5e-3  # m, of the end effector from where it is to be, at rest
+PATIENCE = 0.8  # s: longest wait for the arm to come to rest
+NEAR = 1.5e-3  # m: largest error of the end effector at rest
 GAIN = 2.5  # 1/s at which measured errors are integrated into the command
-DAMPING = 0.02  # m, of the least squares that turn errors of the end effector into angles
-MOST = 0.4  # rad of correction
+DAMPING = 0.02  # m, of the least squares that convert errors of the end effector to angles
+MOST = 0.4  # rad: largest correction
 
 Order = tuple[np.ndarray, np.ndarray, float]  # angles (m,) rad, their speeds, the gripper's opening
 
@@ -27,8 +27,9 @@ Order = tuple[np.ndarray, np.ndarray, float]  # angles (m,) rad, their speeds, t
 class ScriptedExpert:
     """Plays one episode of an ALOHA environment's task; make one after each reset.
 
-    It sees the poses of arm and props, plans with the robot's kinematics, and commands joint targets. The servos sag and
-    lag, so it leads them by the robot model's damping over stiffness, and integrates the error of the end effector.
+    It uses the poses of arm and props, plans with the robot's kinematics, and commands joint targets. Because the
+    servos sag and lag, its commands lead by the robot model's damping over stiffness, and it integrates the end
+    effector's error.
     Raises: SimulationError for another environment.
     """
 
@@ -46,11 +47,11 @@ class ScriptedExpert:
         lag = (robot.damping + robot.viscous_friction) / robot.stiffness
         self._lag = lag[self._arm.joints]
         self._angles = aloha.joint_positions()[self._arm.joints]
-        self._trim = self._action[self._arm.joints] - self._angles  # what they hang below their command already
+        self._trim = self._action[self._arm.joints] - self._angles  # how far they are below their command at the start
         self._script = self._recipe()
 
     def act(self) -> np.ndarray:
-        """The next action (14,); the other arm keeps still."""
+        """The next action (14,); the other arm does not move."""
         self._correct()
         angles, speed, opening = next(self._script)
         self._angles = angles
@@ -62,7 +63,7 @@ class ScriptedExpert:
     # ---- what it does ------------------------------------------------------------------------------------------
 
     def _recipe(self) -> Iterator[Order]:
-        """The whole episode, one control period after another; ends in holding still."""
+        """Orders of the whole episode, one for each control period; at the end the arm holds its position."""
         task, opening = self._env.task, self._env.task.opening
         pick = self._plan.pick(self._env.situation(), self._angles)
         while pick is not None:
@@ -76,7 +77,7 @@ class ScriptedExpert:
                 yield from self._give(place, opening)
                 yield from self._hold(opening)
             yield from self._wait(OPENING, opening)
-            pick = self._plan.pick(self._env.situation(), self._angles)  # it has slipped away: once more
+            pick = self._plan.pick(self._env.situation(), self._angles)  # it has slipped: try again
         yield from self._hold(opening)
 
     def _take(self, pick: Paths, opening: float) -> Iterator[Order]:
@@ -100,38 +101,38 @@ class ScriptedExpert:
         return self._env.situation().fingers == 2
 
     def _follow(self, path: Path, opening: float) -> Iterator[Order]:
-        """Along a path."""
+        """Follow a path."""
         for time in np.arange(1.0, np.ceil(path.seconds * self._env.control_hz) + 1.0) / self._env.control_hz:
             yield (*path.at(time), opening)
 
     def _wait(self, seconds: float, opening: float) -> Iterator[Order]:
-        """Stay, while the gripper moves."""
+        """Hold the position while the gripper moves."""
         for _ in range(round(seconds * self._env.control_hz)):
             yield self._angles, np.zeros_like(self._angles), opening
 
     def _rest(self, opening: float) -> Iterator[Order]:
-        """Stay until the end effector is where it is to be."""
+        """Hold the position until the end effector has reached it."""
         for order in self._wait(PATIENCE, opening):
             if np.abs(self._error()).max() < NEAR:
                 return
             yield order
 
     def _hold(self, opening: float) -> Iterator[Order]:
-        """Stay for ever."""
+        """Hold the position forever."""
         while True:
             yield self._angles, np.zeros_like(self._angles), opening
 
     # ---- how it stays on course --------------------------------------------------------------------------------
 
     def _error(self) -> np.ndarray:
-        """How far (6,) the end effector is from where it was sent: m, and rad times the distance at which they count."""
+        """Error (6,) of the end effector's pose: position in m, and rotation in rad times `RADIUS`."""
         tip = self._env.situation().tip
         position, rotation = self._arm.pose(self._angles)
         turn = rotation_vector(rotation @ tip.rotation.T)
         return np.concatenate([position - tip.position, RADIUS * turn])
 
     def _correct(self) -> None:
-        """Integrate that error, as joint angles."""
+        """Integrate that error into a correction of the joint angles."""
         jacobian = self._arm.jacobian(self._angles)
         jacobian[3:] *= RADIUS
         step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING**2 * np.eye(6), self._error())

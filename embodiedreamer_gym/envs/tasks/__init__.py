@@ -1,4 +1,4 @@
-"""The tasks, one file each; a new one is a file and a name in TASKS."""
+"""The tasks, one file each; a new task needs a file and an entry in TASKS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an episode has reached so far, told from the situations it went through: the same in every engine."""
+"""Progress of an episode, computed from its situations, in the same way for every engine."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from embodiedreamer_gym.geometry.pose import length
 class Attempt:
     """One episode of a task: whether its object has been picked up, and how near the gripper came to it before.
 
-    grasped: picked up at some time; nearest: smallest distance of the end effector from where it grips the object, m, 0 once
-    that has been picked up.
+    grasped: whether it has been picked up at any time; nearest: smallest distance of the end effector from where it
+    grips the object, m, 0 once the object has been picked up.
     """
 
     def __init__(self, task: Task) -> None:
         self.task, self.grasped, self.nearest = task, False, np.inf
 
     def see(self, now: Situation) -> None:
-        """Take a further instant into account."""
+        """Update with the situation at the next instant."""
         if self.grasped:
             return
         self.grasped = bool(self.task.picked_up(now))
@@ -29,9 +29,9 @@ class Attempt:
         self.nearest = 0.0 if self.grasped else min(self.nearest, gap)
 
     def info(self, now: Situation, target: np.ndarray, seconds: float) -> dict[str, Any]:
-        """What is told beside the reward at an instant that has been seen; keys and types never change.
+        """Entries of `info` for a situation that `see` has processed; keys and types never change.
 
-        target (3,): of the end effector, as the task says it of this instant, m; seconds: since the reset.
+        target (3,): the task's target of the end effector in this situation, m; seconds: since the reset.
         """
         done = bool(self.grasped and self.task.done(now))
         off = length(now.object.position - now.goal.position)

@@ -26,7 +26,7 @@ class GrabPaperCup(Task):
     object = CUP
 
     def target(self, situation: Situation) -> np.ndarray:
-        """Where it is gripped."""
+        """The point where the cup is gripped."""
         return self.handle(situation)
 
     def handle(self, situation: Situation) -> np.ndarray:
@@ -34,10 +34,10 @@ class GrabPaperCup(Task):
         return situation.object.point((0.0, 0.0, GRIP))
 
     def done(self, situation: Situation) -> bool:
-        """Held and lifted."""
+        """Whether the cup is held and lifted."""
         return self.picked_up(situation)
 
     def grips(self, situation: Situation) -> Iterator[Pose]:
-        """Slanting down on the cup, away from the arm."""
+        """Poses that slant down towards the cup, pointing away from the arm."""
         for pitch in PITCHES:
             yield outward(situation, self.handle(situation), pitch)

@@ -24,8 +24,8 @@ def downward(point: np.ndarray, across: np.ndarray) -> Pose:
 def ways(situation: Situation, point: np.ndarray, across: np.ndarray) -> tuple[float, float]:
     """Signs of an axis (3,) along which the gripper may close at a point (3,): first the one that turns it less.
 
-    Which end of a thing is which is hard to see; which way it lies is not. An expert that goes by ends shows a policy two
-    ways of doing the same, and it learns their mean.
+    In a picture, the direction of an object's axis is easy to see, but its two ends are hard to tell apart. An expert
+    that distinguishes the ends would show a policy two ways of doing the same, and the policy would learn their mean.
     """
     x, y = (point - situation.base)[:2]
     sign = 1.0 if across[:2] @ (-y, x) >= 0.0 else -1.0  # as in `outward`

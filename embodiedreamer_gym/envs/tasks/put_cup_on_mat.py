@@ -31,22 +31,22 @@ class PutCupOnMat(Task):
         return situation.goal.point((0.0, 0.0, THICK + DROP + GRIP))
 
     def done(self, situation: Situation) -> bool:
-        """Upright, at rest, wholly on the mat, released."""
+        """Whether the cup is upright, at rest, wholly on the mat and released."""
         off = np.linalg.norm((situation.object.position - situation.goal.position)[:2])
         upright = situation.object.rotation[2, 2] > 0.98
         inside = off < RADIUS - BOTTOM
         return bool(situation.on_goal and upright and inside and situation.speed < 0.02 and situation.fingers == 0)
 
     def handle(self, situation: Situation) -> np.ndarray:
-        """As one grabs it."""
+        """As in GrabPaperCup."""
         return GrabPaperCup().handle(situation)
 
     def grips(self, situation: Situation) -> Iterator[Pose]:
-        """As one grabs it."""
+        """As in GrabPaperCup."""
         return GrabPaperCup().grips(situation)
 
     def releases(self, situation: Situation) -> Iterator[Pose]:
-        """Slanting down on the mat, as high as the cup hangs in the gripper."""
+        """Poses that slant down towards the mat, at the height at which the gripper holds the cup."""
         held = situation.tip.position - situation.object.position
         for pitch in PITCHES:
             yield outward(situation, situation.goal.point((0.0, 0.0, THICK + DROP + held[2])), pitch)

@@ -51,23 +51,23 @@ class PutPenInCup(Task):
         return situation.goal.position + np.array([x, y, HEIGHT - DEPTH + HANG * np.cos(PITCHES[2])])
 
     def done(self, situation: Situation) -> bool:
-        """Its lower end in the lower half of the holder, at rest, released."""
+        """Whether the pen's lower end is in the lower half of the holder, and the pen at rest and released."""
         seen = (_ends(situation.object) - situation.goal.position) @ situation.goal.rotation
         lower = seen[np.argmin(seen[:, 2])]
         inside = np.linalg.norm(lower[:2]) < RADIUS and lower[2] < HEIGHT / 2
         return bool(inside and situation.on_goal and situation.speed < 0.02 and situation.fingers == 0)
 
     def handle(self, situation: Situation) -> np.ndarray:
-        """Near the end away from the arm: the longer part will hang down from the gripper."""
+        """Near the end away from the arm, so that the longer part hangs down from the gripper."""
         return _handles(situation)[0][0]
 
     def grips(self, situation: Situation) -> Iterator[Pose]:
-        """Across it from above, near the end away from the arm."""
+        """Poses from above that close across the pen, first near the end away from the arm."""
         for point, across in _handles(situation):
             yield downward(point, across)
 
     def releases(self, situation: Situation) -> Iterator[Pose]:
-        """Ahead over the holder, the pen's lower end below its rim, slanting from inwards to outwards."""
+        """Poses over the holder in which the pen leans away from the arm, with its lower end below the rim."""
         ends = (_ends(situation.object) - situation.tip.position) @ situation.tip.rotation
         end = ends[np.argmax(ends[:, 0])]
         for pitch in PITCHES:
@@ -78,7 +78,7 @@ class PutPenInCup(Task):
 
 
 def _handles(situation: Situation) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Where (3,) it may be gripped, and along which axis (3,) the gripper closes there."""
+    """Points (3,) where the pen may be gripped, each with the axis (3,) along which the gripper closes."""
     pen, across = situation.object, situation.object.rotation[:, 1]
     signs = ways(situation, pen.position, across)
     return [(pen.point((sign * (LENGTH / 2 - END), 0.0, GRIP)), sign * across) for sign in signs]

@@ -43,7 +43,7 @@ class PutRemoteInBox(Task):
         return situation.goal.point((0.0, 0.0, WALL + DROP + GRIP))
 
     def done(self, situation: Situation) -> bool:
-        """Its corners between the walls and under the rim, at rest, released."""
+        """Whether the remote's corners are between the walls and below the rim, and it is at rest and released."""
         corners = [
             situation.object.point((x, y, THICK / 2))
             for x in (-LENGTH / 2, LENGTH / 2)
@@ -55,17 +55,17 @@ class PutRemoteInBox(Task):
         return bool(inside.all() and low and situation.on_goal and situation.speed < 0.02 and situation.fingers == 0)
 
     def handle(self, situation: Situation) -> np.ndarray:
-        """Its middle."""
+        """The middle of the remote."""
         return situation.object.point((0.0, 0.0, GRIP))
 
     def grips(self, situation: Situation) -> Iterator[Pose]:
-        """Across its middle, from above."""
+        """Poses from above that close across its middle."""
         point, across = self.handle(situation), situation.object.rotation[:, 1]
         for way in ways(situation, point, across):
             yield downward(point, way * across)
 
     def releases(self, situation: Situation) -> Iterator[Pose]:
-        """Over the box's middle, the remote along the box."""
+        """Poses over the middle of the box, with the remote along the box."""
         point, across = self.target(situation), situation.goal.rotation[:, 1]
         for way in ways(situation, point, across):
             yield downward(point, way * across)

@@ -1,4 +1,4 @@
-"""What a task is: props, where they stand, what the end effector is to reach, and when it is done."""
+"""The interface of a task: props, their placement, the end effector's target, and when the task is done."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ Area = tuple[tuple[float, float], tuple[float, float]]
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """What a task may judge by: the world at one instant.
+    """State of the world at one instant, from which a task is judged.
 
     side: the acting arm; base (3,): where that arm is mounted, m; tip: its end effector's pose; object, goal: poses of
-    the props (goal is the object's own where a task has none); start: where the object stood at the reset; speed: of
+    the props (goal is the object's own if a task has none); start: where the object stood at the reset; speed: of
     the object, m/s; fingers: how many of the acting arm's fingers touch the object; on_goal: whether the object touches
     the goal; on_table: whether it touches the table; grasped: whether it has been picked up in this episode.
     """
@@ -45,12 +45,12 @@ class Situation:
 
     @property
     def lifted(self) -> float:
-        """How far the object is above where it stood, m."""
+        """Height of the object above its start, m."""
         return float(self.object.position[2] - self.start.position[2])
 
 
 class Task:
-    """A task of one arm with one object; a subclass states props and text, and overrides what differs.
+    """A task of one arm with one object; a subclass defines props and description, and overrides what differs.
 
     area: where the object may stand on the left side, ranges of x and y, m, mirrored for the right arm; goal_area: the
     same for the goal, where it differs; lift: height above its start at which a held object counts as picked up, m;
@@ -73,7 +73,7 @@ class Task:
     # ---- where things stand ------------------------------------------------------------------------------------
 
     def place(self, rng: np.random.Generator) -> tuple[str, Mapping[str, Pose]]:
-        """Draw the acting side and where each prop stands: apart from each other, within reach.
+        """Draw the acting side and the pose of each prop: apart from each other and within reach.
 
         Raises: SimulationError when the areas are too small for the props.
         """
@@ -96,11 +96,11 @@ class Task:
     # ---- what is to be done ------------------------------------------------------------------------------------
 
     def target(self, situation: Situation) -> np.ndarray:
-        """Where (3,) the end effector is to be in the end, m."""
+        """Final target (3,) of the end effector, m."""
         raise NotImplementedError
 
     def handle(self, situation: Situation) -> np.ndarray:
-        """Where (3,) the end effector is when it grips the object, m."""
+        """Position (3,) of the end effector when it grips the object, m."""
         return situation.object.position
 
     def picked_up(self, situation: Situation) -> bool:
@@ -108,7 +108,7 @@ class Task:
         return situation.fingers == 2 and not situation.on_table and situation.lifted > self.lift
 
     def done(self, situation: Situation) -> bool:
-        """Whether the task is fulfilled at this instant, by an object that has been picked up."""
+        """Whether the task is done in this situation, given that the object has been picked up."""
         raise NotImplementedError
 
     # ---- how an expert does it ---------------------------------------------------------------------------------
@@ -118,17 +118,17 @@ class Task:
         raise NotImplementedError
 
     def releases(self, situation: Situation) -> Iterator[Pose]:
-        """Poses of the end effector in which the gripper may open over the goal, the best first; none without a goal."""
+        """Poses of the end effector in which the gripper may open over the goal, best first; none without a goal."""
         yield from ()
 
 
 def placed(
     side: str, poses: Mapping[str, Pose], wanted: Any, thing: str
 ) -> tuple[str, Mapping[str, Pose]]:  # fmt: skip
-    """Acting side and poses of the props, some where a user wants them: prop -> position m and quaternion xyzw (7,).
+    """Acting side and poses of the props, some set by the user: prop -> position m and quaternion xyzw (7,).
 
-    Where the object `thing` is placed, the arm on its side acts.
-    Raises: SimulationError for an unknown prop, or what is no pose.
+    If the pose of the object `thing` is set, the arm on its side acts.
+    Raises: SimulationError for an unknown prop, or an invalid pose.
     """
     found = dict(poses)
     for name, value in check_mapping("object_poses", wanted).items():

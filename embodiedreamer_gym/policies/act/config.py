@@ -1,4 +1,4 @@
-"""What an ACT network is: sizes, cameras, chunk."""
+"""Configuration of an ACT network: sizes, cameras, chunk."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from embodiedreamer_gym.errors import PolicyError
 
 NORMS = ("group", "frozen")
 MOST_CAMERAS = 3
-MOST_NUMBERS, MOST_LAYERS = 400_000_000, 100  # of a network: 1.6 GB; layers of its transformers
+MOST_NUMBERS, MOST_LAYERS = 400_000_000, 100  # values in a network (1.6 GB); layers of its transformers
 
 
 @dataclass(frozen=True)
 class ActConfig:
-    """Sizes of an action chunking transformer; the defaults learn on a laptop's processor in minutes.
+    """Sizes of an action chunking transformer; the defaults train in minutes on a laptop's CPU.
 
-    Raises: PolicyError for what cannot be built.
-    Source: Zhao et al., Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware, 2023, hyperparameters of its appendix.
+    Raises: PolicyError for sizes from which no network can be built.
+    Source: Zhao et al., Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware, 2023, hyperparameters of
+    its appendix.
     """
 
     state_size: int
@@ -34,14 +35,14 @@ class ActConfig:
     widths: tuple[int, ...] = (16, 32, 64)
     """Channels of the ResNet's stages, two blocks each; the last stage has 1 / 2^(stages + 1) of the picture's size."""
     norm: str = "group"
-    """`group`, or `frozen`: batch normalisation with fixed statistics, as pretrained weights have it."""
+    """`group`, or `frozen`: batch normalisation with fixed statistics, as in pretrained weights."""
     keypoints: int = 16
-    """Key points in each picture, together one token beside the ResNet's; 0 for none."""
+    """Key points in each picture; all of them form one token, in addition to the ResNet's tokens; 0 for none."""
     objects: tuple[str, ...] = ()
     """Objects whose masks the object pose heads learn."""
     transformer: bool = False
-    """With objects: whether their poses are a token of the transformer, beside the pictures (kind `act`), or the only input beside
-    the state, of an MLP without ResNet and transformer (kind `object_pose`)."""
+    """With objects: True if their poses are a token of the transformer, in addition to the pictures (kind `act`); False
+    if the poses and the state are the only inputs of an MLP, without ResNet and transformer (kind `object_pose`)."""
     width: int = 128
     """Width of the transformer, or of the MLP."""
     heads: int = 8
@@ -57,16 +58,16 @@ class ActConfig:
     latent_encoders: int = 2
     """Layers of the CVAE's encoder."""
     dropout: float = 0.0
-    """Share of activations dropped in training."""
+    """Fraction of activations dropped in training."""
     pre_norm: bool = False
     """Whether to normalise before attention, not after."""
     placed: bool = True
-    """Whether tokens of pictures have their position added; otherwise only queries and keys do."""
+    """Whether positions are added to the picture tokens themselves; if not, they are added to queries and keys only."""
     source_size: tuple[int, int] | None = None
-    """Width and height of the pictures that it learnt from, pixels, where they were scaled."""
+    """Width and height of the training pictures before scaling, pixels; None if they were not scaled."""
 
     def __post_init__(self) -> None:
-        """Check."""
+        """Check the values."""
         for field in fields(self):
             if field.type == "int":
                 _at_least(field.name, getattr(self, field.name), 0 if field.name in ("latent", "keypoints") else 1)
@@ -98,12 +99,12 @@ class ActConfig:
 
     @property
     def kind(self) -> str:
-        """`object_pose` for an MLP on the objects' poses, else `act`."""
+        """`object_pose` for an MLP that takes the objects' poses, else `act`."""
         return "object_pose" if self.objects and not self.transformer else "act"
 
     @property
     def numbers(self) -> int:
-        """About how many numbers the network holds, and one batch's feature maps."""
+        """Approximate number of values in the network's weights and in one batch's feature maps."""
         c, count = self, 1 + len(self.objects)
         layers = c.encoders + 2 * c.decoders + bool(c.latent) * c.latent_encoders
         cells = c.image_size[0] * c.image_size[1]
@@ -114,13 +115,13 @@ class ActConfig:
                 + cells * (16 * count + c.keypoints) + cells * c.width // 4 ** (len(c.widths) + 1))  # fmt: skip
 
     def with_(self, **changes: Any) -> ActConfig:
-        """The same with some fields changed."""
+        """A copy with some fields changed."""
         return replace(self, **changes)
 
     def small(self, objects: tuple[str, ...] = ()) -> ActConfig:
-        """The same inputs with the paper's parts at sizes that a laptop's processor trains: ResNet, transformer, CVAE.
+        """The same inputs with the paper's parts (ResNet, transformer, CVAE), small enough to train on a laptop's CPU.
 
-        objects: whose poses, found by their masks, are a further input.
+        objects: their poses, found with masks, are a further input.
         """
         return self.with_(objects=objects, transformer=True, keypoints=0 if objects else self.keypoints, latent=32)
 
@@ -135,14 +136,14 @@ class ActConfig:
         )  # fmt: skip
 
     def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON."""
+        """The configuration as a JSON-serialisable dictionary."""
         return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
 
     @staticmethod
     def of(data: Mapping[str, Any]) -> ActConfig:
-        """What `as_dict` gave.
+        """The inverse of `as_dict`.
 
-        Raises: PolicyError for another key, or one that is missing.
+        Raises: PolicyError for an unknown or a missing key.
         """
         if not isinstance(data, Mapping):
             raise PolicyError("an ACT configuration must be a JSON object.")

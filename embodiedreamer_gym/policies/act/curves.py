@@ -1,4 +1,4 @@
-"""Curves of a training: a CSV file, and TensorBoard's event files where it is installed."""
+"""Training curves: a CSV file, and TensorBoard event files if TensorBoard is installed."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ HINT = "no TensorBoard curves: `pip install 'embodiedreamer-gym[tensorboard]'` b
 
 
 class Curves:
-    """Rows of numbers in a folder; what was written after `step` by an interrupted training is dropped.
+    """Training curves in a folder; rows that an interrupted training wrote after `step` are dropped.
 
-    note: for the user, empty where TensorBoard writes too.
+    note: a message for the user, empty if TensorBoard files are written too.
     """
 
     def __init__(self, folder: Path, step: int = 0) -> None:
@@ -37,7 +37,7 @@ class Curves:
         self._writer, self.note = _event_writer(folder / EVENTS, step)
 
     def add(self, row: Mapping[str, float]) -> None:
-        """Add the numbers of a step."""
+        """Add the values of a step."""
         with self._path.open("a", newline="") as file:
             values = [row[name] for name in COLUMNS]
             csv.writer(file, lineterminator="\n").writerow([int(values[0]), *(f"{value:.9g}" for value in values[1:])])
@@ -46,13 +46,13 @@ class Curves:
                 self._writer.add_scalar(heading, row[name], int(row["step"]))
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         if self._writer is not None:
             self._writer.close()
 
 
 def _event_writer(folder: Path, step: int) -> tuple[Any, str]:
-    """TensorBoard's writer, or None and why."""
+    """TensorBoard's writer and an empty note, or None and a note that says why."""
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:

@@ -1,4 +1,4 @@
-"""Temporal ensembling: query the policy at every step, and average the actions of all chunks for it."""
+"""Temporal ensembling: query the policy at every step, and average the actions that all chunks predict for it."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ DECAY = 0.01  # the paper's k
 
 
 class TemporalEnsemble:
-    """A policy of single actions (B, 1, m): the mean of all chunks' actions for this step, weighted exp(-decay * i).
+    """A policy of single actions (B, 1, m): the mean of all chunks' actions for this step, weighted by exp(-decay * i).
 
-    i = 0 is the oldest chunk. It remembers, so `reset` it before each episode. LeRobot measured less success with it than
-    without (transfer cube, 500 episodes: 70.8 % against 87.6 %; pull request 319), so nothing here uses it by itself.
+    i = 0 is the oldest chunk. The policy keeps past chunks, so call `reset` before each episode. LeRobot measured a
+    lower success rate with it than without (transfer cube, 500 episodes: 70.8 % against 87.6 %; pull request 319), so
+    nothing here uses it by default.
     Raises: PolicyError for a decay that is not finite.
     Source: Zhao et al., Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware, 2023, section IV-B.
     """

@@ -1,4 +1,4 @@
-"""Where things are in a picture, to fractions of a pixel: the mean place of each of a few learnt colours."""
+"""Key points of a picture with subpixel accuracy: the mean position of each of a few learnt colours."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import math
 import torch
 from torch import nn
 
-HIDDEN = 16  # channels between a pixel's colour and its answers
-SHARPNESS = 3.0  # at the start, of answers whose standard deviation over the picture is made 1
-LEAST = 1e-3  # of that deviation, where a picture has one colour
+HIDDEN = 16  # channels of the hidden layer
+SHARPNESS = 3.0  # initial softmax scale of scores that are normalised to standard deviation 1 over the picture
+LEAST = 1e-3  # added to that deviation, which is 0 for a picture of one colour
 
 
 class Keypoints(nn.Module):
-    """Pictures (B, 3, H, W) to the places (B, 2 K) of K points, x then y, -1 .. 1 from edge to edge.
+    """Maps pictures (B, 3, H, W) to the positions (B, 2 K) of K points, x then y, -1 .. 1 from edge to edge.
 
-    A few demonstrations cannot teach a transformer over coarse tokens where a cup stands to a centimetre: it memorises
-    the pictures. A soft arg-max over answers to single pixels' colours has nothing else to learn than which
-    colour matters; it is exact, and moves with the cup.
-    Source: Finn et al., Deep Spatial Autoencoders for Visuomotor Learning, 2016, section IV, with filters of one pixel.
+    With a few demonstrations, a transformer over coarse tokens cannot learn the position of a cup to a centimetre: it
+    memorises the pictures. A soft arg-max over scores of single pixels' colours only has to learn which colour matters;
+    its result is exact and moves with the cup.
+    Source: Finn et al., Deep Spatial Autoencoders for Visuomotor Learning, 2016, section IV, with 1 x 1 filters.
     """
 
     def __init__(self, count: int) -> None:
@@ -27,7 +27,7 @@ class Keypoints(nn.Module):
         self.sharpness = nn.Parameter(torch.full((count,), math.log(SHARPNESS)))  # logarithm
 
     def forward(self, pictures: torch.Tensor) -> torch.Tensor:
-        """Places of the points."""
+        """Positions (B, 2 K) of the points."""
         height, width = pictures.shape[2:]
         answers = self._answers(pictures.transpose(0, 1).flatten(1)).unflatten(1, (len(pictures), -1))  # (K, B, H W)
         scale = self.sharpness.exp()[:, None, None] / _deviation(answers.detach())
@@ -38,7 +38,7 @@ class Keypoints(nn.Module):
         return ((answers * scale).softmax(2) @ places).permute(1, 2, 0).flatten(1)
 
     def _answers(self, colours: torch.Tensor) -> torch.Tensor:
-        """Answers (K, N) to colours (3, N) of all pixels at once; convolutions of each picture take three times as long."""
+        """Scores (K, N) of the colours (3, N) of all pixels; convolving each picture takes three times as long."""
         first, bias, last = self.filters.parameters()
         return last.flatten(1) @ torch.addmm(bias[:, None], first.flatten(1), colours).relu()
 

@@ -1,7 +1,7 @@
-"""ACT checkpoints of LeRobot as policies of this package: their weights under the names used here.
+"""ACT checkpoints of LeRobot as policies of this package, with their weights renamed.
 
 Source: huggingface/lerobot, src/lerobot/policies/act/{modeling_act,configuration_act}.py and
-src/lerobot/processor/normalize_processor.py, whose names and defaults are mirrored; compared with their source.
+src/lerobot/processor/normalize_processor.py, whose names and defaults are used here; checked against that source.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SIZES = {"chunk_size": "chunk", "dim_model": "width", "n_heads": "heads", "dim_f
          "dropout": "dropout", "pre_norm": "pre_norm", "latent_dim": "latent"}  # fmt: skip
 FIXED = {"n_obs_steps": 1, "vision_backbone": "resnet18", "replace_final_stride_with_dilation": False,
          "feedforward_activation": "relu"}  # fmt: skip
-NAMES = {  # theirs -> ours; the longest that fits counts
+NAMES = {  # LeRobot's prefix -> ours; the longest that fits is used
     "backbone.": "backbone.",
     "encoder.": "encoder.",
     "decoder.": "decoder.",
@@ -46,23 +46,23 @@ NAMES = {  # theirs -> ours; the longest that fits counts
     "vae_encoder_latent_output_proj.": "latent_head.",
 }
 COMPUTED = ("vae_encoder_pos_enc",)
-MEASURED = ("state_mean", "state_scale", "action_", "pixel_")  # statistics, which come from elsewhere
+MEASURED = ("state_mean", "state_scale", "action_", "pixel_")  # statistics, which are read separately
 OLD = {STATE: "normalize_inputs.buffer_observation_state", ACTION: "unnormalize_outputs.buffer_action"}
 
 
 def is_lerobot(folder: str | Path) -> bool:
     """Whether a folder holds an ACT checkpoint of LeRobot.
 
-    Raises: PolicyError where its config.json cannot be read.
+    Raises: PolicyError if its config.json cannot be read.
     """
     folder = Path(folder)
     return (folder / MODEL).is_file() and read_config(folder).get("type") == "act"
 
 
 def load_lerobot(folder: str | Path) -> ActPolicy:
-    """The policy of a LeRobot ACT checkpoint: config.json, model.safetensors and, since 0.4, the processor's statistics.
+    """The policy of a LeRobot ACT checkpoint: config.json, model.safetensors and, since 0.4, processor statistics.
 
-    Raises: PolicyError where it is damaged, or of an architecture that this package does not build.
+    Raises: PolicyError if it is damaged, or has an architecture that this package does not build.
     """
     folder = Path(folder)
     data = read_config(folder)
@@ -79,7 +79,7 @@ def load_lerobot(folder: str | Path) -> ActPolicy:
     config = config.with_(widths=tuple(len(weight) for weight in stages) or config.widths)
     network = Act(config, _statistics(folder, data, weights, features))
     expected = {name: tuple(v.shape) for name, v in network.state_dict().items() if not name.startswith(MEASURED)}
-    needed = {name for name in expected if not name.startswith("latent_")}  # the CVAE's encoder only teaches
+    needed = {name for name in expected if not name.startswith("latent_")}  # the CVAE's encoder: training only
     unfit = sorted((needed - set(renamed)) | (set(renamed) - set(expected)))
     unfit += [name for name in renamed if tuple(renamed[name].shape) != expected.get(name)]
     if unfit:
@@ -91,9 +91,9 @@ def load_lerobot(folder: str | Path) -> ActPolicy:
 
 
 def read_safetensors(path: str | Path) -> dict[str, torch.Tensor]:
-    """Tensors by name.
+    """Read the tensors of a file, by name.
 
-    Raises: PolicyError where the file is missing, cut off or of another format.
+    Raises: PolicyError if the file is missing, truncated or of another format.
     """
     check_regular(path, PolicyError)
     try:
@@ -103,7 +103,7 @@ def read_safetensors(path: str | Path) -> dict[str, torch.Tensor]:
 
 
 def _config(data: Mapping[str, Any], folder: Path) -> tuple[ActConfig, list[str]]:
-    """Sizes, and the names of the cameras' features."""
+    """The configuration, and the names of the cameras' features."""
     where = folder / "config.json"
     for key, value in FIXED.items():
         if data.get(key, value) != value:
@@ -130,7 +130,7 @@ def _config(data: Mapping[str, Any], folder: Path) -> tuple[ActConfig, list[str]
 
 
 def _renamed(name: str) -> str:
-    """Our name of one of their weights; empty for what is computed here."""
+    """Our name for one of LeRobot's weights; empty for a weight that is computed here."""
     name = name.removeprefix("model.")
     if name in COMPUTED:
         return ""
@@ -143,7 +143,7 @@ def _renamed(name: str) -> str:
 def _statistics(
     folder: Path, data: Mapping[str, Any], weights: Mapping[str, torch.Tensor], pictures: list[str]
 ) -> Statistics:
-    """Means and scales, of the processor's file or, before 0.4, among the weights."""
+    """Means and scales, from the processor's file or, before 0.4, from the weights."""
     modes = data.get("normalization_mapping") or {}
     saved = _processor_state(folder)
 
@@ -165,7 +165,7 @@ def _statistics(
 
 
 def _processor_state(folder: Path) -> dict[str, torch.Tensor]:
-    """What the normalising step of LeRobot's preprocessor has saved; empty for older checkpoints."""
+    """Tensors that the normalisation step of LeRobot's preprocessor saved; empty for older checkpoints."""
     path = folder / PROCESSOR
     if not path.is_file():
         return {}

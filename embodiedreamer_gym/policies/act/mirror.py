@@ -11,12 +11,12 @@ from embodiedreamer_gym.recordings.episodes import EpisodeSet
 
 
 class MirroredEpisodes(EpisodeSet):
-    """A set of episodes, and after them the mirror image of each, for a rig whose arms and cameras are symmetric in a plane.
+    """Episodes, followed by the mirror image of each, for a robot with arms and cameras symmetric about a plane.
 
-    numbers (n,): joint numbers, counted from 1, with a sign, as `embodiedreamer_gym.robot.mirror.mirrored_joints` gives
-    them; states and actions are of the same joints. A camera that looks along the plane sees its own picture flipped, and
-    left_NAME sees that of right_NAME. cameras: names of those that are used.
-    Raises: PolicyError for numbers that are no mirror or of other joints, or cameras without their counterpart.
+    numbers (n,): signed joint numbers, counted from 1, from `embodiedreamer_gym.robot.mirror.mirrored_joints`; states
+    and actions must have these joints. A camera that looks along the plane gets its own picture flipped; left_NAME gets
+    the flipped picture of right_NAME. cameras: names of the cameras to use.
+    Raises: PolicyError for numbers that describe no mirror or other joints, or for a camera without its counterpart.
     """
 
     def __init__(self, episodes: EpisodeSet, numbers: Sequence[int], cameras: Sequence[str]) -> None:
@@ -68,7 +68,7 @@ class MirroredEpisodes(EpisodeSet):
         return self._pictures(self._episodes.masks, episode, camera, start, stop)
 
     def _pictures(self, read: Callable[..., np.ndarray], episode: int, camera: str, *steps: int | None) -> np.ndarray:
-        """Frames or masks of an episode, those of a mirror image flipped and of the other camera."""
+        """Frames or masks of an episode; for a mirror image, those of the counterpart camera, flipped."""
         mirrored, episode = divmod(episode, len(self._episodes))
         if not mirrored:
             return read(episode, camera, *steps)

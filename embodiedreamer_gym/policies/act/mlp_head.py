@@ -9,10 +9,10 @@ from embodiedreamer_gym.policies.act.config import ActConfig
 
 
 class MlpHead(nn.Module):
-    """Numbers (B, n) to a chunk of normalised actions (B, k, m): a linear map, and residual layers that start at zero.
+    """Numbers (B, n) to a chunk of normalised actions (B, k, m): a linear map and residual layers that start at zero.
 
-    A chunk depends on the objects' poses alone, and no transformer learns that as fast: there is nothing to attend to.
-    There is no layer normalisation: outside the demonstrations a linear map extrapolates better.
+    A chunk depends on the objects' poses alone, so there is nothing to attend to, and a transformer learns more slowly.
+    There is no layer normalisation, because a linear map extrapolates better outside the demonstrations.
     """
 
     def __init__(self, numbers: int, c: ActConfig) -> None:

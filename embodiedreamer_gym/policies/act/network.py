@@ -22,13 +22,13 @@ from embodiedreamer_gym.policies.act.samples import Samples
 from embodiedreamer_gym.policies.act.statistics import Statistics
 from embodiedreamer_gym.policies.act.transformer import Decoder, Encoder, sine_1d, sine_2d
 
-# agent_pos (B, n) and pixels {camera: (B, H, W, 3) uint8}, arrays or tensors; or object_poses (B, numbers) for pixels
+# arrays or tensors: agent_pos (B, n), and pixels {camera: (B, H, W, 3) uint8} or object_poses (B, numbers)
 Batch = Mapping[str, Any]
 OLD_NAMES = {"eyes.": "object_pose_heads.", "direct.": "mlp_head.", ".seen_": ".pose_"}  # in weights of version 0.1
 
 
 def current_names(state: Mapping[str, Any]) -> dict[str, Any]:
-    """Weights by today's names."""
+    """Weights, also those of version 0.1, under their current names."""
     renamed = {}
     for name, value in state.items():
         for old, new in OLD_NAMES.items() if name.startswith(("eyes.", "direct.")) else ():
@@ -38,7 +38,7 @@ def current_names(state: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Act(nn.Module):
-    """An ACT network; it takes batches in the environment's units and gives normalised actions.
+    """An ACT network; it takes batches in the environment's units and returns normalised actions.
 
     Source: Zhao et al., Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware, 2023, section IV.
     """
@@ -49,7 +49,7 @@ class Act(nn.Module):
     def __init__(self, config: ActConfig, statistics: Statistics | None = None, seed: int = 0) -> None:
         super().__init__()
         self.config = config
-        with torch.random.fork_rng(devices=[]):  # the caller's random state stays
+        with torch.random.fork_rng(devices=[]):  # keeps the caller's random state
             torch.manual_seed(seed)
             self._build(config)
         self.register_buffer("latent_positions", sine_1d(2 + config.chunk, config.width), persistent=False)
@@ -97,7 +97,7 @@ class Act(nn.Module):
 
     @property
     def device(self) -> torch.device:
-        """Where the weights are."""
+        """Device of the weights."""
         return self.get_buffer("state_mean").device
 
     def __repr__(self) -> str:
@@ -117,9 +117,9 @@ class Act(nn.Module):
     def forward(
         self, batch: Batch, actions: torch.Tensor, padding: torch.Tensor, noise: torch.Tensor | None = None
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Normalised actions (B, k, m), and how far (B,) the latent is from a normal distribution, nats (0 without one).
+        """Normalised actions (B, k, m), and the KL divergence (B,) of z from a standard normal, nats (0 without z).
 
-        actions: normalised (B, k, m), which the CVAE's encoder sees; padding: (B, k), True past an episode's end; noise:
+        actions: normalised (B, k, m), input of the CVAE's encoder; padding: (B, k), True past an episode's end; noise:
         standard normal (B, latent).
         """
         if not self.config.latent or noise is None:
@@ -129,34 +129,37 @@ class Act(nn.Module):
         return self._decode(batch, mu + (0.5 * log_variance).exp() * noise), divergence
 
     def learn_object_poses(self, samples: Samples, seed: int = 0, progress: ProgressCallback | None = None) -> None:
-        """Teach the object pose heads, where there are any, the masks of a set of episodes."""
+        """Train the object pose heads, if there are any, on the masks of a set of episodes."""
         for number, head in enumerate(self.object_pose_heads or ()):
             normalise = partial(self._normalised, camera=number)
             pictures, masks = samples.masked_pictures(self.config.cameras[number])
             cast(ObjectPoseHead, head).fit(pictures, masks, normalise, seed, progress, len(samples.states))
 
     def object_poses(self, pictures: Mapping[str, Any]) -> torch.Tensor:
-        """Poses (B, numbers) of the objects in each camera's pictures (B, H, W, 3); no gradient goes through them."""
+        """Poses (B, numbers) of the objects in each camera's pictures (B, H, W, 3); no gradient flows through them."""
         pairs = zip(self.object_pose_heads or (), self._pictures(pictures), strict=True)
         return torch.cat([head(one) for head, one in pairs], 1)
 
     def precompute(self, batch: Batch) -> Batch:
-        """The batch with object poses, where the network uses them: they do not change any more. Kind `object_pose` needs no pictures then."""
+        """The batch with object poses, if the network uses them; they no longer change once their heads are trained.
+
+        For kind `object_pose` the pictures are left out, since only the poses are needed.
+        """
         if self.object_pose_heads is None or "object_poses" in batch:
             return batch
         poses = {"agent_pos": batch["agent_pos"], "object_poses": self.object_poses(batch.get("pixels", {})).cpu()}
         return poses if self.config.kind == "object_pose" else {**poses, "pixels": batch["pixels"]}
 
     def load_state_dict(self, state_dict: Mapping[str, Any], *args: Any, **options: Any) -> Any:
-        """Load weights, also those of version 0.1; see `torch.nn.Module.load_state_dict`."""
+        """Load weights, including those of version 0.1; see `torch.nn.Module.load_state_dict`."""
         return super().load_state_dict(current_names(state_dict), *args, **options)
 
     def normalise(self, actions: torch.Tensor) -> torch.Tensor:
-        """Actions (..., m) in the environment's units to normalised ones."""
+        """Convert actions (..., m) in the environment's units to normalised ones."""
         return (actions - self.get_buffer("action_mean")) / self.get_buffer("action_scale")
 
     def denormalise(self, actions: torch.Tensor) -> torch.Tensor:
-        """Normalised actions (..., m) to the environment's units."""
+        """Convert normalised actions (..., m) to the environment's units."""
         return actions * self.get_buffer("action_scale") + self.get_buffer("action_mean")
 
     # ---- inside ------------------------------------------------------------------------------------------------
@@ -194,7 +197,7 @@ class Act(nn.Module):
         return normalised
 
     def _normalised(self, pixels: Any, camera: int) -> torch.Tensor:
-        """Pictures (B, H, W, 3) of a camera as the layers take them, (B, 3, H, W)."""
+        """Pictures (B, H, W, 3) of a camera, normalised for the layers: (B, 3, H, W)."""
         if isinstance(pixels, np.ndarray):
             pixels = torch.from_numpy(np.require(pixels, requirements=["C", "W"]))
         picture = pixels.to(self.device).permute(0, 3, 1, 2).float() / 255.0
@@ -204,7 +207,7 @@ class Act(nn.Module):
     def _encode_latent(
         self, state: torch.Tensor, actions: torch.Tensor, padding: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean and logarithm of the variance (B, latent) of z, given what was done."""
+        """Mean and logarithm of the variance (B, latent) of z, given states and actions."""
         token = self.latent_token.weight.expand(len(state), 1, -1)
         tokens = torch.cat([token, self.latent_state(state)[:, None], self.latent_action(actions)], 1)
         seen = torch.cat([torch.zeros_like(padding[:, :1]).expand(-1, 2), padding], 1)
@@ -226,7 +229,7 @@ class Act(nn.Module):
     def _attend(
         self, state: torch.Tensor, pictures: list[torch.Tensor], poses: torch.Tensor | None, z: torch.Tensor | None
     ) -> torch.Tensor:
-        """Normalised actions (B, k, m) of states (B, n), pictures (B, 3, H, W), object poses and latents, by the transformer."""
+        """Normalised actions (B, k, m) of the transformer for states, pictures (B, 3, H, W), poses and latents."""
         tokens = [self.state(state)[:, None]]
         if self.latent is not None and z is not None:
             tokens.insert(0, self.latent(z)[:, None])

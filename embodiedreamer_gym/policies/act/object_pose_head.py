@@ -1,4 +1,4 @@
-"""Place, orientation and size of objects in a picture, learnt from masks."""
+"""Position, orientation and size of objects in a picture, learnt from masks."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from embodiedreamer_gym.policies.act.config import ActConfig
 from embodiedreamer_gym.recordings.episodes import EpisodeSet
 
 CHANNELS = 16
-DILATIONS = (1, 2, 4)  # of the layers: a pixel is classified by 15 x 15 around it
+DILATIONS = (1, 2, 4)  # of the layers: a pixel is classified from the 15 x 15 pixels around it
 POSE_SIZE = 6  # numbers for an object
-LEAST_STEPS, STEPS_PER_EPISODE, MOST_STEPS = 800, 8, 6400  # more episodes show more appearances
+LEAST_STEPS, STEPS_PER_EPISODE, MOST_STEPS = 800, 8, 6400  # more episodes have more varied pictures
 BATCH, LEARNING_RATE = 8, 5e-3
-BRIGHTNESS = 0.15  # standard deviation of the logarithm of a picture's brightness, and twice that of its colours'
-PROBABLE = 0.3  # probability from which a pixel counts
-BRIDGE = np.ones((3, 3), np.uint8)  # neighbourhood of a pixel in a component: gaps of 2 pixels do not count
-LEAST = 1e-3  # pixels
-FAST = torch.channels_last  # three times as fast here
+BRIGHTNESS = 0.15  # standard deviation of a picture's log brightness, drawn in training; half of it for each colour
+PROBABLE = 0.3  # probability above which a pixel counts
+BRIDGE = np.ones((3, 3), np.uint8)  # dilation of a mask before its components are found: bridges gaps of 2 pixels
+LEAST = 1e-3  # pixels, added to an area
+FAST = torch.channels_last  # memory layout that is three times as fast here
 
 
 class ObjectPoseHead(nn.Module):
-    """Pictures (B, 3, H, W) to POSE_SIZE numbers of each object (B, objects * POSE_SIZE).
+    """Maps pictures (B, 3, H, W) to POSE_SIZE numbers for each object (B, objects * POSE_SIZE).
 
-    Of an object: its place, x and y, -1 .. 1 from edge to edge; cosine and sine of twice the angle at which it lies, times how
-    long against how wide it is; the roots of its length and of its area. They come from masks that are predicted pixel by
-    pixel, which a few demonstrations teach: each of them has thousands of pixels.
+    Numbers of an object: position x and y, -1 .. 1 from edge to edge; cosine and sine of twice its angle, multiplied by
+    its elongation; square roots of its spread (a variance) and of its area. They are computed from masks that are
+    predicted pixel by pixel. A few demonstrations are enough to train this, because each has thousands of pixels.
     """
 
     pose_mean: torch.Tensor
@@ -50,7 +50,7 @@ class ObjectPoseHead(nn.Module):
         self.register_buffer("pose_scale", torch.ones(POSE_SIZE * objects))
 
     def forward(self, pictures: torch.Tensor) -> torch.Tensor:
-        """Normalised numbers of the objects; no gradient goes through them."""
+        """Normalised numbers of the objects; no gradient flows through them."""
         with torch.no_grad():
             return (self._poses(pictures) - self.pose_mean) / self.pose_scale
 
@@ -60,16 +60,16 @@ class ObjectPoseHead(nn.Module):
 
     def fit(self, pictures: np.ndarray, masks: np.ndarray, normalise: Callable[[np.ndarray], torch.Tensor], seed: int,
             progress: ProgressCallback | None = None, episodes: int = 1) -> None:  # fmt: skip
-        """Learn masks (N, H, W), 0 for no object, of pictures (N, H, W, 3) uint8.
+        """Train on masks (N, H, W), 0 for no object, of pictures (N, H, W, 3) uint8.
 
-        normalise: makes pictures what the layers take.
-        seed: of the order, and of brightness and mirroring, drawn anew at each step.
-        episodes: how many the pictures are of.
+        normalise: converts pictures to the layers' input.
+        seed: of the order of the pictures, and of the brightness and mirroring that each step draws.
+        episodes: number of episodes that the pictures come from.
         """
         steps = max(LEAST_STEPS, min(STEPS_PER_EPISODE * episodes, MOST_STEPS))
         rng, shown = np.random.default_rng([seed, len(masks)]), progress_or_silence(progress)
         share = np.bincount(masks.ravel(), minlength=self.classes) / masks.size
-        weight = torch.from_numpy(np.maximum(share, 1e-5) ** -0.5).float()  # small objects count too
+        weight = torch.from_numpy(np.maximum(share, 1e-5) ** -0.5).float()  # so that small objects count too
         weight = weight.to(self.pose_mean.device)
         optimisation = Optimisation(self.layers.parameters(), steps, LEARNING_RATE, warm_up=1)
         for step in range(steps):
@@ -86,7 +86,7 @@ class ObjectPoseHead(nn.Module):
             batches = [pictures[i : i + BATCH] for i in range(0, len(pictures), BATCH)]
             poses = torch.cat([self._poses(normalise(batch)) for batch in batches])
         self.pose_mean.copy_(poses.mean(0))
-        scale = poses.std(0, correction=min(1, len(poses) - 1))  # a single picture has none
+        scale = poses.std(0, correction=min(1, len(poses) - 1))  # a single picture has no deviation
         self.pose_scale.copy_(scale.clamp(min=0.05))
 
     def _poses(self, pictures: torch.Tensor) -> torch.Tensor:
@@ -94,7 +94,7 @@ class ObjectPoseHead(nn.Module):
 
 
 def mask_poses(shares: torch.Tensor) -> torch.Tensor:
-    """Numbers (B, objects * POSE_SIZE) of masks (B, objects, H, W) of probabilities, of each one's largest component."""
+    """Numbers (B, objects * POSE_SIZE) of the largest component of each mask of probabilities (B, objects, H, W)."""
     shares = largest_component((shares - PROBABLE).clamp(min=0.0))
     height, width = shares.shape[2:]
     x = torch.arange(width, device=shares.device) - 0.5 * (width - 1)  # pixels from the middle
@@ -107,9 +107,10 @@ def mask_poses(shares: torch.Tensor) -> torch.Tensor:
 
 
 def largest_component(shares: torch.Tensor) -> torch.Tensor:
-    """Masks (B, objects, H, W), 0 where there is nothing, with the largest component of each; no gradient goes through.
+    """Masks (B, objects, H, W) that keep the largest component of each mask and are 0 elsewhere; without gradient.
 
-    Specks elsewhere would move and tilt an object. What a narrow thing in front cuts in two, a finger, is one component.
+    Specks elsewhere would shift and tilt an object's pose. An object that a finger in front of it cuts in two is still
+    one component.
     """
     given = np.ascontiguousarray(shares.detach().cpu().numpy(), np.float32)
     kept = np.zeros_like(given)

@@ -1,4 +1,4 @@
-"""A trained ACT network as a policy: batches in, actions in the environment's units out; a folder on disk."""
+"""A trained ACT network as a policy: it returns actions in the environment's units, and is stored in a folder."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ KIND = "embodiedreamer_act"
 class ActPolicy:
     """Actions (B, k, m) for a batch {"agent_pos": (B, n), "pixels": {camera: (B, H, W, 3) uint8}}.
 
-    action_size (m) and chunk (k) are what every policy has; cameras: names of those whose pictures it takes.
+    action_size (m) and chunk (k): as for every policy; cameras: names of the cameras whose pictures it takes.
     """
 
     def __init__(self, network: Act) -> None:
@@ -46,7 +46,7 @@ class ActPolicy:
     def save(self, folder: str | Path) -> Path:
         """Write config.json and weights.pt into a folder; returns the folder.
 
-        Raises: PolicyError where they cannot be written.
+        Raises: PolicyError if they cannot be written.
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -59,7 +59,7 @@ class ActPolicy:
     def load(folder: str | Path, device: str = "cpu") -> ActPolicy:
         """The policy that `save` or a training wrote.
 
-        Raises: PolicyError where there is none, or it is damaged.
+        Raises: PolicyError if it is missing or damaged.
         """
         folder = Path(folder)
         data = read_config(folder)
@@ -81,7 +81,7 @@ class ActPolicy:
 def read_config(folder: Path) -> dict[str, Any]:
     """The JSON object in a policy's config.json.
 
-    Raises: PolicyError where there is none.
+    Raises: PolicyError if it is missing or no JSON object.
     """
     if not folder.is_dir():
         raise PolicyError(f"policy {folder} is no folder; give one that `embodiedreamer policy train` wrote.")

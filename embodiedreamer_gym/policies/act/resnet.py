@@ -1,4 +1,4 @@
-"""A residual network of basic blocks, as small as wanted, with the names of torchvision's weights."""
+"""A residual network of basic blocks, of any size, whose weights are named as in torchvision."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ GROUP = 8  # channels normalised together
 
 
 class FrozenNorm(nn.Module):
-    """Batch normalisation whose statistics and scale stay as they were loaded."""
+    """Batch normalisation whose statistics and scale are loaded and not trained."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -53,9 +53,10 @@ class Block(nn.Module):
 
 
 class ResNet(nn.Module):
-    """Pictures (B, 3, H, W) to features (B, widths[-1], H / s, W / s), s = 2^(stages + 1), rounded up.
+    """Maps pictures (B, 3, H, W) to features (B, widths[-1], H / s, W / s), s = 2^(stages + 1), rounded up.
 
-    Widths 64, 128, 256, 512 are ResNet18. Source: He et al., Deep Residual Learning for Image Recognition, 2015, table 1.
+    Widths 64, 128, 256, 512 are ResNet18.
+    Source: He et al., Deep Residual Learning for Image Recognition, 2015, table 1.
     """
 
     def __init__(self, widths: Sequence[int], norm: str) -> None:

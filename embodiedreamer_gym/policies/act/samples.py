@@ -1,4 +1,4 @@
-"""Starts drawn from episodes: what was seen there, and the chunk of actions that followed."""
+"""Training examples drawn from episodes: the observation at a step, and the chunk of actions that followed."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from embodiedreamer_gym.policies.act.config import ActConfig
 from embodiedreamer_gym.policies.act.image_size import scaled, scaled_masks
 from embodiedreamer_gym.recordings.episodes import EpisodeSet
 
-MEMORY = 4 << 30  # bytes of pictures kept; more are read again whenever they are drawn
+MEMORY = 4 << 30  # bytes of pictures kept; larger sets are read again whenever they are drawn
 BLOCK = 64  # frames read at once
-MASK_EVERY = 4  # steps from one mask that is learnt to the next, at least
-POSES_AT_ONCE = 16  # pictures; more do not fit a processor's cache
-NEAR = 8  # steps after the start of a chunk that are near it
+MASK_EVERY = 4  # least number of steps between two masks that are used for training
+POSES_AT_ONCE = 16  # pictures; more do not fit into a CPU's cache
+NEAR = 8  # steps: a step that is fewer steps after the start of a chunk is near it
 
 
 class Sample(NamedTuple):
-    """A batch as policies take it, the actions (B, k, m) that followed, and where (B, k) the episode was over."""
+    """A batch for a policy, the actions (B, k, m) that followed, and padding (B, k): True past an episode's end."""
 
     batch: dict[str, Any]
     actions: np.ndarray
@@ -42,7 +42,7 @@ def picture_size(episodes: EpisodeSet, camera: str) -> tuple[int, int]:
 def check_cameras(episodes: EpisodeSet, cameras: tuple[str, ...]) -> None:
     """Check that there are episodes with these cameras.
 
-    Raises: PolicyError where there are not.
+    Raises: PolicyError if there are none.
     """
     if not len(episodes) or not sum(episodes.lengths):
         raise PolicyError("there is no episode to learn from; record some, for example with `embodiedreamer demos`.")
@@ -53,10 +53,10 @@ def check_cameras(episodes: EpisodeSet, cameras: tuple[str, ...]) -> None:
 
 
 class Samples:
-    """Episodes checked and ready to draw from, the pictures in memory where they fit.
+    """Checked episodes from which examples are drawn; the pictures are kept in memory if they fit.
 
     memory: bytes of pictures that may be kept.
-    Raises: PolicyError for an empty set, another size of state or action, a number that is not finite, missing pictures.
+    Raises: PolicyError for an empty set, a wrong state or action size, a number that is not finite or missing pictures.
     """
 
     def __init__(self, episodes: EpisodeSet, config: ActConfig, memory: int = MEMORY) -> None:
@@ -73,7 +73,7 @@ class Samples:
         self._object_poses: torch.Tensor | None = None
         steps = np.concatenate([np.arange(length) for length in episodes.lengths])
         self._chunk_starts = np.flatnonzero(steps % config.chunk < NEAR)
-        if size <= memory and config.kind == "act":  # else the object poses are kept instead
+        if size <= memory and config.kind == "act":  # kind object_pose keeps the object poses instead
             self._kept = {
                 (i, camera): self._read(i, camera, 0, episodes.lengths[i])
                 for i in range(len(episodes)) for camera in config.cameras
@@ -88,22 +88,22 @@ class Samples:
 
     @property
     def fingerprint(self) -> list[list[Any]]:
-        """What tells this set from another: each episode's name, length, and sums of states and actions."""
+        """Identifies this set: each episode's name, its length, and its sums of absolute states and actions."""
         states, actions = (
             [float(np.abs(one, dtype=np.float64).sum()) for one in part] for part in (self.states, self.actions)
         )
         return [list(row) for row in zip(self._episodes.names, self._episodes.lengths, states, actions, strict=True)]
 
     def draw(self, rng: np.random.Generator, count: int, chunk_start_share: float = 0.0) -> Sample:
-        """A number of starts, each step of each episode as likely.
+        """Draw `count` examples; each step of each episode is equally likely.
 
-        chunk_start_share: share of them near the steps at which a policy predicts that plays whole chunks.
+        chunk_start_share: share of examples near chunk starts, where a policy that plays whole chunks predicts.
         """
         anywhere, near = rng.integers(len(self), size=count), rng.integers(len(self._chunk_starts), size=count)
         return self.at(np.where(rng.random(count) < chunk_start_share, self._chunk_starts[near], anywhere))
 
     def at(self, steps: np.ndarray) -> Sample:
-        """The starts at these steps, counted through all episodes."""
+        """The examples at these steps, which are numbered through all episodes."""
         which = np.searchsorted(self._ends, steps, side="right")
         starts = steps - (self._ends[which] - np.array(self._episodes.lengths)[which])
         ahead = starts[:, None] + np.arange(self.config.chunk)
@@ -124,7 +124,7 @@ class Samples:
     def keep_object_poses(
         self, poses: Callable[[Mapping[str, np.ndarray]], torch.Tensor], progress: ProgressCallback | None = None
     ) -> None:
-        """Keep the poses (B, numbers) of the objects in each step's pictures {camera: (B, H, W, 3)}."""
+        """Compute and keep the objects' poses of each step; poses: {camera: pictures (B, H, W, 3)} -> (B, numbers)."""
         rows, shown = [], progress_or_silence(progress)
         for i, length in enumerate(self._episodes.lengths):
             for at in range(0, length, POSES_AT_ONCE):
@@ -139,9 +139,9 @@ class Samples:
         return self._object_poses is not None
 
     def masked_pictures(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
-        """Pictures (N, H, W, 3) of every fourth step, and their masks (N, H, W), which number the policy's objects from 1.
+        """Pictures (N, H, W, 3) of every fourth step, and their masks (N, H, W), which number the objects from 1.
 
-        Of a set whose pictures would not fit into memory, fewer steps.
+        If these pictures would not fit into memory, fewer steps are used.
         """
         width, height = self.config.image_size
         every = max(MASK_EVERY, -(-len(self) * width * height * 4 // self._memory))

@@ -1,4 +1,4 @@
-"""Means and scales by which states, actions and pictures are normalised."""
+"""Means and scales for normalising states, actions and pictures."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from torch import nn
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.act.config import ActConfig
 
-LEAST = 1e-2  # rad, or of a gripper's stroke: what moves less is not blown up; upstream clips here too
-PIXEL_MEAN, PIXEL_SCALE = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, as pretrained weights want it
+LEAST = 1e-2  # rad, or share of a gripper's stroke: smaller motions are not amplified; upstream clips here too
+PIXEL_MEAN, PIXEL_SCALE = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, as pretrained weights expect
 NAMES = ("state_mean", "state_scale", "action_mean", "action_scale", "pixel_mean", "pixel_scale")
 
 
@@ -40,11 +40,11 @@ class Statistics:
 
     @staticmethod
     def measure(states: Sequence[np.ndarray], actions: Sequence[np.ndarray], cameras: int) -> Statistics:
-        """Of all steps of episodes: states (T, n) and actions (T, m) of each."""
+        """Measure them over all steps of episodes; states (T, n) and actions (T, m) of each episode."""
         return Statistics(*_moments(np.concatenate(states)), *_moments(np.concatenate(actions)), *_imagenet(cameras))
 
     def register(self, module: nn.Module) -> None:
-        """Make them buffers of a module, which then saves, loads and moves them.
+        """Register them as buffers of a module, which then saves, loads and moves them.
 
         Raises: PolicyError for one that is not finite, or a scale that is not positive.
         """
@@ -56,9 +56,9 @@ class Statistics:
 
     @staticmethod
     def of(state: Mapping[str, Any]) -> Statistics:
-        """Those among a module's saved weights.
+        """Get the statistics from a module's saved weights.
 
-        Raises: PolicyError where one is missing.
+        Raises: PolicyError if one is missing.
         """
         for name in NAMES:
             if not isinstance(state.get(name), torch.Tensor):

@@ -1,4 +1,4 @@
-"""Training of an ACT network on episodes; it goes on anywhere as if it had not been interrupted."""
+"""Training of an ACT network on episodes; an interrupted training continues as if it had not been interrupted."""
 
 from __future__ import annotations
 
@@ -36,31 +36,31 @@ class TrainingConfig(TrainingSettings):
     """
 
     kl: float = 10.0
-    """Weight of the CVAE's divergence."""
+    """Weight of the CVAE's KL divergence."""
     mirror: tuple[int, ...] = ()
-    """Joint numbers with signs, by which `train` learns mirror images too, see `MirroredEpisodes`."""
+    """Signed joint numbers with which `train` adds mirror images, see `MirroredEpisodes`; () for none."""
     chunk_start_share: float = 0.7
-    """Share of the examples near the steps at which a policy predicts that plays whole chunks; the rest are anywhere."""
+    """Share of examples near chunk starts, where a policy that plays whole chunks predicts; the rest are anywhere."""
     rest: bool = True
-    """Whether an episode's last action is held and learnt past its end (else what lies past the end does not count)."""
+    """Whether an episode's last action is repeated and learnt past its end; if not, the loss ignores these steps."""
 
     def __post_init__(self) -> None:
-        """Check."""
+        """Check the values."""
         self.check(PolicyError, chunk_start_share=self.chunk_start_share)
 
     @staticmethod
     def usual(config: ActConfig, **settings: Any) -> TrainingConfig:
-        """Settings, where None or not given, of a network: one of kind `object_pose` has cheaper steps, so more."""
+        """Settings, with defaults for None or missing ones; kind `object_pose` takes more steps, which are cheaper."""
         wanted = {"steps": 8000, "batch": 64} if config.kind == "object_pose" else {}
         return TrainingConfig(**{**wanted, **{name: value for name, value in settings.items() if value is not None}})
 
 
 class ActTraining(Training):
-    """An ACT network under training.
+    """Training of an ACT network.
 
-    samples: what it learns from.
-    config: how.
-    network: by default a new one of the samples' configuration.
+    samples: training data.
+    config: training settings.
+    network: by default a new one with the samples' configuration.
     """
 
     network: Act
@@ -80,12 +80,12 @@ class ActTraining(Training):
         return ActPolicy(network.to(self.network.device))
 
     def learn_object_poses(self, progress: ProgressCallback | None = None) -> None:
-        """Teach the object pose heads, where there are any, the masks of the samples."""
+        """Train the object pose heads, if there are any, on the masks of the samples."""
         self.network.learn_object_poses(self.samples, self.config.seed, progress)
         self.reset_average()
 
     def keep_object_poses(self, progress: ProgressCallback | None = None) -> None:
-        """Compute the objects' poses in all pictures, where the network uses them and there are steps left."""
+        """Compute the objects' poses in all pictures, if the network uses them and there are steps left."""
         wanted = self.network.object_pose_heads is not None and self.step < self.config.steps
         if wanted and not self.samples.has_object_poses:
             self.samples.keep_object_poses(self.network.object_poses, progress)
@@ -98,7 +98,7 @@ class ActTraining(Training):
         return super().run(until, report)
 
     def loss(self, step: int) -> dict[str, torch.Tensor]:
-        """L1 of normalised actions over what is no padding, the latent's divergence (nats), and the loss, their sum."""
+        """L1 error of normalised actions (see `rest`), the latent's KL divergence (nats), and their weighted sum."""
         network, device = self.network, self.network.device
         rng = np.random.default_rng([self.config.seed, step])
         sample = self.samples.draw(rng, self.config.batch, self.config.chunk_start_share)
@@ -106,7 +106,7 @@ class ActTraining(Training):
         padding = torch.from_numpy(sample.padding).to(device)
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
         noise = torch.randn(len(actions), network.config.latent, generator=generator).to(device)
-        with torch.random.fork_rng(devices=[]):  # dropout draws from the module's generator
+        with torch.random.fork_rng(devices=[]):  # dropout draws from torch's global generator
             torch.manual_seed(int(rng.integers(2**62)))
             predicted, divergence = network(sample.batch, actions, padding, noise)
         error = (predicted - actions).abs().mean(2)
@@ -114,11 +114,11 @@ class ActTraining(Training):
         return {"loss": l1 + self.config.kl * divergence, "l1": l1, "kl": divergence}
 
     def identity(self) -> dict[str, Any]:
-        """Sizes of the network, and fingerprint of the episodes."""
+        """The network's configuration and the episodes' fingerprint."""
         return {"sizes": self.network.config.as_dict(), "episodes": self.samples.fingerprint}
 
     def migrate(self, state: dict[str, Any]) -> dict[str, Any]:
-        """A checkpoint of version 0.1 in today's names."""
+        """Convert a checkpoint of version 0.1 to the current names."""
         if "config" not in state:
             return state
         settings = {RENAMED.get(name, name): value for name, value in dict(state["training"]).items()}
@@ -128,11 +128,11 @@ class ActTraining(Training):
 
 def train(episodes: EpisodeSet, config: ActConfig, training: TrainingConfig, folder: str | Path,
           progress: ProgressCallback | None = None, tell: Callable[[str], None] | None = None, device: str = "cpu") -> ActPolicy:  # fmt: skip
-    """Train a policy into a folder, where an interrupted training goes on; `ActPolicy.load` reads it.
+    """Train a policy and save it in a folder, from which `ActPolicy.load` reads it; an interrupted training continues.
 
-    tell: is called with what the user should know.
+    tell: is called with messages for the user.
     Writes config.json, weights.pt, checkpoint.pt and curves.csv.
-    Raises: PolicyError for episodes that do not fit, or a folder with a training of other settings.
+    Raises: PolicyError for episodes that do not fit, or a folder that holds a training with other settings.
     """
     if training.mirror:
         episodes = MirroredEpisodes(episodes, training.mirror, config.cameras)
@@ -158,5 +158,5 @@ def train(episodes: EpisodeSet, config: ActConfig, training: TrainingConfig, fol
     finally:
         curves.close()
     policy = run.policy()
-    policy.save(folder)  # again: the last time may have been interrupted between the two
+    policy.save(folder)  # again: the last save may have been interrupted between checkpoint and policy
     return policy

@@ -13,15 +13,15 @@ TEMPERATURE = 10_000.0
 
 
 def sine_1d(count: int, width: int) -> torch.Tensor:
-    """Positions (count, width). Source: Vaswani et al., Attention Is All You Need, 2017, section 3.5."""
+    """Embeddings (count, width) of positions. Source: Vaswani et al., Attention Is All You Need, 2017, section 3.5."""
     angles = torch.arange(count)[:, None] / TEMPERATURE ** (torch.arange(0, width, 2) / width)
     return torch.stack([angles.sin(), angles.cos()], -1).flatten(1)
 
 
 def sine_2d(height: int, width: int, size: int) -> torch.Tensor:
-    """Positions (height * width, size) in a feature map: half for the row, half for the column, each up to 2 pi.
+    """Embeddings (height * width, size) of a feature map's positions: half for the row, half for the column, to 2 pi.
 
-    Source: Carion et al., End-to-End Object Detection with Transformers, 2020, whose ranges begin at 1.
+    Source: Carion et al., End-to-End Object Detection with Transformers, 2020, where positions start at 1.
     """
     scale = TEMPERATURE ** (torch.arange(0, size // 2, 2) / (size // 2))
     parts = []
@@ -44,7 +44,7 @@ class EncoderLayer(nn.Module):
         self.dropout, self.pre_norm = nn.Dropout(c.dropout), c.pre_norm
 
     def forward(self, x: torch.Tensor, position: torch.Tensor, padding: torch.Tensor | None = None) -> torch.Tensor:
-        """Tokens (B, T, d) with positions (T, d); padding (B, T) is True where there is none."""
+        """Tokens (B, T, d) with positions (T, d); padding (B, T) is True where there is no token."""
         y = self.norm1(x) if self.pre_norm else x
         at = y + position
         x = x + self.dropout(self.self_attn(at, at, y, key_padding_mask=padding, need_weights=False)[0])
@@ -55,7 +55,7 @@ class EncoderLayer(nn.Module):
 
 
 class Encoder(nn.Module):
-    """Layers one after the other."""
+    """Encoder layers in sequence."""
 
     def __init__(self, c: ActConfig, layers: int) -> None:
         super().__init__()
@@ -70,7 +70,7 @@ class Encoder(nn.Module):
 
 
 class DecoderLayer(nn.Module):
-    """Attention among the queries, from them to the memory, and two linear layers, each with a residual connection."""
+    """Self-attention of queries, attention to the memory, and two linear layers, each with a residual connection."""
 
     def __init__(self, c: ActConfig) -> None:
         super().__init__()
@@ -83,7 +83,7 @@ class DecoderLayer(nn.Module):
     def forward(
         self, x: torch.Tensor, query: torch.Tensor, memory: torch.Tensor, position: torch.Tensor, alike: bool = False
     ) -> torch.Tensor:
-        """Queries (B, k, d) at (k, d); memory (B, T, d) at (T, d); alike: all queries are the same."""
+        """Queries (B, k, d), positions (k, d); memory (B, T, d), positions (T, d); alike: all queries are the same."""
         y = self.norm1(x) if self.pre_norm else x
         if alike and not (self.training and self.dropout.p):
             x = x + self._of_alike(y[:1, :1])
@@ -98,14 +98,14 @@ class DecoderLayer(nn.Module):
         return x if self.pre_norm else self.norm3(x)
 
     def _of_alike(self, value: torch.Tensor) -> torch.Tensor:
-        """Self-attention where all values are this one (1, 1, d): the weights do not matter."""
+        """Self-attention if all values equal this one (1, 1, d): the attention weights do not matter."""
         own, width = self.self_attn, value.shape[-1]
         seen = nn.functional.linear(value, own.in_proj_weight[2 * width :], own.in_proj_bias[2 * width :])
         return own.out_proj(seen)
 
 
 class Decoder(nn.Module):
-    """Layers one after the other, then a normalisation."""
+    """Decoder layers in sequence, then a normalisation."""
 
     def __init__(self, c: ActConfig) -> None:
         super().__init__()
@@ -113,7 +113,7 @@ class Decoder(nn.Module):
         self.norm = nn.LayerNorm(c.width)
 
     def forward(self, query: torch.Tensor, memory: torch.Tensor, position: torch.Tensor) -> torch.Tensor:
-        """What the queries at (k, d) find in memory (B, T, d) at (T, d): (B, k, d)."""
+        """Output (B, k, d) for queries with positions (k, d) and memory (B, T, d) with positions (T, d)."""
         x = torch.zeros(len(memory), *query.shape, dtype=memory.dtype, device=memory.device)
         for number, layer in enumerate(self.layers):
             x = layer(x, query, memory, position, alike=number == 0)

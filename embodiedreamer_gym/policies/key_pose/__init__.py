@@ -1,4 +1,4 @@
-"""Key poses: learnt from demonstrations in the frames of the things on the table, with a planned way between them."""
+"""Key poses: learnt from demonstrations in the frames of the objects on the table, and joined by planned motions."""
 
 from embodiedreamer_gym.policies.key_pose.policy import KeyPosePolicy
 from embodiedreamer_gym.policies.key_pose.skill import Demonstration, Skill, learn

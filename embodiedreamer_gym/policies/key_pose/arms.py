@@ -1,4 +1,4 @@
-"""The arms of a robot as key poses need them: joints, gripper, kinematics, and the mirror image of the other side."""
+"""The arms of a robot for key poses: joints, gripper, kinematics, and the mirror image of the other arm."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = np.ndarray
 
 
 class Arms:
-    """One arm, or two that mirror each other: everything is done as by the first, at y > 0 where there are two.
+    """One arm, or two that mirror each other. All is computed for the first arm, which is at y > 0 if there are two.
 
     Raises: PolicyError for another number of arms, or an arm without gripper.
     """

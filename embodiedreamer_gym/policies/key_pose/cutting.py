@@ -1,23 +1,25 @@
-"""Key instants of an episode: where the gripper changes, and where the arm slows down between."""
+"""Key instants of an episode: changes of the gripper, and slow points of the arm between them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # loads its parts when they are used
+import scipy  # loads its submodules when they are first used
 
 Array = np.ndarray
 SMOOTHED = 0.17  # s, over which speeds are averaged
-PROMINENT = 0.15  # of the highest speed: by how much a minimum lies below the motion before and after it
-SLOW = 0.15  # of the highest speed, below which the arm rests
-OPENING = 0.2  # of the gripper's stroke: the least that counts as a change
+PROMINENT = 0.15  # of the highest speed: least depth of a minimum below the speeds before and after it
+SLOW = 0.15  # of the highest speed: the arm rests below it
+OPENING = 0.2  # of the gripper's stroke: least range that counts as a change
 
 
 @dataclass(frozen=True)
 class KeyInstant:
-    """step: at which the arm is at the key pose; arrival, departure: steps between which it rests there, the key's own where it
-    passes through; event: whether the gripper changes there; opening: of the gripper from there on.
+    """A key instant of an episode.
+
+    step: at which the arm is at the key pose; arrival, departure: first and last step of its rest there, both equal to
+    step if it does not stop; event: whether the gripper changes there; opening: of the gripper from there on.
     """
 
     step: int
@@ -28,7 +30,7 @@ class KeyInstant:
 
 
 def gripper_changes(opening: Array) -> Array:
-    """Steps at which a gripper's command (T,) crosses the middle of its range; none where it hardly moves."""
+    """Steps at which a gripper's command (T,) crosses the middle of its range; none if it hardly moves."""
     low, high = float(opening.min()), float(opening.max())
     if high - low < OPENING:
         return np.zeros(0, int)
@@ -37,7 +39,7 @@ def gripper_changes(opening: Array) -> Array:
 
 
 def cut(angles: Array, opening: Array, hz: float) -> list[KeyInstant]:
-    """Key instants of an arm's angles (T, m) and its gripper's command (T,): changes, minima of the speed, and the end."""
+    """Key instants of an arm's angles (T, m) and its gripper's command (T,): changes, speed minima, and the end."""
     speed = np.abs(np.diff(angles, axis=0, prepend=angles[:1])).max(axis=1) * hz
     speed = scipy.ndimage.uniform_filter1d(speed, max(1, round(SMOOTHED * hz)))
     slow, last = speed < SLOW * speed.max(), len(speed) - 1

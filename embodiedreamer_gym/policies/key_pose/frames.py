@@ -1,4 +1,4 @@
-"""Frames on the table that key poses are expressed in: of each thing, along its axis or away from the arm's base."""
+"""Frames on the table for key poses: each object has one along its axis and one pointing away from the arm's base."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from scipy.spatial.transform import Rotation
 Array = np.ndarray
 Scene = Mapping[
     str, tuple[float, float, float]
-]  # thing -> x, y (m) and the angle (rad) of its axis, in the robot's frame
-OUTWARD = " outward"  # after the name of a thing
+]  # object -> x, y (m) and the angle (rad) of its axis, in the robot's frame
+OUTWARD = " outward"  # after the name of an object
 
 
 def folded(angle: float) -> float:
-    """An angle of an axis without direction, -pi/2 .. pi/2."""
+    """The angle of an undirected axis, wrapped to -pi/2 .. pi/2."""
     return float((angle + np.pi / 2) % np.pi - np.pi / 2)
 
 
 def frames(scene: Scene, base: Array, flipped: str | None = None) -> dict[str, tuple[float, float, float]]:
-    """Place (m) and direction (rad) of each frame: two for each thing.
+    """Position (m) and direction (rad) of each frame; each object has two.
 
-    The axis of a thing points away from the base (3,), since which end is which is hard to see; that of `flipped` to the base.
+    The axis of an object points away from the base (3,), because its two ends are hard to tell apart; the axis of
+    `flipped` points towards the base.
     """
     found = {}
     for name, (x, y, angle) in scene.items():
@@ -33,29 +34,29 @@ def frames(scene: Scene, base: Array, flipped: str | None = None) -> dict[str, t
 
 
 def thing(frame: str) -> str:
-    """The thing that a frame is of."""
+    """The object that a frame belongs to."""
     return frame.removesuffix(OUTWARD)
 
 
 def into(frame: tuple[float, float, float], position: Array, rotation: Array) -> tuple[Array, Array]:
-    """A pose of the world, position (3,) and rotation (3, 3), in a frame."""
+    """Convert a pose, position (3,) and rotation (3, 3), from the world to a frame."""
     turn = Rotation.from_euler("z", frame[2]).as_matrix()
     return turn.T @ (position - [frame[0], frame[1], 0.0]), turn.T @ rotation
 
 
 def outof(frame: tuple[float, float, float], position: Array, rotation: Array) -> tuple[Array, Array]:
-    """A pose of a frame in the world."""
+    """Convert a pose from a frame to the world."""
     turn = Rotation.from_euler("z", frame[2]).as_matrix()
     return turn @ position + [frame[0], frame[1], 0.0], turn @ rotation
 
 
 def mirrored(scene: Scene) -> dict[str, tuple[float, float, float]]:
-    """A scene in the plane y = 0."""
+    """A scene mirrored in the plane y = 0."""
     return {name: (x, -y, -angle) for name, (x, y, angle) in scene.items()}
 
 
 def middle(positions: Array, rotations: Array) -> tuple[Array, Array]:
-    """Median (3,) of positions (D, 3), and the rotation (3, 3) of the least sum of angles to rotations (D, 3, 3).
+    """Median (3,) of positions (D, 3), and the rotation (3, 3) with the least sum of angles to rotations (D, 3, 3).
 
     Source: Weiszfeld's algorithm; Hartley, Aftab, Trumpf, CVPR 2011.
     """
@@ -68,7 +69,7 @@ def middle(positions: Array, rotations: Array) -> tuple[Array, Array]:
 
 
 def spread(positions: Array, rotations: Array) -> float:
-    """How far (D, 3) and (D, 3, 3) differ from their middle: median distance, m, and a tenth of a metre for each rad."""
+    """Spread of positions (D, 3) and rotations (D, 3, 3) about their middle: median distance, m, plus 0.1 m per rad."""
     place, turn = middle(positions, rotations)
     angles = (Rotation.from_matrix(rotations) * Rotation.from_matrix(turn).inv()).magnitude()
     return float(np.median(np.linalg.norm(positions - place, axis=1)) + 0.1 * np.median(angles))

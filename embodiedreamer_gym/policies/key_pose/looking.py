@@ -1,4 +1,4 @@
-"""Where things lie on the table, by one picture: masks from the object pose head's layers, seen by a camera whose pose is known."""
+"""Poses of objects on the table from one picture: masks of the object pose head, for a camera of known pose."""
 
 from __future__ import annotations
 
@@ -19,23 +19,26 @@ from embodiedreamer_gym.recordings.episodes import EpisodeSet
 
 Array = np.ndarray
 Area = tuple[float, float, float, float]
-SURE = 0.5  # probability from which a pixel is a thing's
-BRIDGED = 15  # pixels of a gap within a thing, in a picture 256 wide: where it is as bright as the table, or something lies before it
-FEWEST = 3  # pixels of a thing
-EVERY = 4  # steps of the demonstrations whose pictures teach the head
-WIDER = 0.05  # of a picture, by which things may lie outside of where demonstrations had them
-CROP = (96, 128)  # rows and columns of the parts of larger pictures that the head learns from
-ABOUT = 0.8  # share of these that lie about a pixel of a thing
-ENDS = (2.0, 98.0)  # percentiles of a thing's pixels along and across its axis, between which its middle lies
+SURE = 0.5  # probability above which a pixel belongs to an object
+# pixels, in a picture 256 wide: gaps within an object, where it is as bright as the table or hidden by something
+BRIDGED = 15
+FEWEST = 3  # pixels: an object with less is not seen
+EVERY = 4  # steps: the head is trained on every fourth picture of the demonstrations
+WIDER = 0.05  # of a picture: objects may lie this far outside the area of the demonstrations
+CROP = (96, 128)  # rows and columns of the crops on which the head is trained
+ABOUT = 0.8  # share of the crops that contain a pixel of an object
+ENDS = (2.0, 98.0)  # percentiles of an object's pixels along and across its axis; its middle is their mean
 
 
 class Looker:
-    """Finds things in the pictures of one camera that stands still.
+    """Finds objects in the pictures of one fixed camera.
 
-    things: names, in the order of the head's classes; heights: thing -> height (m) at which its outline is taken to lie;
-    shapes: thing -> points (k, 3) of its convex hull, m, z in the world and x, y about its origin, where its shape is known; then
-    its pose comes from its outline, see `silhouette`, else from the middle of its mask's extent.
-    areas: thing -> left, top, right and bottom end, as shares of the picture, of where it may be, see `areas`.
+    things: names of the objects, in the order of the head's classes; heights: object -> height (m) assumed for its
+    outline; shapes: object -> points (k, 3) of its convex hull, m, z in the world and x, y about its origin, if its
+    shape is known. With a shape, its pose is fitted to its outline, see `silhouette`; without, it is the middle of its
+    mask's extent.
+    areas: object -> left, top, right and bottom edge of the area where it may be, as shares of the picture, see
+    `areas`.
     Raises: PolicyError for a camera on a moving link.
     """
 
@@ -49,9 +52,9 @@ class Looker:
         self.areas, self.shapes = dict(areas or {}), dict(shapes or {})
 
     def __call__(self, pictures: Mapping[str, Array]) -> Scene | None:
-        """Things of one observation; None where one is not seen.
+        """Find the objects in one observation; None if one of them is not seen.
 
-        Raises: PolicyError where the camera's picture is missing.
+        Raises: PolicyError if the camera's picture is missing.
         """
         if self.camera.name not in pictures:
             raise PolicyError(f"the observation has no picture of the camera {self.camera.name}.")
@@ -68,14 +71,14 @@ class Looker:
         return scene
 
     def shares(self, picture: Array) -> list[Array]:
-        """For each thing, probability (H, W) of the pixels of a picture (H, W, 3); 0 where the thing cannot be."""
+        """Probability (H, W) of each object for the pixels of a picture (H, W, 3); 0 where the object cannot be."""
         size = picture.shape[1], picture.shape[0]
         with torch.inference_mode():
             found = self.head.logits(normalised(picture[None])).softmax(1)[0, 1:].cpu().numpy()
         return [np.where(self._inside(name, size), share, 0.0) for name, share in zip(self.things, found, strict=True)]
 
     def outlines(self, pictures: Array) -> list[dict[str, Array | None]]:
-        """Directions (k, 3) in the world in which each thing's pixels are seen, for pictures (N, H, W, 3); None for none."""
+        """World directions (k, 3) of each object's pixels in pictures (N, H, W, 3); None for an unseen object."""
         size = pictures.shape[2], pictures.shape[1]
         rays, found = self._rays(size), []
         for picture in pictures:
@@ -88,7 +91,7 @@ class Looker:
         return found
 
     def place(self, directions: Array, height: float) -> tuple[float, float, float]:
-        """Middle x, y (m) and direction of the longest axis (rad) of a thing seen in directions (k, 3), at a height, m."""
+        """Middle x, y (m) and longest axis's direction (rad) of an object at a height, m, in directions (k, 3)."""
         start, _ = self.camera.pose()
         points = start[:2] + directions[:, :2] * ((height - start[2]) / directions[:, 2:])
         centre = points.mean(0)
@@ -99,13 +102,13 @@ class Looker:
         return float(middle[0]), float(middle[1]), float(np.arctan2(axes[1, 0], axes[0, 0]))
 
     def _inside(self, name: str, size: tuple[int, int]) -> Array:
-        """Where (H, W) in a picture a thing may be."""
+        """Mask (H, W) of the part of a picture where an object may be."""
         left, top, right, bottom = self.areas.get(name, (0.0, 0.0, 1.0, 1.0))
         u, v = ((np.arange(count) + 0.5) / count for count in size)
         return ((v >= top) & (v <= bottom))[:, None] & ((u >= left) & (u <= right))
 
     def _rays(self, size: tuple[int, int]) -> Array:
-        """Directions (H, W, 3) in the world of a picture's pixels."""
+        """World directions (H, W, 3) of a picture's pixels."""
         matrix, (_, turn) = self.camera.matrix(size), self.camera.pose()
         u, v = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
         rays = np.stack([(u - matrix[0, 2]) / matrix[0, 0], (v - matrix[1, 2]) / matrix[1, 1], np.ones(u.shape)], -1)
@@ -113,7 +116,7 @@ class Looker:
 
 
 def largest(shares: Array, width: int) -> Array:
-    """The piece (H, W) of probabilities (H, W) above `SURE` whose sum is the largest, gaps bridged."""
+    """Mask (H, W) of the component above `SURE` with the largest sum of probabilities (H, W); gaps are bridged."""
     mask, reach = shares > SURE, max(1, round(BRIDGED * width / 256))
     count, numbers = cv2.connectedComponents(cv2.dilate(mask.astype(np.uint8), np.ones((reach, reach), np.uint8)))
     if count <= 1:
@@ -123,13 +126,13 @@ def largest(shares: Array, width: int) -> Array:
 
 
 def areas(episodes: EpisodeSet, camera: str) -> dict[str, Area]:
-    """Where in the pictures each thing is at the beginning of episodes, widened by `WIDER` of the picture to each side."""
+    """Area of each object in the first pictures of episodes, widened by `WIDER` of the picture on each side."""
     firsts = np.concatenate([episodes.masks(i, camera, 0, 1) for i in range(len(episodes.episodes))])
     return areas_of(firsts, episodes.objects)
 
 
 def areas_of(firsts: Array, objects: Mapping[str, int]) -> dict[str, Area]:
-    """The same from masks (N, H, W) and the number of each thing in them."""
+    """The same from masks (N, H, W) and the number of each object in them."""
     found: dict[str, Area] = {}
     size = np.array(firsts.shape[:0:-1])
     for name, number in objects.items():
@@ -145,15 +148,15 @@ def areas_of(firsts: Array, objects: Mapping[str, int]) -> dict[str, Area]:
 
 
 def normalised(pictures: Array) -> torch.Tensor:
-    """Pictures (N, H, W, 3) uint8 as the head takes them."""
+    """Pictures (N, H, W, 3) uint8, normalised for the head."""
     x = torch.from_numpy(np.ascontiguousarray(pictures)).permute(0, 3, 1, 2).float() / 255
     return (x - torch.tensor(PIXEL_MEAN)[:, None, None]) / torch.tensor(PIXEL_SCALE)[:, None, None]
 
 
 def taught(episodes: EpisodeSet, camera: str, seed: int, progress: ProgressCallback | None = None) -> ObjectPoseHead:
-    """A head that has learnt the masks of episodes, of all objects in their order.
+    """Train a head on the masks of episodes, with one class for each object, in their order.
 
-    Raises: PolicyError where there are no masks.
+    Raises: PolicyError if there are no masks.
     """
     if not episodes.objects or camera not in episodes.cameras:
         raise PolicyError(
@@ -174,7 +177,7 @@ def taught(episodes: EpisodeSet, camera: str, seed: int, progress: ProgressCallb
 
 
 def cropped(picture: Array, mask: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """A part of a picture (H, W, 3) and its mask (H, W), at most `CROP` large, most often about a pixel of a thing."""
+    """A crop of a picture (H, W, 3) and its mask (H, W), at most `CROP` large, mostly around a pixel of an object."""
     height, width = (min(most, size) for most, size in zip(CROP, mask.shape, strict=True))
     rows, columns = np.nonzero(mask)
     if len(rows) and rng.random() < ABOUT:

@@ -1,4 +1,4 @@
-"""The way through key poses: which joint angles reach them, and how fast."""
+"""Motions through key poses: the joint angles that reach them, and their timing."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from embodiedreamer_gym.robot.paths import PEAK, SHORTEST, Path, line
 
 Array = np.ndarray
 MOST_TRIED = 50  # single demonstrations whose poses are tried
-PITCHED = np.radians([5, -5, 10, -10, 15, -15, 20, -20])  # of a gripper where nothing else can be reached
-DIFFERENT = 0.05  # rad, between two postures
-AT_LEAST = 0.4  # s of rest before a change of the gripper, in which the joints settle
+PITCHED = np.radians([5, -5, 10, -10, 15, -15, 20, -20])  # rad, of the gripper: tried last
+DIFFERENT = 0.05  # rad: least difference between two postures
+AT_LEAST = 0.4  # s: least rest before and after a change of the gripper, in which the joints settle
 
 
 def plan(skill: Skill, scene: Scene, arm: Kinematics, start: Array, hz: float) -> tuple[Array, Array] | None:
-    """Angles (T, m) and the gripper's opening (T,) through the key poses of a scene; None where they cannot be reached.
+    """Angles (T, m) and the gripper's opening (T,) through the key poses of a scene; None if they cannot be reached.
 
-    The median of the demonstrations comes first, then with the thing gripped the other way round, then single demonstrations,
-    the one of the most similar scene first, in both ways, then the median with the gripper pitched a little up or down.
+    Candidates are tried in this order: the median of the demonstrations; the same with the object gripped the other way
+    round; single demonstrations, the most similar scene first, each with both grips; the median with the gripper
+    pitched slightly up or down.
     """
     for poses in _candidates(skill, scene, arm.base):
         legs = _legs(skill.keys, poses, arm, start)
@@ -46,10 +47,10 @@ def _candidates(skill: Skill, scene: Scene, base: Array) -> Iterator[list[Pose]]
 
 
 def pitched(poses: Sequence[Pose], keys: Sequence[Key], change: int, pitch: float) -> list[Pose]:
-    """Poses, of which those about a change of the gripper are turned about the axis on which it closes, rad.
+    """Poses, those near one change of the gripper turned by `pitch`, rad, about the axis along which it closes.
 
-    change: its number; those about it are the key poses that are fewer steps of the sequence from it than from another. The axis
-    is y of the end effector's frame.
+    change: its number; a key pose is near the change that is closest in the sequence. The axis is y of the end
+    effector's frame.
     """
     changes = [number for number, key in enumerate(keys) if key.event]
     nearest = [int(np.argmin([abs(number - other) for other in changes])) for number in range(len(keys))]
@@ -63,9 +64,9 @@ def pitched(poses: Sequence[Pose], keys: Sequence[Key], change: int, pitch: floa
 def _legs(
     keys: Sequence[Key], poses: Sequence[Pose], arm: Kinematics, start: Array, number: int = 0
 ) -> list[Path] | None:
-    """A path to each key pose from `number` on: straight where the gripper changes at its beginning or end, else through the joints.
+    """A path to each key pose from `number` on: straight if the gripper changes at either end, else in joint space.
 
-    Where a straight one fails, the posture before it is searched anew.
+    If a straight path fails, another posture before it is tried. None if there are no such paths.
     """
     if number == len(keys):
         return []
@@ -78,9 +79,10 @@ def _legs(
 
 
 def _ways(arm: Kinematics, start: Array, pose: Pose, key: Key, straight: bool) -> Iterator[Path]:
-    """Paths from angles (m,) to a pose: the straight one, or those to different postures.
+    """Paths from angles (m,) to a pose: the straight one, or paths to different postures.
 
-    Postures are searched from the start's, and from the demonstrated one, facing the pose and as it is.
+    The search for postures starts from the start angles, from the demonstrated posture turned to face the pose, and
+    from the demonstrated posture itself.
     """
     if straight:
         leg = line(arm, start, pose, PEAK * key.speed)

@@ -1,4 +1,4 @@
-"""Key poses as a policy: one look at the beginning, then the planned way, as joint positions."""
+"""Key poses as a policy: it plans once from the first pictures of an episode, and returns joint positions."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from embodiedreamer_gym.policies.key_pose.skill import Skill
 from embodiedreamer_gym.robot import RobotModel
 
 CHUNK = 300  # actions
-Look = Callable[[Mapping[str, np.ndarray]], Scene | None]  # pictures of one observation -> what lies on the table
+Look = Callable[[Mapping[str, np.ndarray]], Scene | None]  # pictures of one observation -> objects on the table
 
 
 class KeyPosePolicy:
     """Positions (B, 300, n) of the joints for a batch {"agent_pos": (B, n), "pixels": {camera: (B, H, W, 3) uint8}}.
 
-    It looks once, at the first call after `reset`, and gives the whole way; later calls go on behind the last chunk. Its actions are
-    `positions` to be reached, not commands: `CalibratedTracking` makes commands of them. Where something is not seen, or no
-    way is found, the arm stays.
+    It plans the whole motion at the first call after `reset`; later calls return what follows the last chunk. Its
+    actions are target joint `positions`, not commands: `CalibratedTracking` converts them to commands. If an object is
+    not seen, or no motion is found, the arm does not move.
     """
 
     positions = True
@@ -40,7 +40,7 @@ class KeyPosePolicy:
         return f"KeyPosePolicy({len(self.skill.keys)} key poses, {len(self.skill.scenes)} demonstrations)"
 
     def reset(self) -> None:
-        """Forget the plan: an episode begins."""
+        """Discard the plan at the start of an episode."""
         self._plans, self._played = [], 0
 
     def __call__(self, batch: Mapping[str, Any]) -> np.ndarray:

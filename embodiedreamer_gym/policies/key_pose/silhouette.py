@@ -1,4 +1,4 @@
-"""Pose of a thing of known shape: where its outline agrees best with the probabilities of the pixels."""
+"""Pose of an object of known shape: the one whose outline agrees best with the probabilities of the pixels."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from embodiedreamer_gym.geometry.camera import Camera
 
 Array = np.ndarray
 Lying = tuple[float, float, float]  # x, y (m) and direction (rad) on the table
-FINER = 4  # subpixels along a pixel's edge
+FINER = 4  # subpixels along a pixel's side
 STEP = (0.015, 0.015, 0.25)  # m, m and rad: the first steps of the search
 SEARCH = {"maxfev": 120, "xatol": 3e-4, "fatol": 1e-4}
-ODDS = 4.0  # largest logarithm of the odds that one pixel counts
+ODDS = 4.0  # limit of one pixel's log-odds
 CORNERS = 8  # of a box
-SLENDER = 2.0  # ratio of length and width from which the longest axis of a mask is a thing's own
+SLENDER = 2.0  # ratio of length to width above which the longest axis of a mask is the object's axis
 
 
 @dataclass(frozen=True)
 class View:
-    """A camera that stands still and its pictures' size (width, height)."""
+    """A fixed camera and the size (width, height) of its pictures."""
 
     camera: Camera
     size: tuple[int, int]
@@ -35,9 +35,9 @@ class View:
         return seen[:, :2] / seen[:, 2:]
 
     def outline(self, shape: Array, pose: Sequence[float] | Array) -> tuple[Array, slice, slice]:
-        """Share of each pixel inside the outline of a thing at a pose, in the rows and columns around it.
+        """Share of each pixel inside the outline of an object at a pose, for the rows and columns around it.
 
-        shape: points (k, 3), whose convex hull it is, m, z in the world and x, y about its origin.
+        shape: points (k, 3), m, z in the world and x, y about its origin; the object is their convex hull.
         """
         x, y, angle = pose
         c, s = np.cos(angle), np.sin(angle)
@@ -53,7 +53,7 @@ class View:
 
 
 def is_round(shape: Array) -> bool:
-    """Whether a thing looks the same however it is turned: at each height its points have one distance from the z axis."""
+    """Whether an object looks the same at any angle about z: no radius is 5 % above its smallest half width."""
     distance, z = np.hypot(shape[:, 0], shape[:, 1]), np.round(shape[:, 2], 6)
     widest = [distance[z == height].max() for height in np.unique(z)]
     smallest = np.ptp(shape[:, :2], axis=0).min() / 2
@@ -63,8 +63,8 @@ def is_round(shape: Array) -> bool:
 def fitted(shares: Array, shape: Array, view: View, first: Sequence[float]) -> Lying:
     """The pose whose outline contains the most evidence.
 
-    The evidence of a pixel is the logarithm of the odds that it is the thing's, so that faint parts of a thing count too.
-    shares: probabilities (H, W); first: pose from which it is searched, and from both sides along the thing's axis.
+    The evidence of a pixel is its log-odds of belonging to the object, so that faint parts of the object count too.
+    shares: probabilities (H, W); first: pose from which the search starts; it also starts from shifted or turned poses.
     Source: Nelder and Mead, The Computer Journal 7, 1965, for the search.
     """
     kept = np.clip(shares, 1e-6, 1 - 1e-6)
@@ -83,7 +83,7 @@ def fitted(shares: Array, shape: Array, view: View, first: Sequence[float]) -> L
 
 
 def _starts(shape: Array, first: Sequence[float]) -> list[Array]:
-    """The first pose; moved along the axis of a slender thing; turned by the multiples of 45 degrees of another that is not round."""
+    """The first pose, also shifted along a slender object's axis, or turned by 45 and 90 degrees if it is not round."""
     x, y, angle = first
     length, width = np.ptp(shape[:, :2], axis=0)
     if is_round(shape):

@@ -1,4 +1,4 @@
-"""What key poses are learnt from demonstrations: each in the frame in which demonstrations agree best."""
+"""Key poses learnt from demonstrations, each in the frame in which the demonstrations agree best."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from embodiedreamer_gym.policies.key_pose.frames import (
 )
 
 Array = np.ndarray
-FEWEST = 3  # demonstrations of the same form
+FEWEST = 3  # demonstrations with the same sequence of key poses
 ARRAYS = ("positions", "rotations", "posture")  # of a key pose
 NUMBERS = ("opening", "before", "after", "speed", "spread")  # of a key pose
-LARGEST, SLOWEST = 1000.0, 1e-4  # of these numbers; of speeds, m/s
-TURN = 0.1  # m that a rad of a thing's direction counts as, between scenes
+LARGEST, SLOWEST = 1000.0, 1e-4  # largest of these numbers; lowest speed, m/s
+TURN = 0.1  # m: what a rad of an object's direction counts as in the distance between scenes
 
 
 @dataclass(frozen=True)
 class Demonstration:
-    """An episode's numbers: states (T, n), actions (T, n), control rate and the things on the table at its beginning."""
+    """One episode: states (T, n), actions (T, n), control rate (Hz), and the objects on the table at its start."""
 
     states: Array
     actions: Array
@@ -47,9 +47,9 @@ class Demonstration:
 class Key:
     """A key pose in each demonstration, in its frame.
 
-    frame: name of it; positions (D, 3), rotations (D, 3, 3); event: whether the gripper changes there; opening: of the
-    gripper from there on; before, after: s of rest before and after the change; speed: mean speed of the end effector on the
-    way to it, m/s; spread: see `frames.spread`; posture (m,): median angles of the arm there, rad.
+    frame: its name; positions (D, 3), rotations (D, 3, 3); event: whether the gripper changes there; opening: of the
+    gripper from there on; before, after: s of rest before and after the change; speed: mean speed of the end effector
+    on the way to it, m/s; spread: see `frames.spread`; posture (m,): median angles of the arm there, rad.
     """
 
     frame: str
@@ -66,10 +66,10 @@ class Key:
 
 @dataclass(frozen=True)
 class Skill:
-    """Key poses of a task, learnt from D demonstrations of one form.
+    """Key poses of a task, learnt from D demonstrations with the same sequence of key poses.
 
-    keys: in the order of the task; scenes: of the demonstrations, as seen by the first arm; side: the thing whose side
-    decides which arm acts; opening: of the gripper at first.
+    keys: in the order of the task; scenes: of the demonstrations, mirrored if the second arm acted; side: the object
+    whose side decides which arm acts; opening: of the gripper at the start.
     """
 
     keys: tuple[Key, ...]
@@ -80,7 +80,7 @@ class Skill:
     def poses(self, scene: Scene, base: Array, demonstration: int | None = None, flip: bool = False) -> list[Pose]:
         """Poses of the end effector in a scene: the middle of all demonstrations, or those of one.
 
-        flip: the thing that is gripped first the other way round.
+        flip: whether the object that is gripped first is gripped the other way round.
         """
         gripped = next((thing(key.frame) for key in self.keys if key.event), None) if flip else None
         at, found = frames(scene, base, gripped), []
@@ -93,7 +93,7 @@ class Skill:
         return found
 
     def nearest(self, scene: Scene) -> list[int]:
-        """Demonstrations, the one of the most similar scene first."""
+        """Numbers of the demonstrations, the one with the most similar scene first."""
 
         def away(other: Scene) -> float:
             return sum(
@@ -104,7 +104,7 @@ class Skill:
         return sorted(range(len(self.scenes)), key=lambda d: away(self.scenes[d]))
 
     def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON."""
+        """The skill as a JSON-serialisable dictionary."""
         keys = [
             {**{name: getattr(key, name) for name in ("frame", "event", *NUMBERS)},
              **{name: getattr(key, name).tolist() for name in ARRAYS}}
@@ -114,7 +114,7 @@ class Skill:
 
     @staticmethod
     def of(data: dict[str, Any]) -> Skill:
-        """From JSON. Raises: PolicyError where it is no such thing."""
+        """The inverse of `as_dict`. Raises: PolicyError for anything else."""
         try:
             keys = tuple(_key_of(one) for one in data["keys"])
             scenes = tuple({name: tuple(map(float, one)) for name, one in scene.items()} for scene in data["scenes"])
@@ -129,7 +129,10 @@ class Skill:
         return skill
 
     def _check(self) -> None:
-        """Raises: PolicyError for numbers, rotations, frames or scenes that no training writes."""
+        """Check the values.
+
+        Raises: PolicyError for numbers, rotations, frames or scenes that no training writes.
+        """
         things = set(self.scenes[0]) if self.scenes else set[str]()
         whole = all(set(scene) == things and all(len(one) == 3 for one in scene.values()) for scene in self.scenes)
         if not things or not whole:
@@ -153,16 +156,16 @@ class Skill:
 
 
 def _key_of(data: Mapping[str, Any]) -> Key:
-    """A key pose of JSON. Raises: KeyError, TypeError or ValueError for what is none."""
+    """A key pose from JSON. Raises: KeyError, TypeError or ValueError for anything else."""
     numbers: dict[str, Any] = {name: float(data[name]) for name in NUMBERS}
     arrays: dict[str, Any] = {name: np.array(data[name], float) for name in ARRAYS}
     return Key(frame=str(data["frame"]), event=bool(data["event"]), **numbers, **arrays)
 
 
 def learn(demonstrations: Sequence[Demonstration], arms: Arms) -> Skill:
-    """Key poses of demonstrations; those of another form than most are left out.
+    """Learn key poses from demonstrations; those whose sequence of key poses is not the most common are left out.
 
-    Raises: PolicyError where fewer than three are left, or nothing lies on the table.
+    Raises: PolicyError if fewer than three are left, or there is no object on the table.
     """
     if not demonstrations or not all(one.scene for one in demonstrations):
         raise PolicyError("key poses need demonstrations with things on the table.")
@@ -224,7 +227,7 @@ def _key(row: Sequence[KeyInstant], bent: Sequence[Array], scenes: Sequence[Scen
 
 
 def _side(demonstrations: Sequence[Demonstration], sides: Sequence[int]) -> str:
-    """The thing on whose side the acting arm is most often."""
+    """The object that is most often on the side of the acting arm."""
     names = list(demonstrations[0].scene)
     agree = [
         np.mean([(d.scene[name][1] < 0) == bool(s) for d, s in zip(demonstrations, sides, strict=True)])

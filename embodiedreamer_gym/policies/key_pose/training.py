@@ -1,4 +1,4 @@
-"""Key poses from a set of recorded episodes with masks; a folder on disk."""
+"""Learning key poses from recorded episodes with masks, and storing them in a folder."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from embodiedreamer_gym.recordings.episodes import EpisodeSet
 from embodiedreamer_gym.robot import RobotModel
 
 KIND = "embodiedreamer_key_pose"
-MOST = 10_000  # of the numbers in a folder: control rate, size of pictures, heights, ends of areas
-ABOVE = np.linspace(-0.04, 0.12, 9)  # m over the first grip, of heights that a thing's outline may have
+MOST = 10_000  # of the stored numbers: control rate, size of pictures, heights, edges of areas
+ABOVE = np.linspace(-0.04, 0.12, 9)  # m above the first grip: heights tried for an object's outline
 
 
 def train_key_poses(episodes: EpisodeSet, robot: str | Path, camera: Camera, folder: str | Path, seed: int = 0,
                     progress: ProgressCallback | None = None) -> KeyPosePolicy:  # fmt: skip
-    """Learn key poses and the look at things, and save both in a folder.
+    """Learn key poses and an object pose head, and save both in a folder.
 
-    Poses of the demonstrations' things come from the same head as those of new scenes, from each episode's first picture, so
-    that what is always wrong with them cancels. The height at which a thing's outline is taken to lie is the one with which the
+    The same head estimates the object poses of the demonstrations, from each episode's first picture, and those of new
+    scenes, so that systematic errors cancel. The height assumed for an object's outline is the one at which the
     demonstrations agree best.
 
-    robot: a built-in one or a model file; camera: of the pictures, standing still.
-    Raises: PolicyError where the episodes do not allow it.
+    robot: a built-in robot or a model file; camera: the fixed camera of the pictures.
+    Raises: PolicyError for episodes from which key poses cannot be learnt.
     """
     model = RobotModel.load(robot)
     if episodes.state_size != model.n or episodes.action_size != model.n:
@@ -49,7 +49,7 @@ def train_key_poses(episodes: EpisodeSet, robot: str | Path, camera: Camera, fol
 def learnt_with(
     head: ObjectPoseHead, episodes: EpisodeSet, model: RobotModel, robot: str, camera: Camera, folder: Path
 ) -> KeyPosePolicy:
-    """Key poses of episodes by a head that knows their objects, saved in a folder."""
+    """Learn key poses from episodes with a trained head, and save both in a folder."""
     arms, looker = Arms(model), Looker(head, tuple(episodes.objects), camera, {}, areas(episodes, camera.name))
     count = len(episodes.episodes)
     firsts = np.concatenate([episodes.frames(i, camera.name, 0, 1) for i in range(count)])
@@ -74,7 +74,7 @@ def learnt_with(
 def _heights(
     demonstrations: Callable[[dict[str, float]], list[Demonstration]], things: tuple[str, ...], arms: Arms
 ) -> tuple[dict[str, float], Skill]:
-    """The height of each thing's outline with which key poses agree best, and what is learnt with them."""
+    """The outline height of each object at which the demonstrations agree best, and the skill learnt with them."""
     tall = _grip_height(demonstrations(dict.fromkeys(things, 0.0)), arms)
     heights = dict.fromkeys(things, tall)
     for name in things:
@@ -93,7 +93,7 @@ def _grip_height(demonstrations: list[Demonstration], arms: Arms) -> float:
 
 
 def save_key_poses(policy: KeyPosePolicy, looker: Looker, robot: str, folder: Path) -> None:
-    """Write a policy as `load_key_poses` reads it; robot: a built-in one or a model file."""
+    """Write a policy for `load_key_poses`; robot: a built-in robot or a model file."""
     folder.mkdir(parents=True, exist_ok=True)
     write_state(looker.head.state_dict(), folder / WEIGHTS, PolicyError)
     given = str(Path(robot).resolve()) if Path(robot).is_file() else robot
@@ -107,14 +107,14 @@ def save_key_poses(policy: KeyPosePolicy, looker: Looker, robot: str, folder: Pa
 
 
 def is_key_pose(folder: str | Path) -> bool:
-    """Whether a folder holds key poses. Raises: PolicyError where its config.json cannot be read."""
+    """Whether a folder holds key poses. Raises: PolicyError if its config.json cannot be read."""
     return read_config(Path(folder)).get("type") == KIND
 
 
 def load_key_poses(folder: str | Path) -> KeyPosePolicy:
     """The policy that `train_key_poses` wrote.
 
-    Raises: PolicyError where there is none, or it is damaged.
+    Raises: PolicyError if it is missing or damaged.
     """
     folder = Path(folder)
     data = read_config(folder)

@@ -1,4 +1,4 @@
-"""Learning from preferences: rollouts in pairs, losses that hold, a guard, and what they have to beat."""
+"""Learning from preferences: pairs of rollouts, losses, a guard against collapse, and baselines."""
 
 from __future__ import annotations
 

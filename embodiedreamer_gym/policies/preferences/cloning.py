@@ -1,4 +1,4 @@
-"""What preferences have to beat: supervised fine-tuning continued, filtered cloning, reward-weighted regression."""
+"""Baselines of preference learning: continued supervised fine-tuning, filtered cloning, reward-weighted regression."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class CloningConfig:
     epochs: int = 80
     """Epochs over all chunks."""
     batch: int = 256
-    """Chunks of a step."""
+    """Chunks per step."""
     learning_rate: float = 1e-4
     """Learning rate of Adam."""
     seed: int = 0
@@ -47,10 +47,11 @@ def clone(
     network: ChunkNetwork, trajectories: Sequence[Trajectory], config: CloningConfig | None = None,
     weights: Sequence[float] | None = None, progress: ProgressCallback | None = None,
 ) -> tuple[float, ...]:  # fmt: skip
-    """Imitate what trajectories did, in place; mean squared error (normalised) of each epoch.
+    """Train a network in place to imitate trajectories; returns the mean squared error (normalised) of each epoch.
 
-    Demonstrations: supervised fine-tuning continued. weights: of each trajectory, equal where None. Dropout stays off.
-    Raises: PolicyError where network and trajectories do not fit, or no weight is above zero.
+    With demonstrations, this continues supervised fine-tuning. weights: of each trajectory, equal if None. Dropout is
+    off.
+    Raises: PolicyError if network and trajectories do not fit, or no weight is above zero.
     """
     config = config or CloningConfig()
     network.eval()
@@ -59,7 +60,7 @@ def clone(
     if share.shape != (len(trajectories),) or not bool((share >= 0).all()) or not bool(share.sum() > 0):
         raise PolicyError(f"cloning needs {len(trajectories)} weights of at least 0, one of them above it.")
     share = (share / share.mean())[chunks.owner]
-    size = chunks.played.sum().float() * chunks.actions.shape[2] / len(chunks)  # numbers in a chunk
+    size = chunks.played.sum().float() * chunks.actions.shape[2] / len(chunks)  # mean number of values in a chunk
 
     totals = [0.0]
 
@@ -96,7 +97,7 @@ def filtered(
 def reward_weights(
     rollouts: Sequence[Trajectory], metric: Metric = METRICS[0], temperature: float = 0.05
 ) -> np.ndarray:
-    """Weight (N,) of each rollout, exp(-score / temperature), the best one's being 1.
+    """Weight (N,) of each rollout, exp(-score / temperature), scaled so that the best one has 1.
 
     temperature: in the metric's unit.
     Raises: PolicyError for a temperature that is not above zero.

@@ -1,4 +1,4 @@
-"""Trajectories as HDF5 files: arrays as they are, the rest as attributes; nothing that runs code when it is read."""
+"""Trajectories in HDF5 files: arrays as datasets, the rest as attributes; reading a file runs no code."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ ARRAYS = ("actions", "means", "counts")
 def save_trajectories(
     trajectories: Sequence[Trajectory], path: str | Path, about: Mapping[str, Any] | None = None
 ) -> Path:
-    """Write trajectories, whole or not at all; about: what JSON can hold.
+    """Write trajectories atomically; about: further data that JSON can hold.
 
-    Raises: PolicyError where the file cannot be written.
+    Raises: PolicyError if the file cannot be written.
     """
     with atomic_file(path, PolicyError) as part, h5py.File(part, "w") as file:
         file.attrs.update(kind=KIND, version=VERSION, about=json.dumps(about or {}), count=len(trajectories))
@@ -33,7 +33,7 @@ def save_trajectories(
 
 
 def load_trajectories(path: str | Path) -> tuple[list[Trajectory], dict[str, Any]]:
-    """Read what `save_trajectories` wrote: the trajectories, and what it says about them.
+    """Read what `save_trajectories` wrote: the trajectories, and `about`.
 
     Raises: PolicyError for a missing, damaged or other file.
     """
@@ -54,7 +54,7 @@ def load_trajectories(path: str | Path) -> tuple[list[Trajectory], dict[str, Any
 
 
 def _write(one: Trajectory, group: h5py.Group) -> None:
-    """One trajectory; frames are packed."""
+    """Write one trajectory; frames are compressed."""
     for name in ARRAYS:
         group.create_dataset(name, data=getattr(one, name))
     for name, values in one.observations.items():
@@ -66,7 +66,7 @@ def _write(one: Trajectory, group: h5py.Group) -> None:
 
 
 def _read(file: Hdf5File, name: str) -> Trajectory:
-    """One trajectory; sizes are checked before they are read."""
+    """Read one trajectory; the sizes of arrays are checked before they are read."""
     group: Any = file.file[name]
     datasets: list[str] = []
     if not isinstance(group["observations"], h5py.Group):

@@ -1,4 +1,4 @@
-"""Stops a fine-tuning that destroys its policy, and takes back the last weights that were good."""
+"""Stops fine-tuning that destroys the policy, and restores the last good weights."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from embodiedreamer_gym.policies.preferences.likelihood import ChunkNetwork
 STILL = (
     1e-4  # norm of the gradient: up to 1.2e-5 on noiseless rollouts, 0.4 to 5 on noisy ones (benchmarks/preferences)
 )
-FALL = 5.0  # nats below the reference; the default loss keeps its winners above it
+FALL = 5.0  # nats below the reference; with the default loss, the winners stay above this
 
 
 class NoGradientWarning(UserWarning):
@@ -18,9 +18,9 @@ class NoGradientWarning(UserWarning):
 
 
 class Guard:
-    """Watches the winners' mean log-likelihood, epoch by epoch.
+    """Checks the winners' mean log-likelihood after each epoch.
 
-    fall: nats by which it may lie below the reference's; None: it is not watched.
+    fall: nats by which it may lie below the reference's; None for no check.
     """
 
     def __init__(self, network: ChunkNetwork, fall: float | None = FALL) -> None:
@@ -28,13 +28,13 @@ class Guard:
         self._good = copy.deepcopy(network.state_dict()) if fall is not None else None
 
     def passes(self, winners: float) -> bool:
-        """Keep the weights as good; or, where the winners have fallen too far, take back those of before.
+        """Keep the weights as good; if the winners have fallen too far, restore the last good ones and return False.
 
         winners: their mean log-likelihood minus the reference's, nats.
         """
         if self.fall is None or self._good is None:
             return True
-        if winners >= -self.fall:  # not so for a number that is not finite either
+        if winners >= -self.fall:  # False for NaN too
             self._good = copy.deepcopy(self.network.state_dict())
             return True
         self.network.load_state_dict(self._good)
@@ -42,9 +42,9 @@ class Guard:
 
 
 def warn_if_still(gradient: float, error: float) -> None:
-    """Warn where the loss cannot move the policy.
+    """Warn if the loss cannot change the policy.
 
-    gradient: its norm at the start; error: the largest norm of a^ - a over a chunk, normalised.
+    gradient: norm at the start; error: the largest norm of a^ - a over a chunk, normalised.
     """
     if gradient < STILL:
         warnings.warn(

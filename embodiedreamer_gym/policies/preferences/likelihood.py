@@ -1,4 +1,4 @@
-"""Likelihood of executed chunks under a policy: a Gaussian around what the network says, in normalised units."""
+"""Likelihood of executed chunks under a policy: a Gaussian around the network's prediction, in normalised units."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from embodiedreamer_gym.policies.preferences.trajectory import Trajectory, alike
 
 
 class ChunkNetwork(Protocol):
-    """What can be fine-tuned: a torch module that says chunks of normalised actions; `Act` is one.
+    """A network that can be fine-tuned: a torch module that predicts chunks of normalised actions; `Act` is one.
 
-    A network may have a method `precompute(batch)`: it is called once for each batch, and `mean` then gets its results.
+    A network may have a method `precompute(batch)`: it is called once for each batch, and `mean` then gets its result.
     """
 
     def mean(self, batch: Mapping[str, Any]) -> torch.Tensor:
@@ -25,14 +25,14 @@ class ChunkNetwork(Protocol):
         ...
 
     def normalise(self, actions: torch.Tensor) -> torch.Tensor:
-        """Actions (..., m) in the environment's units to normalised ones."""
+        """Convert actions (..., m) in the environment's units to normalised ones."""
         ...
 
     def denormalise(self, actions: torch.Tensor) -> torch.Tensor:
-        """Normalised actions (..., m) to the environment's units."""
+        """Convert normalised actions (..., m) to the environment's units."""
         ...
 
-    # what every torch module has
+    # methods that every torch module has
 
     def parameters(self) -> Iterator[nn.Parameter]: ...  # noqa: D102
     def state_dict(self) -> dict[str, Any]: ...  # noqa: D102
@@ -43,7 +43,7 @@ class ChunkNetwork(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Chunks:
-    """All chunks of N trajectories in a row, R in all, ready for a network.
+    """The R chunks of N trajectories, concatenated for a network.
 
     observations: name -> (R, ...); actions (R, k, m): normalised; played (R, k); owner (R,): number of the trajectory.
     """
@@ -56,7 +56,7 @@ class Chunks:
 
     @staticmethod
     def of(trajectories: Sequence[Trajectory], network: ChunkNetwork) -> Chunks:
-        """Put the chunks of trajectories in a row, actions normalised as the network has it.
+        """Concatenate the chunks of trajectories, with actions normalised by the network.
 
         Raises: PolicyError for trajectories of different kinds, or with actions of another size than the network's.
         """
@@ -79,7 +79,7 @@ class Chunks:
         )
 
     def part(self, trajectories: torch.Tensor) -> Chunks:
-        """The chunks of some trajectories (n,), whose numbers become their places in this list."""
+        """The chunks of some trajectories (n,), which are renumbered by their position in this list."""
         place = torch.full((self.count,), -1, dtype=torch.long)
         place[trajectories] = torch.arange(len(trajectories))
         return self.rows(torch.nonzero(place[self.owner] >= 0)[:, 0], place, len(trajectories))
@@ -95,7 +95,7 @@ class Chunks:
 
 
 def _observations(trajectories: Sequence[Trajectory], network: ChunkNetwork) -> dict[str, torch.Tensor]:
-    """Observations name -> (R, ...) of all chunks, precomputed by networks that do."""
+    """Observations name -> (R, ...) of all chunks, after the network's `precompute` if it has one."""
     precompute = getattr(network, "precompute", dict)
     rows: list[dict[str, torch.Tensor]] = []
     for one in trajectories:
@@ -108,7 +108,7 @@ def _observations(trajectories: Sequence[Trajectory], network: ChunkNetwork) -> 
 def squared_errors(network: ChunkNetwork, chunks: Chunks) -> torch.Tensor:
     """Squared error (R,) of each chunk, summed over its played actions and their joints.
 
-    Where fewer actions of a chunk were executed than the network says, its beginning counts.
+    If fewer actions were executed than the network predicts, only the beginning of its chunk counts.
     """
     predicted = network.mean(nested(chunks.observations)).to(chunks.actions.device)
     errors = (predicted[:, : chunks.actions.shape[1]] - chunks.actions).square().sum(-1)
@@ -131,7 +131,7 @@ def chunk_batches(chunks: Chunks, size: int) -> Sequence[torch.Tensor]:
 
 
 def likelihood_of_all(network: ChunkNetwork, chunks: Chunks, sigma: float, size: int = 256) -> torch.Tensor:
-    """The same without gradients, a few chunks at a time."""
+    """The same as `log_likelihood`, without gradients and `size` chunks at a time."""
     with torch.no_grad():
         return sum((log_likelihood(network, chunks.rows(rows), sigma) for rows in chunk_batches(chunks, size)),
                    torch.zeros(chunks.count))  # fmt: skip
@@ -145,5 +145,5 @@ def spread_of(network: ChunkNetwork, size: int) -> np.ndarray:
 
 
 def device_of(network: ChunkNetwork) -> torch.device:
-    """Where a network computes."""
+    """Device of a network."""
     return next((p.device for p in network.parameters()), torch.device("cpu"))

@@ -1,4 +1,4 @@
-"""Which of two trajectories is preferred: pairs of numbers, before any frame is read."""
+"""Pairs of a preferred and a rejected trajectory, chosen by their scores; no frames are read."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from embodiedreamer_gym.errors import PolicyError
 
 PAIRINGS = ("same_start", "global_rank")
 TOP = 25  # M of the paper
-MARGIN = 0.01  # m: nearer than this, two ends are a tie
+MARGIN = 0.01  # m: two scores that differ by less are a tie
 
 Pairs = list[tuple[int, int]]
 
@@ -23,9 +23,10 @@ def pair(
 
     starts (N,): seed of each trajectory's start; scores (N,): less is better; pairing: `same_start`, the best and the
     worst try from each start, so that neither had the easier scene (GRAPE, Zhang et al. 2024), or `global_rank`, the
-    best M of all against the worst M in turn (the paper, section 4.3); top: M, at most so many pairs (25 with `global_rank`;
-    with `same_start` those that differ most, default all); margin: pairs whose scores differ by less are left out.
-    Raises: PolicyError where no pair is left, or what was given does not fit.
+    best M of all against the worst M in turn (the paper, section 4.3); top: M, the largest number of pairs (default 25
+    with `global_rank`; with `same_start` the pairs that differ most, default all); margin: pairs whose scores differ by
+    less are left out.
+    Raises: PolicyError if no pair is left, or the arguments do not fit each other.
     """
     if pairing not in PAIRINGS:
         raise PolicyError(f"pairing '{pairing}' is none of {', '.join(PAIRINGS)}.")
@@ -78,7 +79,7 @@ def _same_start(starts: np.ndarray, scores: np.ndarray, top: int | None) -> Pair
 
 
 def _global(scores: np.ndarray, top: int) -> Pairs:
-    """The best against the worst, the second best against the second worst, and so on; nobody on both sides."""
+    """The best against the worst, the second best against the second worst, and so on; none is on both sides."""
     order = np.argsort(scores, kind="stable").tolist()
     top = min(top, len(order) // 2)
     return list(zip(order[:top], order[::-1][:top], strict=True))

@@ -1,4 +1,4 @@
-"""Pairs of trajectories, the preferred one first: chosen from rollouts, saved and reloaded."""
+"""Pairs of a preferred and a rejected trajectory: chosen from rollouts, saved and loaded."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ class PreferenceSet:
         rollouts: Sequence[Trajectory], metric: Metric = METRICS[0], pairing: str = PAIRINGS[0],
         top: int | None = None, margin: float = MARGIN,
     ) -> PreferenceSet:  # fmt: skip
-        """Pairs of rollouts by how they ended; see `pair` for pairing, top and margin.
+        """Choose pairs of rollouts by their outcome; see `pair` for pairing, top and margin.
 
-        metric: distance (end effector to target, the paper's), object_distance, remaining, or a function of a trajectory;
-        less is better.
-        Raises: PolicyError where no pair is left.
+        metric: distance (end effector to target, the paper's), object_distance, remaining, or a function of a
+        trajectory; less is better.
+        Raises: PolicyError if no pair is left.
         """
         scores = [one.score(metric) for one in rollouts]
         pairs = pair([one.seed for one in rollouts], scores, pairing, top, margin)
@@ -64,20 +64,20 @@ class PreferenceSet:
 
     @property
     def contrast(self) -> float:
-        """Share of pairs whose winner fulfilled the task and whose loser did not."""
+        """Share of pairs whose winner succeeded and whose loser did not."""
         return float(np.mean([w.success and not l.success for w, l in zip(self.winners, self.losers, strict=True)]))
 
     def save(self, path: str | Path) -> Path:
-        """Write an HDF5 file, beside it first, then renamed.
+        """Write an HDF5 file atomically: a temporary file first, which is then renamed.
 
-        Raises: PolicyError where it cannot be written.
+        Raises: PolicyError if it cannot be written.
         """
         about = {"metric": self.metric, "pairing": self.pairing, "gaps": list(self.gaps)}
         return save_trajectories((*self.winners, *self.losers), path, about)
 
     @staticmethod
     def load(path: str | Path) -> PreferenceSet:
-        """Read what `save` wrote, bit by bit the same.
+        """Read what `save` wrote, bit for bit.
 
         Raises: PolicyError for a missing, damaged or other file.
         """

@@ -1,4 +1,4 @@
-"""Fine-tuning on pairs of trajectories: epochs of Adam under a guard."""
+"""Fine-tuning on pairs of trajectories: epochs of Adam, with a guard."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class TuningConfig:
     epochs: int = 80
     """Epochs over all pairs (the paper's 80)."""
     batch: int = 25
-    """Pairs of a step."""
+    """Pairs per step."""
     learning_rate: float = 1e-5
     """Learning rate of Adam."""
     fall: float | None = FALL
@@ -60,12 +60,11 @@ class TuningConfig:
 
 @dataclass(frozen=True)
 class Tuned:
-    """What a fine-tuning did, epoch by epoch.
+    """Results of fine-tuning, epoch by epoch.
 
     loss, winner, loser: mean loss, and mean log-likelihoods minus the reference's, after each epoch (the first entry is
-    before the first one); gradient: norm at the start; error: largest norm of a^ - a over a chunk at the
-    start, normalised; stopped: the
-    epoch that the guard took back, or None.
+    before the first one); gradient: norm at the start; error: largest norm of a^ - a over a chunk at the start,
+    normalised; stopped: the epoch that the guard undid, or None.
     """
 
     loss: tuple[float, ...]
@@ -77,26 +76,26 @@ class Tuned:
 
 
 class Pairs:
-    """The pairs of a set in tensors, and their likelihood under the reference, which is the network as it is now."""
+    """The pairs of a set as tensors, and their log-likelihood under the reference, the network at the start."""
 
     def __init__(self, network: ChunkNetwork, pairs: PreferenceSet, config: TuningConfig) -> None:
         self.network, self.config, self.count = network, config, len(pairs)
-        self.chunks = Chunks.of((*pairs.winners, *pairs.losers), network)  # winner i is i, its loser count + i
+        self.chunks = Chunks.of((*pairs.winners, *pairs.losers), network)  # winner i has number i, its loser count + i
         self.reference = self.likelihood()
 
     def likelihood(self) -> torch.Tensor:
-        """Of all winners, then all losers (2 n,), without gradients."""
+        """Log-likelihood (2 n,) of all winners, then all losers, without gradients."""
         return likelihood_of_all(self.network, self.chunks, self.config.sigma, self.config.rows)
 
     def loss(self, likelihood: torch.Tensor, chosen: torch.Tensor) -> torch.Tensor:
-        """Of some pairs (n,), whose winners' and losers' likelihoods are given (2 n,)."""
+        """Loss of some pairs (n,), given the log-likelihoods (2 n,) of their winners and losers."""
         winner, loser = likelihood.split(len(chosen))
         return tpo_loss(winner, loser, self.reference[chosen], self.reference[self.count + chosen], self.config.loss)
 
     def backward(self, chosen: torch.Tensor) -> None:
         """Add the gradient of the loss of some pairs (n,), at most `rows` chunks at a time.
 
-        The loss depends on the weights through the likelihoods alone: what each counts is found first, without a graph.
+        The loss depends on the weights only through the likelihoods, so its derivatives by these are computed first.
         """
         part, config = self.chunks.part(torch.cat([chosen, self.count + chosen])), self.config
         if len(part) <= config.rows:
@@ -108,7 +107,7 @@ class Pairs:
             (log_likelihood(self.network, part.rows(rows), config.sigma) * counts).sum().backward()
 
     def start(self) -> tuple[float, float]:
-        """Norm of the loss's gradient over the pairs of a step, and the largest norm of a^ - a over a chunk."""
+        """Norm of the loss's gradient over the pairs of one step, and the largest norm of a^ - a over a chunk."""
         chosen = torch.arange(min(self.count, self.config.batch))
         self.network.zero_grad()
         self.backward(chosen)
@@ -133,11 +132,11 @@ def fine_tune(
     config: TuningConfig | None = None,
     progress: ProgressCallback | None = None,
 ) -> Tuned:
-    """Fine-tune a network in place on a set of pairs; its reference is the network as it was given.
+    """Fine-tune a network in place on a set of pairs; the reference is the network as given.
 
-    Dropout stays off, so that the ratio to the reference is one of weights alone. The guard looks after each epoch.
-    Warns: NoGradientWarning where the loss cannot move the network.
-    Raises: PolicyError where the set and the network do not fit.
+    Dropout is off, so that the ratio to the reference depends on the weights alone. The guard checks after each epoch.
+    Warns: NoGradientWarning if the loss cannot change the network.
+    Raises: PolicyError if the set and the network do not fit.
     """
     config = config or TuningConfig()
     network.eval()

@@ -1,4 +1,4 @@
-"""What a policy saw and did in one episode, chunk by chunk, and how the episode ended."""
+"""Observations and actions of a policy in one episode, chunk by chunk, and the outcome of the episode."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from embodiedreamer_gym.errors import PolicyError
 
 METRICS = ("distance", "object_distance", "remaining")
 OUTCOMES = (*METRICS, "is_success", "task_success", "grasp_success")
-DEEPER = "/"  # between the names of nested observations
+DEEPER = "/"  # separator of the names of nested observations
 
 Metric = str | Callable[["Trajectory"], float]
 
@@ -22,11 +22,11 @@ class Trajectory:
     """One episode, of C chunks with k actions each.
 
     observations: name -> array (C, ...), what the policy saw before each chunk; nested names are joined with a slash,
-    such as pixels/head (C, H, W, 3) uint8; actions (C, k, m): executed, the environment's units, as they
-    were before being clipped to its space; means (C, k, m): what the policy predicted before exploration noise; counts (C,):
-    how many actions of each chunk were played; seed: of the start; attempt: number of the try from this start; outcome:
+    such as pixels/head (C, H, W, 3) uint8; actions (C, k, m): executed, in the environment's units, before they are
+    clipped to its action space; means (C, k, m): what the policy predicted before exploration noise; counts (C,): how
+    many actions of each chunk were played; seed: of the start; attempt: number of the try from this start; outcome:
     numbers at the end, such as distance (m) and is_success.
-    Raises: PolicyError where shapes do not fit each other.
+    Raises: PolicyError if shapes do not fit each other.
     """
 
     observations: Mapping[str, np.ndarray]
@@ -64,13 +64,13 @@ class Trajectory:
 
     @property
     def success(self) -> bool:
-        """Whether the task was fulfilled at the end."""
+        """Whether the task was done at the end."""
         return bool(self.outcome.get("is_success", 0.0))
 
     def score(self, metric: Metric = METRICS[0]) -> float:
-        """How the episode ended, less is better: a number of `outcome`, or what a callable makes of the trajectory.
+        """Score of the episode, less is better: an entry of `outcome`, or the value of a callable for the trajectory.
 
-        Raises: PolicyError for a number that is not there, or not finite.
+        Raises: PolicyError for an entry that is missing, or a value that is not finite.
         """
         if isinstance(metric, str) and metric not in self.outcome:
             known = ", ".join(self.outcome) or "nothing"
@@ -105,9 +105,9 @@ def nested(observation: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def alike(trajectories: Sequence[Trajectory]) -> None:
-    """Check that trajectories are of one policy in one environment.
+    """Check that trajectories come from one policy in one environment.
 
-    Raises: PolicyError for none at all, or other chunks, actions or observations.
+    Raises: PolicyError for an empty sequence, or if chunks, actions or observations differ.
     """
     if not trajectories:
         raise PolicyError("there are no trajectories; roll a policy out first.")

@@ -1,4 +1,4 @@
-"""The stand-in's bench: the real world, in which policies are tried without a real robot."""
+"""The stand-in's bench, which replaces the real world to test policies without a real robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stand-in world as an engine of the environments: a robot with hidden effects in MuJoCo, a path-traced camera."""
+"""The stand-in world as an engine of environments: a robot with hidden effects in MuJoCo and a path-traced camera."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ from embodiedreamer_gym.standin.film.write import CAMERA
 Pictures = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 PICTURES = ("traced", "none")
 LONGEST_STEP = 5e-4  # s, of the engine
-REST = 1e-6  # rad within which the arms must be asked to begin where they rest
+REST = 1e-6  # rad: largest difference between the requested start and the rest position
 
 
 @dataclass(frozen=True)
 class StandInWorld:
-    """The stand-in for a real bench, as `AlohaEnv(engine=StandInWorld(...))` takes it."""
+    """The stand-in for a real bench, for use as `AlohaEnv(engine=StandInWorld(...))`."""
 
     effects: Effects | None = None
     """Hidden effects of the robot, see `standin.hidden`."""
     seed_of_robot: int | None = 0
-    """Draws the robot's own errors of mass and gain; None for none."""
+    """Seed of the robot's errors of mass and gain; None for no errors."""
     appearance: str = "lab"
-    """lab, or a whole number that draws a bench."""
+    """lab, or an integer as the seed of a random bench."""
     pictures: str | Pictures = "traced"
-    """traced; none for black ones; or a function of the poses (4, 4) of links and props by name."""
+    """traced; none for black pictures; or a function of the poses (4, 4) of links and props by name."""
     blender: str | None = None
     """Path of a Python interpreter that has bpy; None for the current one or EMBODIEDREAMER_BLENDER."""
 
     def __call__(self, settings: EngineSettings) -> StandInEngine:
         """Build the world.
 
-        Raises: EffectError for effects that the robot cannot have, SimulationError, VisionError, MissingExtraError.
+        Raises: EffectError for invalid effects, SimulationError, VisionError, MissingExtraError.
         """
         return StandInEngine(settings, self)
 
@@ -79,12 +79,12 @@ class StandInEngine(MujocoWorld):
 
     def reset(self, position: np.ndarray, velocity: np.ndarray, command: np.ndarray, poses: Mapping[str, Pose],
               sets: Sets | None = None, rng: np.random.Generator | None = None) -> None:  # fmt: skip
-        """Put the arms at rest under the command and the props in place.
+        """Bring the arms to rest under the command and place the props.
 
-        Raises: SimulationError when the arms do not come to rest, or are to begin elsewhere.
+        Raises: SimulationError when the arms do not come to rest, or another start is requested.
         """
         if rng is not None:
-            self._noise = rng.spawn(1)[0]  # which leaves what is drawn next as it is
+            self._noise = rng.spawn(1)[0]  # spawning does not change later draws
         rest = self.settle(command)
         if velocity.any() or np.abs(position - rest).max() > REST or sets is not None:
             raise SimulationError("the stand-in world begins at rest under its command; leave other states out.")
@@ -94,7 +94,7 @@ class StandInEngine(MujocoWorld):
         self.engine.refresh()
 
     def settle(self, command: np.ndarray) -> np.ndarray:
-        """What the encoders (n,) read where the arms rest under a command (n,), nothing on the table."""
+        """Encoder readings (n,) of the arms at rest under a command (n,), with an empty table."""
         self.engine.begin(command)
         return self.engine.encoders()
 
@@ -109,11 +109,11 @@ class StandInEngine(MujocoWorld):
         self.engine.advance(lambda t: np.stack([np.interp(t, times, one) for one in commands.T], axis=1), self._steps)
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the encoders (n,) read now, and the joints' speed (n,)."""
+        """Present encoder readings (n,) and joint speeds (n,)."""
         return self.engine.encoders(), self.engine.speeds()
 
     def poses(self) -> dict[str, np.ndarray]:
-        """Where the frames (4, 4) of links, table and props are, by name."""
+        """Poses (4, 4) of links, table and props, by name."""
         frames = {}
         for name in self.state.names[1:]:  # 0 is the world
             pose = self.state.pose(name)
@@ -148,6 +148,6 @@ class StandInEngine(MujocoWorld):
         raise SimulationError("the stand-in world gives pictures without depth and classes, as a real bench does.")
 
     def close(self) -> None:
-        """End the camera; twice does no harm."""
+        """Close the camera; safe to call twice."""
         if self._traced is not None:
             self._traced.close()

@@ -25,16 +25,16 @@ def make_stand_in(
     blender: str | None = None,
     wrap: Callable[[gym.Env], gym.Env] | None = None,
 ) -> ActionChunk:
-    """The ALOHA environment of a task in the stand-in world, which plays whole chunks of actions, one picture after each.
+    """The ALOHA environment of a task in the stand-in world; a step plays a chunk of actions and gives one picture.
 
     task: a name in TASKS.
     effects, seed_of_robot, pictures, blender: see `StandInWorld`.
-    chunk: actions (chunk, 14) of one step, see `ActionChunk`.
-    appearance: of the bench: lab, or a whole number that draws one.
+    chunk: number of actions (chunk, 14) in one step, see `ActionChunk`.
+    appearance: of the bench: lab, or an integer as the seed of a random one.
     size: width and height of a picture, pixels.
     control_hz: actions per second.
-    wrap: puts a wrapper around the environment of single actions, such as `CalibratedTracking`.
-    Raises: ModelError, EffectError, SimulationError or VisionError that names what is allowed; MissingExtraError.
+    wrap: adds a wrapper to the environment of single actions, such as `CalibratedTracking`.
+    Raises: ModelError, EffectError, SimulationError or VisionError with the allowed values; MissingExtraError.
     """
     world = StandInWorld(effects, seed_of_robot, appearance, pictures, blender)
     env = gym.make(task_id(task), engine=world, image_size=size, control_hz=control_hz, disable_env_checker=True)

@@ -1,4 +1,4 @@
-"""The path-traced camera before the bench, which takes a picture whenever it is asked to."""
+"""The path-traced camera of the bench, which takes pictures on request."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ SAMPLES = 4  # light paths per pixel, as in the films
 
 
 class PathTraced:
-    """Pictures (H, W, 3), uint8, of a robot and props by their poses, in an appearance, as the films show them.
+    """Pictures (H, W, 3), uint8, of a robot and props at given poses, in an appearance, as in the films.
 
-    Blender starts with the first picture, which also sets the exposure: by that state without its props. appearance: lab or
-    a whole number; size: width, height; blender: path of a Python interpreter that has bpy, see `find_blender`.
+    Blender starts with the first picture. The exposure is set from that state without the props. appearance: lab or an
+    integer; size: width, height; blender: path of a Python interpreter that has bpy, see `find_blender`.
     Raises: VisionError for another appearance or size; MissingExtraError without bpy.
     """
 
@@ -59,7 +59,7 @@ class PathTraced:
         return add_sensor_noise(self._optics.develop(self._studio.shoot(here), self._exposure), rng)
 
     def close(self) -> None:
-        """End Blender; the next picture would start it again."""
+        """Close Blender; the next picture would start it again."""
         if self._studio is not None:
             self._studio.close()
             self._studio = None

@@ -1,4 +1,4 @@
-"""The robot on the stand-in's bench: the ALOHA pair with hidden effects and errors of its own, and logs of it."""
+"""The robot on the stand-in's bench, which is the ALOHA pair with hidden effects and random errors, and logs of it."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from embodiedreamer_gym.standin.span import span_of
 Effects = Mapping[str, Mapping[str, Any]]
 
 ROBOT = "aloha"
-LOG_STEP = 2e-4  # s, of the engine where only the arms move
-REACH, SPEED = 0.5, 0.6  # rad about home, and share of the joints' highest speed, of logged motions
+LOG_STEP = 2e-4  # s, timestep of the engine when only the arms move
+REACH, SPEED = 0.5, 0.6  # range of logged motions: rad around home, and share of the joints' highest speed
 GRIPPER_QUANTUM = 1e-3  # of a gripper's stroke
 
 
@@ -36,10 +36,10 @@ def build_robot(
     timestep: float = LOG_STEP,
     furnish: Callable[[Any], None] | None = None,
 ) -> StandIn:
-    """The robot; the same seed gives the same link masses and servo gains, which differ a little from the nominal ones.
+    """The robot; the same seed gives the same link masses and servo gains, which differ slightly from the nominal ones.
 
-    effects: see `hidden`; seed_of_robot: None for a robot without errors; furnish: what stands around it.
-    Raises: EffectError for effects that it cannot have, MissingExtraError without MuJoCo.
+    effects: see `hidden`; seed_of_robot: None for a robot without errors; furnish: adds objects, see `build_plant`.
+    Raises: EffectError for invalid effects, MissingExtraError without MuJoCo.
     """
     model = load_nominal()
     errors: dict[str, Any] = {} if seed_of_robot is None else IMPERFECT
@@ -60,10 +60,10 @@ def logs(
     hz: float = 30.0,
     seed: int = 0,
 ) -> Recordings:
-    """Episodes of free motion of the robot that the stand-in world has for the same effects and seed, nothing on its table.
+    """Episodes of free motion, with an empty table, of the stand-in world's robot for the same effects and seed.
 
-    kind: a name of MOTIONS; hz: samples per second; seed: of the motions. The sensors have the noise of the stand-in's other logs, the
-    controller ramps from one logged command to the next.
+    kind: a name of MOTIONS; hz: samples per second; seed: of the motions. The sensors have the same noise as in the
+    stand-in's other logs. The controller ramps from one logged command to the next.
     Raises: ModelError for an unknown motion; EffectError; MissingExtraError without MuJoCo.
     """
     if kind not in MOTIONS:

@@ -42,9 +42,9 @@ class Block:
 
 @dataclass(frozen=True)
 class Appearance:
-    """All that a picture depends on besides geometry and motion.
+    """Everything that a picture depends on besides geometry and motion.
 
-    name: "lab", or "look N" for a drawn one (the name that files hold).
+    name: "lab", or "look N" for a random one (this name is stored in files).
     seed: of the positions of surface patterns.
     surfaces: material by the name of what it covers.
     lamps: area lights.
@@ -66,6 +66,6 @@ class Appearance:
     camera_noise: CameraNoise
 
     def as_dict(self) -> dict[str, Any]:
-        """The appearance as JSON-compatible data, as film files hold it (camera_noise under the key "lens")."""
+        """The appearance as JSON-compatible data, as stored in film files (camera_noise has the key "lens")."""
         data = asdict(self)
         return data | {"lens": data.pop("camera_noise")}

@@ -1,4 +1,4 @@
-"""Appearances by name: the lab, or another table, robot, room and camera drawn by a seed."""
+"""Appearances by name: the lab, or a random table, robot, room and camera from a seed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FURNITURE = [WHITE, GREY, DARK, (0.2, 0.3, 0.45), (0.62, 0.57, 0.48), (0.3, 0.42
 
 
 def find_appearance(text: str, seed: int) -> Appearance:
-    """The appearance of an episode: `lab`, `many` (drawn by the episode's seed) or a whole number (drawn by it).
+    """The appearance of an episode: `lab`, `many` (random, from the episode's seed) or an integer (the seed itself).
 
     Raises: VisionError for anything else.
     """
@@ -133,7 +133,7 @@ def _robot(rng: np.random.Generator) -> dict[str, Surface]:
 
 
 def _props(rng: np.random.Generator, table: Colour) -> dict[str, Surface]:
-    """Materials of the props, each of a colour unlike the table's and unlike that of its goal."""
+    """Materials of the props; each colour differs from those of the table and of the prop's goal."""
     cup_kind = str(rng.choice(["plain", "bands", "dots"]))
     cup = _draw_distinct(lambda: WHITE if rng.random() < 0.35 else _hue(rng, (0.3, 0.7), (0.45, 0.85)), table)
     mat = _draw_distinct(lambda: _hue(rng, (0.1, 0.6), (0.2, 0.65)), table, cup)
@@ -178,7 +178,7 @@ def _light(rng: np.random.Generator) -> tuple[tuple[Lamp, ...], tuple[Colour, fl
                           float(rng.uniform(25, 160)), day))  # fmt: skip
     total = sum(lamp.power for lamp in lamps)
     mean = [sum(lamp.power * lamp.colour[i] for lamp in lamps) / total for i in range(3)]
-    kept = float(rng.uniform(0.55, 1.0))  # share of the light's tint that the balance takes away
+    kept = float(rng.uniform(0.55, 1.0))  # share of the light's tint that the white balance removes
     white = tuple(float((mean[1] / mean[i]) ** kept * rng.normal(1.0, 0.03)) for i in (0, 2))
     return tuple(lamps), ((0.9, 0.95, 1.0), float(rng.uniform(0.1, 0.7))), (white[0], white[1])
 

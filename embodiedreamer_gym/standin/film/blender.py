@@ -1,4 +1,4 @@
-"""Blender's path tracer in a process and Python interpreter of its own: takes a scene, returns the light of each frame.
+"""Blender's path tracer in a separate process and Python interpreter: takes a scene, returns the light of each frame.
 
 bpy is GPL-licensed and has wheels for Python 3.11 only, so it is never imported into this process.
 """
@@ -32,9 +32,10 @@ PROBE = "import importlib.util, sys; print(*sys.version_info[:2], importlib.util
 def find_blender(blender: str | None = None) -> str:
     """Path of a Python interpreter that has bpy.
 
-    blender: its path; by default the current interpreter if it has bpy, else that of the environment variable
+    blender: its path; by default the current interpreter if it has bpy, else the path in the environment variable
     EMBODIEDREAMER_BLENDER.
-    Raises: MissingExtraError with the command that installs bpy; SimulationError for a path that is no Python.
+    Raises: MissingExtraError with the command that installs bpy; SimulationError if the path is not a Python
+    interpreter.
     """
     named = blender or ("" if importlib.util.find_spec("bpy") else os.environ.get(VARIABLE, ""))
     python = named or sys.executable
@@ -53,7 +54,7 @@ def find_blender(blender: str | None = None) -> str:
 def _probe(python: str) -> tuple[str, bool]:
     """Version of a Python interpreter, and whether it has bpy.
 
-    Raises: SimulationError for a path that is no Python.
+    Raises: SimulationError if the path is not a Python interpreter.
     """
     try:
         answer = subprocess.run([python, "-c", PROBE], capture_output=True, text=True, timeout=60, env=_environment())
@@ -64,15 +65,15 @@ def _probe(python: str) -> tuple[str, bool]:
 
 
 def _environment(**more: str) -> dict[str, str]:
-    """This process's environment without the variables by which this interpreter's modules would reach Blender's."""
+    """This process's environment without variables that would make Blender's interpreter import this one's modules."""
     return {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTHONHOME")} | more
 
 
 def camera_spec(camera: Camera) -> dict[str, Any]:
     """Blender's description of a camera that is fixed in the world or to a moving body.
 
-    Blender measures the offset of the principal point in picture widths (x right, y up), from pixel corners, and derives
-    fy from fx by the pixels' aspect ratio, whose two numbers must be at least 1.
+    Blender measures the offset of the principal point in picture widths (x right, y up), from pixel corners, and
+    derives fy from fx by the pixels' aspect ratio, whose two numbers must be at least 1.
     """
     width, height = camera.size
     pose = np.eye(4)
@@ -124,7 +125,7 @@ class Studio:
         self._write(scene)
 
     def shoot(self, poses: np.ndarray) -> np.ndarray:
-        """Light (H, W, 3) of the scene with its moving bodies at poses (bodies, 4, 4); after all of its own frames.
+        """Light (H, W, 3) of the scene with its moving bodies at poses (bodies, 4, 4); call it after all own frames.
 
         Raises: SimulationError when Blender fails.
         """
@@ -151,7 +152,7 @@ class Studio:
 
     def close(self) -> None:
         """End the process; safe to call twice."""
-        self._process.kill()  # without effect where it has ended by itself
+        self._process.kill()  # no effect if it has already ended
         self._process.wait()
         self.finish()
         if self._process.stdout is not None:

@@ -133,7 +133,7 @@ def tone_map(light: np.ndarray, noise: CameraNoise) -> np.ndarray:
 
 
 def auto_exposure(light: np.ndarray, noise: CameraNoise) -> float:
-    """Sensor gain that gives light (H, W, 3) the brightness `noise.key`, by the geometric mean (robust to highlights)."""
+    """Sensor gain that gives light (H, W, 3) the brightness `noise.key`, as a geometric mean (robust to highlights)."""
     mean = float(np.exp(np.log(np.maximum(light @ LUMINANCE, 1e-4)).mean()))
     return noise.key**2.2 / mean
 

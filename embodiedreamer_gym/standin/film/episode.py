@@ -38,8 +38,8 @@ def film_episode(film: FilmSettings, number: int, folder: Path, blender: str | N
 
     blender: path of a Python interpreter that has bpy, see `find_blender`.
     report: called after each picture.
-    render: used in place of Blender.
-    Raises: MissingExtraError without bpy; RecordingError where the path holds something else.
+    render: used instead of Blender.
+    Raises: MissingExtraError without bpy; RecordingError where the path has other content.
     """
     path = film.path(folder, number)
     if is_filmed(path, film.as_dict(number)):
@@ -71,7 +71,7 @@ def film_episode(film: FilmSettings, number: int, folder: Path, blender: str | N
 
 
 def _without_props(player: EpisodePlayer, poses: np.ndarray) -> np.ndarray:
-    """Poses (bodies, 4, 4) of a state with the props out of view: the exposure is set by this frame."""
+    """Poses (bodies, 4, 4) of a state with the props out of view; this frame sets the exposure."""
     poses = poses.copy()
     poses[len(player.links) :, 2, 3] -= AWAY
     return poses

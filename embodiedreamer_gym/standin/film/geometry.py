@@ -19,7 +19,7 @@ from embodiedreamer_gym.robot.urdf import read_xml
 
 SIDES = 48  # of round shapes
 ROUNDING = 0.0025  # m, bevel of the robot's edges; moves its outline by 0.7 mm
-PROUD = 0.0012  # m by which decorations protrude
+PROUD = 0.0012  # m, by which decorations protrude
 TABLE_CLASS, ROBOT_CLASS, FIRST_PROP = 1, 2, 3
 
 Faces = list[tuple[int, ...]]
@@ -35,7 +35,7 @@ class Part:
     points: vertices (N, 3) in the body's frame, m.
     faces: vertex numbers, counter-clockwise seen from outside.
     rounding: bevel of its edges, m.
-    colour: the simulator's, used where the appearance has no such surface.
+    colour: in the simulator, used if the appearance has no such surface.
     """
 
     body: str
@@ -53,7 +53,7 @@ class Part:
 def robot_parts(urdf: Path) -> list[Part]:
     """The robot's visuals by link, with the names of the URDF's materials.
 
-    Raises: ModelError for a visual that is no box, cylinder or sphere.
+    Raises: ModelError for a visual that is not a box, cylinder or sphere.
     """
     parts = []
     for link in read_xml(urdf).iter("link"):
@@ -143,7 +143,7 @@ def _visual(visual: Element, where: str) -> tuple[str, tuple[float, ...], np.nda
 
 
 def _decorations(kind: str, size: tuple[float, ...], material: str) -> Iterator[tuple[str, tuple[np.ndarray, Faces]]]:
-    """Details of real arms, each under a pixel deep: collars around long boxes, lids with screws on cylinders."""
+    """Details of real arms, less than a pixel deep: collars around long boxes, lids with screws on cylinders."""
     if kind == "box" and max(size) > 0.06 and material == "shell":
         along = int(np.argmax(size))
         for share in (-0.4, 0.4):

@@ -10,7 +10,7 @@ from embodiedreamer_gym.standin.film.materials import Surface
 
 
 def lab() -> Appearance:
-    """One workspace, always the same."""
+    """The fixed workspace."""
     surfaces = {
         "table": Surface("wood", ((0.7, 0.53, 0.37), (0.79, 0.63, 0.46)), 0.05, 0.42, coat=0.1, turn=np.pi / 2),
         "floor": Surface("concrete", ((0.42, 0.43, 0.44), (0.56, 0.56, 0.55)), 0.8, 0.55),

@@ -15,7 +15,7 @@ class Surface:
     """A material.
 
     pattern: a name in PATTERNS.
-    colours: sRGB 0..1, as many as the pattern takes (the last is repeated).
+    colours: sRGB 0..1, as many as the pattern needs (the last is repeated).
     scale: size of the pattern's features, m.
     roughness, metallic, coat: 0..1, of Blender's Principled BSDF.
     bump: height of its relief, m.
@@ -59,11 +59,11 @@ class Graph:
         return self.add("ShaderNodeMapping", {}, "Vector", Vector=self.place, Scale=scale)
 
     def noise(self, place: Link, scale: float = 1.0, detail: float = 4.0, distortion: float = 0.0) -> Link:
-        """Smooth noise 0..1, about 0.5."""
+        """Smooth noise 0..1, around 0.5."""
         return self.add("ShaderNodeTexNoise", {}, 0, Vector=place, Scale=scale, Detail=detail, Distortion=distortion)
 
     def ramp(self, value: Link, *stops: Any) -> Link:
-        """A colour by a value 0..1."""
+        """A colour as a function of a value 0..1."""
         return self.add("ShaderNodeValToRGB", {"ramp": [s if isinstance(s, str) else [s[0], s[1][:3]] for s in stops]},
                         "Color", Fac=value)  # fmt: skip
 
@@ -73,7 +73,7 @@ class Graph:
         return self.add("ShaderNodeMix", settings, 2, _0=share, _6=one, _7=other)
 
     def scaled(self, value: Link, factor: float, plus: float) -> Link:
-        """Value times factor plus a number."""
+        """A value times a factor plus a constant."""
         return self.add("ShaderNodeMath", {"operation": "MULTIPLY_ADD"}, 0, _0=value, _1=factor, _2=plus)
 
 
@@ -81,13 +81,13 @@ Pattern = Callable[[Graph], tuple[Link, Link | None]]  # colour, relief
 
 
 def plain(g: Graph) -> tuple[Link, Link | None]:
-    """One colour, a little uneven."""
+    """One colour, slightly uneven."""
     cloudy = g.noise(g.stretched(1, 1, 1), detail=3.0)
     return g.ramp(cloudy, (0.3, g.colour(0, 0.92)), (0.7, g.colour(0, 1.04))), g.noise(g.stretched(40, 40, 40))
 
 
 def wood(g: Graph) -> tuple[Link, Link | None]:
-    """Veins along x: two colours, scale across the veins, glued from staves of slightly other shades."""
+    """Veins along x in two colours, on staves of slightly different shades; scale: across the veins."""
     veins = g.noise(g.stretched(0.09, 1, 1), detail=4.0, distortion=0.8)
     rings = g.add("ShaderNodeTexWave", {"wave_type": "BANDS", "bands_direction": "Y"}, 0, Vector=g.stretched(0.05, 1, 1),
                   Scale=0.3, Distortion=14.0, Detail=2.0, Detail__Scale=0.5)  # fmt: skip
@@ -102,7 +102,7 @@ def wood(g: Graph) -> tuple[Link, Link | None]:
 
 
 def planks(g: Graph) -> tuple[Link, Link | None]:
-    """Boards along x, scale wide."""
+    """Boards along x; scale: their width."""
     place = g.stretched(1, 1, 1)
     boards = g.add("ShaderNodeTexBrick", {"offset": 0.37, "offset_frequency": 2}, "Color", Vector=place,
                    Color1=g.colour(0), Color2=g.colour(1), Mortar=g.colour(0, 0.25), Scale=1.0, Mortar__Size=0.012,
@@ -113,7 +113,7 @@ def planks(g: Graph) -> tuple[Link, Link | None]:
 
 
 def tiles(g: Graph) -> tuple[Link, Link | None]:
-    """Square tiles: two tints and the joints' colour."""
+    """Square tiles in two colours; the third is that of the joints."""
     square = g.add("ShaderNodeTexBrick", {"offset": 0.0}, "Color", Vector=g.stretched(1, 1, 1), Color1=g.colour(0),
                    Color2=g.colour(1), Mortar=g.colour(2), Scale=1.0, Mortar__Size=0.012, Mortar__Smooth=0.2,
                    Brick__Width=1.0, Row__Height=1.0)  # fmt: skip
@@ -122,7 +122,7 @@ def tiles(g: Graph) -> tuple[Link, Link | None]:
 
 
 def speckle(g: Graph) -> tuple[Link, Link | None]:
-    """Terrazzo: grains of the second and third colour in the first."""
+    """Terrazzo: grains of the second and third colour on the first."""
     ground = g.noise(g.stretched(0.3, 0.3, 0.3), detail=2.0)
     base = g.ramp(ground, (0.3, g.colour(0, 0.94)), (0.7, g.colour(0, 1.03)))
     for index, (factor, share) in enumerate(((1.0, 0.23), (2.3, 0.3)), 1):
@@ -133,7 +133,7 @@ def speckle(g: Graph) -> tuple[Link, Link | None]:
 
 
 def cloth(g: Graph) -> tuple[Link, Link | None]:
-    """A weave of scale-wide threads, uneven in large."""
+    """Woven threads with large-scale unevenness; scale: the threads' width."""
     threads = [
         g.add("ShaderNodeTexWave", {"wave_type": "BANDS", "bands_direction": axis}, 0, Vector=g.stretched(1, 1, 1),
               Scale=0.16, Distortion=0.6, Detail=1.0) for axis in "XY"
@@ -172,7 +172,7 @@ def carpet(g: Graph) -> tuple[Link, Link | None]:
 
 
 def bands(g: Graph) -> tuple[Link, Link | None]:
-    """A print around an upright object: the second colour from 35 to 70 % of `scale`, the third as two lines."""
+    """A print around an upright object: the second colour from 37 to 70 % of `scale`, the third as two lines."""
     height = g.add("ShaderNodeSeparateXYZ", {}, "Z", Vector=g.add("ShaderNodeTexCoord", output="Object"))
     share = g.scaled(height, 1.0 / g.surface.scale, 0.0)
     one, two, three = (g.colour(i) for i in range(3))

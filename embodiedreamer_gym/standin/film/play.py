@@ -15,7 +15,7 @@ from embodiedreamer_gym.standin.film.geometry import Part, scene_parts
 from embodiedreamer_gym.standin.film.settings import STEPS
 
 MARGIN = 15  # control steps kept after the last one with motion
-MOTION = 0.002  # rad, m or share of the gripper's opening per control step: more counts as motion
+MOTION = 0.002  # rad, m or share of the gripper's opening per control step, above which a joint moves
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class EpisodePlayer:
     def play(self, seed: int, steps: int | None = None, watch: Callable[[int], None] | None = None) -> ExpertEpisode:
         """Play an episode; deterministic for a seed.
 
-        steps: only so many, by default STEPS; watch: called with the number of each step before it is taken.
+        steps: number of steps, by default STEPS; watch: called with the number of each step before it is taken.
         """
         self.env.reset(seed=seed)
         expert = ScriptedExpert(self.env)

@@ -19,14 +19,14 @@ TYPICAL = 200  # pictures of a whole episode
 
 def film_episodes(films: Sequence[FilmSettings], episodes: int, folder: str | Path, jobs: int = 1, blender: str | None = None,
                   progress: ProgressCallback | None = None, render: Render | None = None, shard: Shard | None = None) -> list[Path]:  # fmt: skip
-    """Film so many episodes of each of the films into a folder; returns their paths, also of existing ones.
+    """Film a number of episodes of each film into a folder; returns their paths, also of existing ones.
 
     jobs: processes.
     blender: path of a Python interpreter that has bpy, see `find_blender`.
-    progress: called with the pictures rendered so far.
-    render: used in place of Blender.
-    shard: the part of all episodes that is filmed; None: all.
-    Raises: MissingExtraError without bpy; RecordingError where a path holds something else, before anything is filmed.
+    progress: called with the number of pictures rendered so far.
+    render: used instead of Blender.
+    shard: the part of all episodes to film; None: all.
+    Raises: MissingExtraError without bpy; RecordingError, before filming, where a path has other content.
     """
     folder = Path(folder)
     if render is None:
@@ -53,7 +53,7 @@ def film_episodes(films: Sequence[FilmSettings], episodes: int, folder: str | Pa
 
 def _film(missing: Sequence[tuple[FilmSettings, int]], folder: Path, jobs: int, blender: str | None,
           picture: Callable[[], None], render: Render | None) -> Iterator[int]:  # fmt: skip
-    """For each finished episode, its number of pictures that were not reported while it was filmed."""
+    """For each finished episode, the number of its pictures that were not reported during filming."""
     if jobs == 1:
         for film, number in missing:
             film_episode(film, number, folder, blender, picture, render)

@@ -16,7 +16,7 @@ from embodiedreamer_gym.standin.film.blender import camera_spec
 from embodiedreamer_gym.standin.film.geometry import Part, box, table_part
 from embodiedreamer_gym.standin.film.materials import Surface, nodes_of
 
-DECK = Block((-0.06, 0.0, 0.655), (0.72, 0.84, 0.2), 0.0, "deck")  # hides nothing that the simulator draws
+DECK = Block((-0.06, 0.0, 0.655), (0.72, 0.84, 0.2), 0.0, "deck")  # does not hide anything that the simulator draws
 MAST = Block((-0.28, 0.0, 1.0), (0.05, 0.05, 2.0), 0.0, "legs")
 ROOM = 7.0  # m, half the width of floor and wall
 LEG = 0.05  # m, width of a table leg
@@ -37,7 +37,7 @@ def make_scene(animation: Animation, appearance: Appearance, camera: Camera, sam
 
     camera: pinhole, fixed in the world or to one of the bodies, of the renderings' size.
     samples: light paths per pixel.
-    classes: render class numbers, in the red channel, in place of light.
+    classes: render class numbers, in the red channel, instead of light.
     """
     rng = np.random.default_rng(appearance.seed)
     parts = [*animation.parts, _table(), *room_parts(appearance)]

@@ -14,7 +14,7 @@ from embodiedreamer_gym.envs.tasks import TASKS
 from embodiedreamer_gym.errors import SimulationError, VisionError
 from embodiedreamer_gym.standin.film.appearance_library import find_appearance
 
-RECIPE = 2  # version of the pictures: to be raised with whatever changes them for the same settings
+RECIPE = 2  # version of the pictures: increase it with every change that alters them for the same settings
 MIN_FRAMES = 10  # samples that a recording must have
 STEPS = 300  # control steps of an episode
 MAX_EVERY = (STEPS - 1) // (MIN_FRAMES - 1)
@@ -30,7 +30,7 @@ def check_size(size: tuple[int, int]) -> None:
 
 @dataclass(frozen=True)
 class FilmSettings:
-    """What to film.
+    """Settings of a film.
 
     Raises: VisionError or SimulationError for a value outside its range.
     """
@@ -38,11 +38,11 @@ class FilmSettings:
     task: str
     """A name in TASKS."""
     appearance: str = "lab"
-    """lab, many (another one per episode), or a whole number that draws one."""
+    """lab, many (a random one per episode), or an integer as the seed of a random one."""
     size: tuple[int, int] = (128, 96)
     """Width and height of the pictures."""
     seed: int = 0
-    """Of everything that is drawn."""
+    """Seed of all random draws."""
     frames: int | None = None
     """Largest number of pictures, of consecutive samples from a random start; None: the whole episode."""
     every: int = 1
@@ -72,9 +72,9 @@ class FilmSettings:
             )
 
     def as_dict(self, number: int) -> dict[str, Any]:
-        """All that the file of episode `number` depends on, as JSON-compatible data.
+        """All settings on which the file of episode `number` depends, as JSON-compatible data.
 
-        The appearance stands under the key "look", as in files of earlier releases.
+        The key of the appearance is "look", as in files of earlier releases.
         """
         views = {} if self.cameras == ("head",) else {"cameras": list(self.cameras)}
         return {"task": self.task, "look": self.appearance, "size": list(self.size), "seed": self.seed,
@@ -92,7 +92,7 @@ class FilmSettings:
     def choose_steps(self, active_steps: int, number: int) -> np.ndarray:
         """Numbers of the control steps to render; active_steps: of the episode, up to its last motion.
 
-        Steps after the last motion are added where a recording would have fewer than MIN_FRAMES samples.
+        Steps after the last motion are added if a recording would otherwise have fewer than MIN_FRAMES samples.
         """
         steps = np.arange(0, max(active_steps, (MIN_FRAMES - 1) * self.every + 1), self.every)
         if self.frames is None or len(steps) <= self.frames:

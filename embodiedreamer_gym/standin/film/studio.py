@@ -2,8 +2,8 @@
 
 Poses of further frames may follow the scene, one line of JSON each.
 
-`blender.py` starts it in a Python that has bpy (GPL); therefore it imports nothing of this package and no third-party
-module but bpy. A frame is float32 red, green, blue and alpha, scene-linear, bottom row first.
+`blender.py` starts it in a Python interpreter that has bpy (GPL). It therefore imports nothing of this package and no
+third-party module except bpy. A frame is float32 red, green, blue and alpha, scene-linear, bottom row first.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ bpy: Any = importlib.import_module("bpy")
 
 
 def main() -> None:
-    """Build the scene, render each of its frames, then those that follow."""
+    """Build the scene, render its frames, then the further frames from standard input."""
     scene = json.loads(sys.stdin.readline())
     holders = build(scene)
     with tempfile.TemporaryDirectory() as folder:
@@ -53,7 +53,7 @@ def build(scene: dict[str, Any]) -> list[Any]:
 
 
 def render_settings(scene: dict[str, Any]) -> None:
-    """Cycles on one thread: neither speed nor result depends on the number of cores."""
+    """Set up Cycles on one thread, so that neither speed nor result depends on the number of cores."""
     render, cycles = bpy.context.scene.render, bpy.context.scene.cycles
     render.engine = "CYCLES"
     render.resolution_x, render.resolution_y = scene["size"]
@@ -135,7 +135,7 @@ def place(name: str, data: Any) -> Any:
 
 
 def make_material(name: str, nodes: list[Any]) -> Any:
-    """A material of nodes [type, settings, inputs]; an input is a value or a link ["@", node, output]; the last is the shader."""
+    """A material from nodes [type, settings, inputs], shader last; inputs are values or links ["@", node, output]."""
     material = bpy.data.materials.new(name)
     enable_nodes(material)
     tree = material.node_tree
@@ -162,7 +162,7 @@ def make_material(name: str, nodes: list[Any]) -> Any:
 
 
 def fill_ramp(ramp: Any, stops: list[Any]) -> None:
-    """Colours at positions 0..1, preceded by "constant" where they are not interpolated."""
+    """Set colours at positions 0..1; "constant" as the first stop means that they are not interpolated."""
     if stops[0] == "constant":
         ramp.interpolation, stops = "CONSTANT", stops[1:]
     while len(ramp.elements) < len(stops):
@@ -172,7 +172,7 @@ def fill_ramp(ramp: Any, stops: list[Any]) -> None:
 
 
 def show_classes() -> None:
-    """Render, in place of light, the class number of what each pixel's centre shows."""
+    """Render the class number at each pixel's centre instead of light."""
     nodes = [["ShaderNodeObjectInfo", {}, {}], ["ShaderNodeEmission", {}, {"Strength": ["@", 0, "Object Index"]}]]
     layer, scene = bpy.context.view_layer, bpy.context.scene
     layer.material_override = make_material("classes", nodes)

@@ -58,7 +58,7 @@ def write_episode(path: Path, signals: Mapping[str, np.ndarray], pictures: Mappi
 def is_filmed(path: Path, settings: Mapping[str, Any]) -> bool:
     """Whether the path holds this episode already.
 
-    Raises: RecordingError when it holds something else, or an episode of other settings.
+    Raises: RecordingError when it has other content, or an episode with other settings.
     """
     if not path.exists():
         return False

@@ -35,7 +35,7 @@ CONVERGED = 2e-4  # largest change of a parameter (rad, m, ...) in the last roun
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Parameters of an adjustment: one view per station with shared intrinsics, and the delay of the pictures in rows."""
+    """Parameters of an adjustment: one view per station, with shared intrinsics, and the pictures' delay in rows."""
 
     views: tuple[View, ...]
     delay: float = 0.0
@@ -65,7 +65,7 @@ class Match:
     outline: the predicted points.
     distance: to the matched edge along the normal (N,), pixels.
     strength: of that edge (N,), 0..1.
-    delay: at which the points were predicted, rows.
+    delay: rows, for which the points were predicted.
     speed: of the points (N, 3), m per row.
     """
 
@@ -77,7 +77,7 @@ class Match:
     speed: np.ndarray
 
     def points(self, delay: float) -> np.ndarray:
-        """The points (N, 3) at another delay, m."""
+        """The points (N, 3), m, at another delay."""
         return self.outline.point - (delay - self.delay) * self.speed
 
 
@@ -93,7 +93,7 @@ class NormalEquations:
 def match(
     levels: DetailLevels, scenes: Sequence[Observations], station: int, state: State, reach: float, few: bool = False
 ) -> list[Match]:
-    """Match predicted edges of one station's recordings within a search range, pixels; few: in the frames of the search."""
+    """Match predicted edges of one station's recordings within a search range, pixels; few: in the search's frames."""
     matches = []
     for scene in scenes:
         outline = predict(levels, scene.vertices(levels.fine, few, state.delay), state.views[station])
@@ -210,7 +210,7 @@ def jacobian_columns(slopes: np.ndarray, free: Sequence[str], lag: np.ndarray | 
 
 
 def _mark_rows(marks: Keypoints, view: View, free: Sequence[str]):
-    """The same of one station's marks, each a frame of its own; independent of the delay."""
+    """The same for one station's marks; each mark counts as its own frame, and the delay has no effect."""
     slopes = jacobian_columns(view.jacobian(marks.point), free)
     residual = marks.pixel - view.project(marks.point)[:, :2]
     far = np.linalg.norm(residual, axis=1) / marks.sd

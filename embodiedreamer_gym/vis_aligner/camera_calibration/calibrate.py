@@ -45,13 +45,13 @@ def calibrate_camera(
     fixed: bool = False, free: Iterable[str] = LENS, loose: Iterable[str] = (), margin: float = 0.06,
     name: str = "camera", seed: int = 0, report: ProgressCallback | None = None,
 ) -> CameraFit:  # fmt: skip
-    """Estimate intrinsics and poses of one camera from recordings of a robot in its view; deterministic for a seed.
+    """Estimate intrinsics and poses of one camera from recordings of a robot in its view; the same for the same seed.
 
     body: meshes of the robot's links.
     footage: recordings; the camera does not move within one.
     start: initial guess; without one, views from all around the robot are searched.
-    marks: marked points; their station is the number of the footage (0 where fixed).
-    fixed: the camera stood in one place throughout; otherwise it may have moved between recordings.
+    marks: marked points; their station is the number of the footage (0 if fixed).
+    fixed: whether the camera was in one place throughout; otherwise it may have moved between recordings.
     free: parameters to fit, of focal, aspect, cx, cy, k1 and delay.
     loose: links whose shape differs in the pictures; margin: distance around them within which edges are ignored, m.
     name: of the camera.
@@ -175,7 +175,7 @@ class _Calibration:
         return sorted(fitted, key=lambda view: -shape.score(view))
 
     def _fit_alone(self, k: int, views: Sequence[View]) -> View:
-        """The candidate with most support after its adjustment to the edges of one station, intrinsics included."""
+        """The candidate with the most support after adjusting it, with intrinsics, to the edges of one station."""
         lens = tuple(name for name in self._free if name != "delay")
         tried = [self._adjusted(k, view, lens, hold=False) for view in views[:ADJUSTED]]
         return max(tried, key=lambda view: self._edge_support(k, view))

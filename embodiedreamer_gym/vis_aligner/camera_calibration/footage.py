@@ -28,7 +28,7 @@ FAINT = 1e-4  # variance of the foreground over time below which nothing moves
 
 @dataclass(frozen=True, eq=False)
 class Footage:
-    """One recording of a robot by a camera that does not move meanwhile.
+    """One recording of a robot by a camera that does not move during it.
 
     frames: T pictures (H, W, 3), uint8 RGB, an array or read one by one.
     poses: of the body's parts in the frame of the robot's root link (T, P, 4, 4), m.
@@ -70,7 +70,7 @@ class Footage:
     def size(self) -> tuple[int, int]:
         """Width and height of the pictures.
 
-        Raises: VisionError when the first frame is no picture, or is too small or too narrow for a fit.
+        Raises: VisionError when the first frame is not a picture, or is too small or too narrow for a fit.
         """
         height, width = self.frame(0).shape[:2]
         if min(height, width) < MIN_EDGE or max(height, width) > MAX_RATIO * min(height, width):
@@ -83,7 +83,7 @@ class Footage:
     def frame(self, row: int) -> np.ndarray:
         """Return one picture (H, W, 3), uint8 RGB.
 
-        Raises: VisionError when it is none.
+        Raises: VisionError when it is not such a picture.
         """
         picture = np.asarray(self.frames[int(row)])
         if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
@@ -93,11 +93,11 @@ class Footage:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """What a fit uses of one recording.
+    """Data of one recording for a fit.
 
     name: of the recording.
     rows: numbers of the selected frames (K,).
-    foreground: how surely the robot covers a pixel, 0..1, at the working size (K, h, w).
+    foreground: confidence that the robot covers a pixel, 0..1, at the working size (K, h, w).
     poses: of the parts in these frames (K, P, 4, 4).
     velocity: change of the parts' places (homogeneous) per row of the recording (K, P, 4, 4).
     moving: parts that move (P,), bool.
@@ -115,7 +115,7 @@ class Observations:
     few: np.ndarray
 
     def vertices(self, body: Body, few: bool = False, delay: float = 0.0) -> np.ndarray:
-        """Vertices (K, V, 3) in the selected frames, or in those of a search, m; delay of the pictures in rows."""
+        """Vertices (K, V, 3), m, in the selected frames, or (few) those of a search; delay: of the pictures, rows."""
         poses = self.poses if delay == 0.0 else self.poses - delay * self.velocity @ self.poses
         return body.at(poses[self.few] if few else poses)
 
@@ -172,7 +172,7 @@ def _markers(body: Body) -> Body:
 
 
 def _velocity(poses: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Change of each part's pose per row: multiplied with points (homogeneous) it gives their velocity."""
+    """Change of each part's pose per row; multiplied by homogeneous points, it gives their velocity."""
     before, after = np.maximum(rows - 1, 0), np.minimum(rows + 1, len(poses) - 1)
     return (poses[after] - poses[before]) / (after - before)[:, None, None, None] @ np.linalg.inv(poses[rows])
 
@@ -206,7 +206,7 @@ def _describe(array: Any) -> str:
 
 
 def bounding_sphere(body: Body, poses: np.ndarray) -> tuple[np.ndarray, float]:
-    """Centre (3,) and radius of the sphere that holds 90 % of the moving points over time, m.
+    """Centre (3,) and radius, m, of the sphere that contains 90 % of the moving points over time.
 
     Raises: VisionError when nothing moves.
     """

@@ -1,4 +1,4 @@
-"""Inputs of a camera calibration: frames and masks of recordings, marked points, a first guess."""
+"""Inputs of a camera calibration: frames and masks of recordings, marked points, an initial guess."""
 
 from __future__ import annotations
 
@@ -29,8 +29,9 @@ def read_footage(
 ) -> list[Footage]:  # fmt: skip
     """Frames, poses and masks of recordings.
 
-    surface: of the robot; camera: name of the recordings' camera (None: their only one); videos: one for each recording,
-    in place of its frames; masks: a folder with one picture for each frame, or one such folder for each recording.
+    surface: of the robot; camera: name of the recordings' camera (None: their only one); videos: one for each
+    recording, used instead of its frames; masks: a folder with one picture per frame, or with one such folder per
+    recording.
     Raises: VisionError where a camera, a video or a mask is missing.
     """
     if videos is not None and len(videos) != len(logs):
@@ -45,9 +46,9 @@ def read_footage(
 
 
 def camera_name(asked: str | None, log: Recording, advice: str = "") -> str:
-    """Name of the camera whose frames are taken, the only one where none is asked for; advice: for a recording without.
+    """Name of the camera to use; asked: None for the only one; advice: for the error of a recording without frames.
 
-    Raises: VisionError where the recording does not have it, or has several.
+    Raises: VisionError where the recording does not have it, or none is asked for and it has several.
     """
     names = list(log.frames)
     if not names:
@@ -95,7 +96,7 @@ def read_marks(path: Path, logs: Sequence[Recording], surface: Any, fixed: bool)
         if not isinstance(entry, dict) or any(key not in entry for key in MARK):
             raise VisionError(f"{where}: must have the keys {', '.join(MARK)}.")
         if entry["recording"] not in names:
-            continue  # of another recording, which is not looked at now
+            continue  # of a recording that is not used
         log = names.index(entry["recording"])
         if type(entry["frame"]) is not int or not 0 <= entry["frame"] < len(logs[log].time):
             raise VisionError(f"{where}: {names[log]} has no frame {json.dumps(entry['frame'])[:40]}.")

@@ -22,7 +22,7 @@ TRIALS = 300  # RANSAC's iterations
 @renamed_arguments(stand="station")
 @dataclass(frozen=True, eq=False)
 class Keypoints:
-    """N marks: correspondences of a point of the robot and a pixel.
+    """N marks: correspondences between points of the robot and pixels.
 
     station: number of the camera's place (N,), from 0.
     point: in the robot's root frame at the joint angles of that frame (N, 3), m.
@@ -75,7 +75,7 @@ class Keypoints:
 
 
 def initial_views(marks: Keypoints, stations: int, size: tuple[int, int], aspect: float = 1.0) -> list[View]:
-    """A view of every station by PnP, with the focal length of least total reprojection error.
+    """A view of every station by PnP, with the focal length that has the smallest total reprojection error.
 
     Raises: VisionError for a station with fewer than four marks, or marks consistent with no camera.
     """
@@ -100,7 +100,7 @@ def initial_views(marks: Keypoints, stations: int, size: tuple[int, int], aspect
 
 
 def _pose(marks: Keypoints, focal: float, size: tuple[int, int], aspect: float) -> View | None:
-    """The view of one station at a focal length, by PnP with RANSAC; None where there is none."""
+    """The view of one station at a focal length, by PnP with RANSAC; None if it fails."""
     lens = View.from_pose(np.zeros(3), np.eye(3), focal, size, aspect)
     matrix = np.array([[lens.fx, 0.0, lens.cx], [0.0, lens.fy, lens.cy], [0.0, 0.0, 1.0]])
     cv2.setRNGSeed(0)
@@ -109,7 +109,7 @@ def _pose(marks: Keypoints, focal: float, size: tuple[int, int], aspect: float) 
             marks.point, marks.pixel, matrix, None, reprojectionError=INLIER * size[0], iterationsCount=TRIALS,
             flags=cv2.SOLVEPNP_SQPNP,
         )  # fmt: skip
-    except cv2.error:  # points on a line, or all alike
+    except cv2.error:  # points on a line, or all equal
         return None
     if not good:
         return None

@@ -13,9 +13,9 @@ SOFT = 1.0  # pixels, standard deviation of the smoothing
 
 
 def foreground_of_motion(frames: np.ndarray) -> np.ndarray:
-    """Foreground score (T, H, W), 0..1, of frames (T, H, W, 3), uint8: how surely something moving covers each pixel.
+    """Foreground score (T, H, W), 0..1, of frames (T, H, W, 3), uint8: confidence that something moving covers a pixel.
 
-    The background is each pixel's median over the frames; give frames that differ from each other.
+    The background is each pixel's median over the frames, which must differ from each other.
     """
     background = np.median(frames, axis=0).astype(np.float32)
     soft = cv2.GaussianBlur(background, (0, 0), 0.8)

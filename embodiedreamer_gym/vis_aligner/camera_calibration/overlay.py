@@ -13,7 +13,7 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.keypoints import Keypoint
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
 from embodiedreamer_gym.vis_aligner.farthest_points import spread
 
-WIDE = 480  # pixels, least width of one frame in the picture
+WIDE = 480  # pixels, smallest width of one frame in the picture
 COLUMNS = 3
 OUTLINE, INNER, MARK, SEEN = (40, 230, 40), (255, 190, 40), (255, 60, 60), (60, 160, 255)  # RGB
 
@@ -21,7 +21,7 @@ OUTLINE, INNER, MARK, SEEN = (40, 230, 40), (255, 190, 40), (255, 60, 60), (60, 
 def overlay(
     body: Body, footage: Footage, view: View, rows: list[int] | None = None, count: int = 6, delay: float = 0.0
 ) -> np.ndarray:
-    """Frames side by side (h, w, 3), uint8 RGB, with predicted outlines: green of the robot, orange between its links.
+    """Frames side by side (h, w, 3), uint8 RGB, with predicted outlines: green around the robot, orange between links.
 
     rows: numbers of the frames; by default `count` that differ most.
     delay: of the pictures, rows.

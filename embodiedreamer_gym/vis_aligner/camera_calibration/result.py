@@ -14,7 +14,7 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
 
-MIN_RELATIVE_SCORE = 0.5  # of the largest score: a station below it is doubtful
+MIN_RELATIVE_SCORE = 0.5  # share of the largest score: a station below it is doubtful
 MIN_SCORE = 0.3  # a station below it is doubtful: measured 0.42 .. 0.76 with a robot in view, 0.21 in noise
 
 
@@ -29,7 +29,8 @@ class StationFit:
     score: correlation of silhouettes and foreground over space and time, -1..1.
     overlap: intersection over union of silhouettes and foreground.
     marks: median reprojection error of the fitted marks.
-    position_sd, rotation_sd, picture_sd: standard deviations of position, m, rotation, rad, and projected points, pixels.
+    position_sd, rotation_sd, picture_sd: standard deviations of position, m, rotation, rad, and projected points,
+    pixels.
     """
 
     camera: Camera
@@ -120,7 +121,7 @@ class CameraFit:
         return "\n".join(lines)
 
     def as_dict(self) -> dict[str, Any]:
-        """The result as JSON-compatible data (m, rad, pixels, quaternions xyzw); the stations stand under "stands"."""
+        """The result as JSON-compatible data (m, rad, pixels, quaternions xyzw); the stations' key is "stands"."""
         stations = [
             {
                 "camera": {key: value for key, value in vars(one.camera).items() if not key.startswith("_")},

@@ -1,7 +1,7 @@
 """Initial views without a guess: cameras sampled around the robot, ranked by correlation with the foreground.
 
-Silhouettes and foreground are compared over space and time, each minus its mean over time, so that nothing static
-counts; the correlation covers all shifts of the picture at once (by FFT).
+Silhouettes and foreground are compared over space and time, each minus its mean over time, so that static pixels have
+no effect; the correlation covers all shifts of the picture at once (by FFT).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ CELLS = 40  # of the coarse grid across the picture
 TRIED = 2048  # sampled views, a power of two
 FAR = (0.35, 3.0)  # distances of the camera, in radii of the sphere in which the robot moves
 FOCAL = (0.3, 1.3)  # focal lengths, in widths of the picture: 118 to 42 degrees across
-LOW, STEEP = -0.3, 0.9  # sine of the elevation: the lowest, and that above which the camera's roll is free
+LOW, STEEP = -0.3, 0.9  # sine of the elevation: its minimum, and the value above which the camera's roll is free
 ASIDE = 0.35  # radii by which the optical axis may miss the centre of the sphere
 THIN = 0.02  # floor of a shift's energy in the normalisation, as a share of the largest
 
@@ -115,7 +115,7 @@ def _sample_view(draw, middle, radius, focal, aspect, size) -> View:
 
 
 def _rotated(view: View, shift: np.ndarray) -> View:
-    """The view rotated so that the point at an offset (2,) from its axis, pixels, comes to lie on the axis."""
+    """The view rotated so that a point at an offset (2,), pixels, from the optical axis moves onto the axis."""
     ahead = np.array([shift[0] / view.fx, shift[1] / view.fy, 1.0])
     ahead /= np.linalg.norm(ahead)
     axis = np.cross([0.0, 0.0, 1.0], ahead)

@@ -15,7 +15,7 @@ CELLS = 40  # of the grid across the picture
 FINER = 2  # cells of the drawn silhouette per cell of the grid
 SOFT = 1.5  # cells, standard deviation of the smoothing
 ROUNDS = 8  # Levenberg-Marquardt steps
-DAMPING = (1e-2, 1e-4)  # initial and least damping
+DAMPING = (1e-2, 1e-4)  # initial and smallest damping
 TRIALS = 4  # increases of the damping in one step
 FARTHEST = 4.0  # largest step, in steps of the finite differences
 ENOUGH = 2e-4  # decrease of the residual energy below which the fit ends
@@ -68,7 +68,7 @@ class Silhouette:
         return view
 
     def _slope(self, view: View, k: int, step: float, weight: np.ndarray) -> np.ndarray:
-        """Central difference of the silhouettes by one parameter, flat."""
+        """Derivative of the silhouettes by one parameter, as a central difference, flattened."""
         change = np.zeros(len(PARAMETERS))
         change[k] = step
         return 0.5 * _changes(self._draw(view.updated(change)) - self._draw(view.updated(-change)), weight).ravel()

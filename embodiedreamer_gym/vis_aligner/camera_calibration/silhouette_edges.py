@@ -14,10 +14,10 @@ from embodiedreamer_gym.vis_aligner.camera_calibration.view import View
 CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 RIM = 3  # pixels along the picture's border without edge points
 SMOOTH = 1.5  # pixels, standard deviation of the smoothing from which normals are taken
-FAINT = 0.02  # least gradient of the smoothed mask at which a normal is defined
+FAINT = 0.02  # smallest gradient of the smoothed mask at which a normal is defined
 REACH = 1.5  # pixels to either side over which a step is measured
 STEP = 0.5  # pixels between samples along the normal
-DOUBT = 0.7  # standard deviation of the preference for near steps, in search ranges
+DOUBT = 0.7  # standard deviation, in search ranges, of the Gaussian weight that prefers near steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def near_loose(code: np.ndarray, seen: np.ndarray, levels: DetailLevels, body: B
 
 
 def _subpixel_peak(values: np.ndarray, rows: np.ndarray, best: np.ndarray) -> np.ndarray:
-    """Offset of the maximum of a parabola through each row's best value and its neighbours, columns (N,)."""
+    """Offset (N,), columns, of the maximum of a parabola through each row's best value and its neighbours."""
     left, middle, right = (values[rows, np.clip(best + k, 0, values.shape[1] - 1)] for k in (-1, 0, 1))
     bend = left - 2.0 * middle + right
     return np.where(bend < -1e-6, np.clip(0.5 * (left - right) / np.minimum(bend, -1e-6), -1.0, 1.0), 0.0)

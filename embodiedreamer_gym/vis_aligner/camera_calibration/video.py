@@ -15,7 +15,7 @@ class VideoFrames:
 
     length: number of frames; None: all.
     first: number of frames to skip at the beginning of the file.
-    Raises: VisionError when the file does not exist; on reading, when it is no video or has too few frames.
+    Raises: VisionError when the file does not exist; on reading, when it is not a video or has too few frames.
     """
 
     def __init__(self, path: str | Path, length: int | None = None, first: int = 0) -> None:

@@ -41,7 +41,7 @@ class View:
 
     @staticmethod
     def from_camera(camera: Camera, size: tuple[int, int] | None = None, k1: float = 0.0) -> View:
-        """The view of a camera fixed in the world, for pictures of a size, by default its own."""
+        """The view of a camera fixed in the world; size: of the pictures, by default the camera's."""
         position, rotation = camera.pose()
         view = View(rotation.T, -rotation.T @ position, camera.fx, camera.fy, camera.cx, camera.cy, camera.size, k1)
         return view if size is None else view.of_size(size)
@@ -70,7 +70,7 @@ class View:
 
     @property
     def aspect(self) -> float:
-        """Focal length in rows over that in columns."""
+        """Ratio of the focal lengths, fy / fx."""
         return self.fy / self.fx
 
     def camera(self, name: str) -> Camera:

@@ -1,4 +1,4 @@
-"""Edits of a reference picture, from which the video model generates an episode of another appearance."""
+"""Edits of a reference picture, from which the video model generates an episode with another appearance."""
 
 from embodiedreamer_gym.vis_aligner.editing.background import Background
 from embodiedreamer_gym.vis_aligner.editing.editor import Chain, ReferenceEditor, apply, describe, draws_of

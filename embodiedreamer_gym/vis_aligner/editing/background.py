@@ -1,4 +1,4 @@
-"""Table and background in other colours, patterns, or behind a user's pictures."""
+"""Edit: table and background in other colours and patterns, or covered with the user's pictures."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ PATTERNS = ("plain", "clouds", "stripes", "checks")
 HUES = (
     20.0,
     260.0,
-)  # degrees; on violet and pink the shipped model leaves spots where objects stood: no bench it knows
+)  # degrees; on violet and pink, which it was not trained on, the shipped model leaves spots where objects were
 SATURATIONS, VALUES = (0.05, 0.6), (0.35, 0.9)
 CONTRASTS = (0.05, 0.25)  # of a pattern
 PERIODS = (0.03, 0.15)  # of a pattern, of the picture's width
-LIGHT = (0.3, 1.5)  # of a place, of the middle light
+LIGHT = (0.3, 1.5)  # limits of a pixel's brightness, relative to the median
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 
 
 @dataclass(frozen=True)
 class Background:
-    """Gives what is no robot and no object another colour and a pattern; light, shadows and grain stay.
+    """Gives table and background another colour and a pattern; light, shadows and grain stay.
 
-    where: table, background or both; pictures: a folder of pictures (png, jpg, bmp) that are laid there instead.
-    Raises: VisionError for another place, or a folder without pictures.
+    where: table, background or both; pictures: a folder of pictures (png, jpg, bmp) to use instead of colours.
+    Raises: VisionError for another name in where, or a folder without pictures.
     """
 
     where: tuple[str, ...] = ("table", "background")
@@ -59,7 +59,7 @@ class Background:
         return np.clip(np.round(out), 0, 255).astype(np.uint8)
 
     def draws(self, masks: Masks, rng: np.random.Generator) -> dict[str, Any]:
-        """For each place: a picture and whether it is mirrored; or a colour, pattern, its contrast, period and angle."""
+        """For each of where: a picture and whether it is mirrored; or colour, pattern, contrast, period and angle."""
         drawn: dict[str, Any] = {}
         for name in self.where:
             if self.pictures is not None:
@@ -84,7 +84,7 @@ class Background:
         return files
 
     def _photo(self, drawn: dict[str, Any], image: np.ndarray) -> np.ndarray:
-        """A picture, as large as to cover the image (H, W, 3), float."""
+        """The drawn picture (H, W, 3), float, scaled and cropped to cover the image."""
         path = Path(str(self.pictures)) / drawn["picture"]
         picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if picture is None:
@@ -97,7 +97,7 @@ class Background:
 
 
 def light(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """How bright (H, W) each pixel is beside the middle one of a mask: light, shadow and grain."""
+    """Brightness (H, W) of each pixel relative to the median of a mask: light, shadow and grain."""
     grey = image.astype(np.float32).mean(axis=2)
     return np.clip(grey / max(float(np.median(grey[mask])), 1.0), *LIGHT)
 

@@ -1,4 +1,4 @@
-"""What an edit of a picture is: a function of the picture, of what is where in it, and of what is drawn."""
+"""The interface of edits: an edit is a function of a picture, its masks and a random generator."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SCENE = CLASS_NAMES[: ROBOT + 1]  # the names that every scene has
 
 @dataclass(frozen=True)
 class Chain:
-    """Several edits, one after the other; each draws for itself."""
+    """Several edits, one after the other; each draws its own random numbers."""
 
     editors: tuple[ReferenceEditor, ...]
 
@@ -29,22 +29,22 @@ class Chain:
         return f"Chain([{', '.join(map(describe, self.editors))}])"
 
     def __call__(self, image: np.ndarray, masks: Masks, rng: np.random.Generator, prompt: str | None) -> np.ndarray:
-        """The picture (H, W, 3) after all of them.
+        """The picture (H, W, 3) after all edits.
 
-        Raises: VisionError where one of them returns no picture of its size.
+        Raises: VisionError where one of them returns no picture of the same size.
         """
         for editor, own in zip(self.editors, rng.spawn(len(self.editors)), strict=True):
             image = _checked(editor, image, masks, own, prompt)
         return image
 
     def draws(self, masks: Masks, rng: np.random.Generator) -> dict[str, Any]:
-        """What each of them draws."""
+        """The random parameters that each edit draws."""
         drawn = zip(self.editors, rng.spawn(len(self.editors)), strict=True)
         return {f"{number} {describe(e)}": _draws(e, masks, own) for number, (e, own) in enumerate(drawn, 1)}
 
 
 def apply(editor: ReferenceEditor, image: np.ndarray, masks: Masks, seed: int, prompt: str | None = None) -> np.ndarray:
-    """The edited picture (H, W, 3) uint8; of one seed the same is drawn for every picture.
+    """The edited picture (H, W, 3) uint8; with the same seed, every picture gets the same draws.
 
     Raises: VisionError where the editor returns no picture of the same size.
     """
@@ -52,20 +52,20 @@ def apply(editor: ReferenceEditor, image: np.ndarray, masks: Masks, seed: int, p
 
 
 def draws_of(editor: ReferenceEditor, masks: Masks, seed: int) -> dict[str, Any]:
-    """What `apply` with this seed draws, fit for JSON; empty for an editor without a method `draws`."""
+    """The random parameters that `apply` draws with a seed, for JSON; empty for an editor without a method `draws`."""
     return _draws(editor, masks, np.random.default_rng(seed))
 
 
 def describe(editor: ReferenceEditor) -> str:
-    """An editor in words that are the same in every run."""
-    name = getattr(editor, "__qualname__", None)  # a function; its repr would hold an address
+    """Text that describes an editor and is the same in every run."""
+    name = getattr(editor, "__qualname__", None)  # of a function, whose repr would contain an address
     return f"{editor.__module__}.{name}" if name else repr(editor)
 
 
 def objects_in(masks: Masks, names: Sequence[str] | None) -> list[str]:
-    """Names of the objects of a scene, all or those that are asked for.
+    """Names of the objects of a scene: all, or the given names.
 
-    Raises: VisionError for one that there is not.
+    Raises: VisionError for a name that the scene does not have.
     """
     objects = [name for name in masks if name not in SCENE]
     for name in names or ():
@@ -75,7 +75,7 @@ def objects_in(masks: Masks, names: Sequence[str] | None) -> list[str]:
 
 
 def things(masks: Masks) -> np.ndarray:
-    """Where (H, W) the robot or an object is."""
+    """Pixels (H, W) of robot and objects."""
     shown = [mask for name, mask in masks.items() if name not in SCENE[:ROBOT]]
     return np.any(shown, axis=0) if shown else np.zeros(next(iter(masks.values())).shape, bool)
 

@@ -1,4 +1,4 @@
-"""Masked areas of a picture inpainted by a diffusion model in a local folder."""
+"""Edit: masked areas of a picture, inpainted by a diffusion model from a local folder."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ import torch
 from embodiedreamer_gym.errors import MissingExtraError, VisionError
 from embodiedreamer_gym.vis_aligner.editing.editor import Masks
 
-CELL = 8  # pixels to a side that such a model takes as one
+CELL = 8  # pixels per side of the model's latents
 STEPS = 30
 
 
 @dataclass(frozen=True)
 class Inpaint:
-    """Inpaints table and background, or other masks, from a prompt, by diffusers' StableDiffusionInpaintPipeline.
+    """Inpaints table and background, or other masks, from a prompt, with diffusers' StableDiffusionInpaintPipeline.
 
-    path: a folder that save_pretrained wrote; nothing is downloaded; names: of masks; edge: pixels of the picture's shorter
-    side during inpainting; steps: of diffusion.
+    path: a folder that save_pretrained wrote; nothing is downloaded; names: of masks; edge: pixels of the picture's
+    shorter side during inpainting; steps: of diffusion.
     """
 
     path: str | Path
@@ -50,7 +50,7 @@ class Inpaint:
         return np.where(mask[..., None], self._inpainted(pipeline, image, mask, seed, prompt), image)
 
     def draws(self, masks: Masks, rng: np.random.Generator) -> dict[str, Any]:
-        """Seed of the noise."""
+        """The seed of the noise."""
         return {"seed": int(rng.integers(2**31))}
 
     def _inpainted(self, pipeline: Any, image: np.ndarray, mask: np.ndarray, seed: int, prompt: str) -> np.ndarray:
@@ -72,9 +72,9 @@ class Inpaint:
 
 @functools.lru_cache(maxsize=1)
 def load_pipeline(path: str) -> Any:
-    """The pipeline of a folder.
+    """The pipeline from a folder.
 
-    Raises: VisionError where it holds none; MissingExtraError without diffusers or transformers.
+    Raises: VisionError where the folder has none; MissingExtraError without diffusers or transformers.
     """
     if not Path(path).is_dir():
         raise VisionError(f"model folder {path} does not exist; give one that save_pretrained wrote.")

@@ -1,4 +1,4 @@
-"""A sheet of paper on the table."""
+"""Edit: a sheet of paper on the table."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from embodiedreamer_gym.geometry.camera import Camera
 from embodiedreamer_gym.vis_aligner.editing.editor import Masks, things
 
 A4 = (0.297, 0.210)  # m
-FINE = 8  # parts to a pixel's side in which the sheet's edge is drawn
-SOFT = 0.015  # of the width: over how much the light on the sheet is smoothed
-LIGHT = (0.5, 1.1)  # of a place, of the middle light
-TONES = (226.0, 248.0)  # of paper
+FINE = 8  # subpixels per pixel, along each side, for the sheet's edge
+SOFT = 0.015  # of the width: standard deviation of the smoothing of the light on the sheet
+LIGHT = (0.5, 1.1)  # limits of a pixel's light, relative to the median
+TONES = (226.0, 248.0)  # grey levels of paper
 
 
 @dataclass(frozen=True)
 class PaperSheet:
-    """Lays a sheet of A4, at a place and turn that are drawn, on the table: under robot and objects, in the table's light.
+    """Adds an A4 sheet in a random position on the table, under robot and objects, and in the table's light.
 
-    camera: the one that took the picture; height: of the table's top, m; area: ranges of x and y of the sheet's middle, m;
-    pose: x, y, m, and turn, rad, in place of what would be drawn; size: m.
+    camera: the one that took the picture; height: of the table's top, m; area: ranges of x and y of the sheet's centre,
+    m; pose: fixed x, y, m, and rotation, rad, instead of random ones; size: m.
     Raises: VisionError for a camera that moves.
     """
 
@@ -52,7 +52,7 @@ class PaperSheet:
         return np.clip(np.round(out), 0, 255).astype(np.uint8)
 
     def draws(self, masks: Masks, rng: np.random.Generator) -> dict[str, Any]:
-        """Middle x and y, m, turn, rad, and grey tone of the sheet."""
+        """Centre x and y, m, rotation ("turn"), rad, and grey level ("tone") of the sheet."""
         spans = (*self.area, (-np.pi / 2, np.pi / 2), TONES)
         x, y, turn, tone = (round(float(rng.uniform(*span)), 4) for span in spans)
         x, y, turn = self.pose or (x, y, turn)
@@ -61,7 +61,7 @@ class PaperSheet:
     def corners(self, x: float, y: float, turn: float, image: np.ndarray) -> np.ndarray:
         """Pixels (4, 2), u and v, of the corners of a sheet in a picture (H, W, 3).
 
-        Raises: VisionError where the camera does not see them before it.
+        Raises: VisionError where a corner is not in front of the camera.
         """
         half = 0.5 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * self.size
         c, s = np.cos(turn), np.sin(turn)
@@ -83,7 +83,7 @@ def _covered(corners: np.ndarray, image: np.ndarray) -> np.ndarray:
 
 
 def _light(image: np.ndarray, masks: Masks) -> np.ndarray:
-    """Light (H, W) on the table, smooth, beside its middle."""
+    """Smoothed light (H, W) on the table, relative to its median; 1 far from the table."""
     table = masks["table"]
     if not table.any():
         return np.ones(table.shape, np.float32)

@@ -1,4 +1,4 @@
-"""Objects in other colours."""
+"""Edit: objects in other colours."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 
 from embodiedreamer_gym.vis_aligner.editing.editor import Masks, objects_in
 
-TURNS = (60.0, 300.0)  # degrees of hue away from what it was
+TURNS = (60.0, 300.0)  # degrees between old and new hue
 SATURATIONS, VALUES = (0.35, 0.95), (0.45, 0.95)
-COLOURFUL = 0.3  # saturation from which a pixel's own saturation counts wholly
-PATTERN = (0.5, 1.5)  # of the saturation, by which an object's pattern stays
+COLOURFUL = 0.3  # saturation above which a pixel's relative saturation is kept in full
+PATTERN = (0.5, 1.5)  # limits of a pixel's relative saturation, which keeps the object's pattern
 GAINS = (0.4, 2.5)  # of brightness
 
 
 @dataclass(frozen=True)
 class Recolour:
-    """Gives objects another hue, saturation and brightness inside their masks; shading stays, grey takes colour.
+    """Gives objects another hue, saturation and brightness inside their masks; shading stays, grey pixels get colour.
 
-    Each gets one hue, so that what shines through at its edge shows no third colour.
+    Each object gets a single hue, so that background pixels at its edge do not get a third colour.
 
-    names: of the objects, all where None; colour: red, green, blue (0 .. 255) in place of what would be drawn.
+    names: of the objects, None for all; colour: red, green, blue (0 .. 255) instead of a random one.
     """
 
     names: tuple[str, ...] | None = None
@@ -44,7 +44,7 @@ class Recolour:
         return out
 
     def draws(self, masks: Masks, rng: np.random.Generator) -> dict[str, Any]:
-        """For each object: hue, degrees (or turn, degrees from its own), saturation and value of its middle tone."""
+        """For each object: hue, degrees (or "turn", its change in degrees), and mean saturation and value."""
         drawn: dict[str, Any] = {}
         for name in objects_in(masks, self.names):
             turn, saturation, value = (round(float(rng.uniform(*span)), 4) for span in (TURNS, SATURATIONS, VALUES))

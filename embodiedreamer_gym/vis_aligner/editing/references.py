@@ -1,4 +1,4 @@
-"""An edit applied to all pictures of a reference: the last frame, the anchor and the plate behind things."""
+"""Applies an edit to all pictures of references: the last frame, the anchor and the plate."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from embodiedreamer_gym.vis_aligner.clip import References
 from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, ROBOT, TABLE, Condition
 from embodiedreamer_gym.vis_aligner.editing.editor import Masks, ReferenceEditor, apply
 
-ALIKE, NEARLY = 0.3, 3.0  # of the change, and levels, by which two pictures of one edit may differ
+ALIKE, NEARLY = 0.3, 3.0  # share of the change, and levels, by which the plate's edit may differ from the frame's
 
 
 def edited(
     references: References, editor: ReferenceEditor, seed: int, prompt: str | None = None,
     names: Sequence[str] = CLASS_NAMES,
 ) -> References:  # fmt: skip
-    """References of an episode's beginning with an edit, to be rendered from as any others.
+    """References of an episode's start with an edit applied; they are used like any others.
 
-    names: of the classes, the robot's and below as in CLASS_NAMES. The plate, the picture behind robot and objects, is
-    edited as a picture without them, with the same draws. Where an editor then does something else than in the first frame,
-    as an image model may, the plate gets the first frame's change, and behind things what changed around them.
+    names: of the classes; up to the robot's, as in CLASS_NAMES. The plate, which is the background behind robot and
+    objects, is edited as a picture without them, with the same draws. If the editor's result differs from the first
+    frame's, as an image model's may, the plate gets the first frame's change instead, inpainted behind robot and
+    objects.
     Raises: VisionError where the editor returns no picture of the same size.
     """
     last = _edit(references.last, references.last_condition, editor, seed, prompt, names)
@@ -42,7 +43,7 @@ def edited(
 
 
 def masks_of(condition: Condition, names: Sequence[str] = CLASS_NAMES) -> dict[str, np.ndarray]:
-    """What is where (H, W) in a condition's first frame, by name."""
+    """Masks (H, W) of the classes in a condition's first frame, by name."""
     return {name: condition.classes[0] == number for number, name in enumerate(names)}
 
 
@@ -54,7 +55,7 @@ def _edit(
 
 
 def _behind(classes: np.ndarray, names: Sequence[str]) -> Masks:
-    """Masks as if neither robot nor object were there: the table, whose outline is convex, goes on behind them."""
+    """Masks of the scene without robot and objects; the table, assumed to be convex, is extended behind them."""
     table = classes == TABLE
     whole = np.zeros(classes.shape, np.uint8)
     if table.any():
@@ -66,7 +67,7 @@ def _behind(classes: np.ndarray, names: Sequence[str]) -> Masks:
 
 
 def _extended(before: np.ndarray, change: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """A picture with the change (H, W, 3) that is known where it is free, and elsewhere goes on from there."""
+    """A picture with a change (H, W, 3) added: the known change at free pixels, inpainted from these elsewhere."""
     coded = np.clip(np.round(change / 2 + 128), 0, 255).astype(np.uint8)
     whole = 2.0 * (cv2.inpaint(coded, (~free).astype(np.uint8), 3, cv2.INPAINT_TELEA).astype(np.float32) - 128)
     filled = np.where(free[..., None], change, whole)

@@ -1,4 +1,4 @@
-"""Measures of generated video, always beside the baselines that know nothing."""
+"""Metrics of generated video, always reported with baselines that need no model."""
 
 from embodiedreamer_gym.io.deprecation import deprecated_names
 from embodiedreamer_gym.vis_aligner.metrics.baselines import copy_first, copy_last, raw_simulation

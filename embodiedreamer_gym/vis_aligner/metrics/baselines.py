@@ -1,4 +1,4 @@
-"""Clips that know nothing of video: what every figure has to be set beside."""
+"""Baseline clips that need no model; every result should be compared with them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from embodiedreamer_gym.vis_aligner.metrics.checks import check_frames, check_pi
 
 
 def raw_simulation(simulated: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Return the simulator's own frames (T, H, W, 3), in the size of the true ones.
+    """Return the simulator's own frames (T, H, W, 3), resized to the true ones.
 
     Raises: VisionError when there is not one for each true frame.
     """
@@ -27,7 +27,7 @@ def raw_simulation(simulated: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def copy_first(reference: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Return the reference (H, W, 3) once for each true frame (T, H, W, 3); read-only, it takes no memory.
+    """Return the reference (H, W, 3) once for each true frame (T, H, W, 3), as a read-only view.
 
     Raises: VisionError when sizes differ.
     """
@@ -36,9 +36,10 @@ def copy_first(reference: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def copy_last(reference: np.ndarray, truth: np.ndarray, chunk: int) -> np.ndarray:
-    """Return, for each true frame (T, H, W, 3), the last true frame of the chunk before; the reference in the first.
+    """Return, for each true frame (T, H, W, 3), the last true frame of the previous chunk.
 
-    chunk: frames that are made at once. A model that is given the true last frame must beat this.
+    The first chunk gets the reference.
+    chunk: number of frames generated at once. A model that is given the true last frame must beat this.
     Raises: VisionError when sizes differ or chunk is not above 0.
     """
     truth = check_frames(truth, "true frames")

@@ -1,4 +1,4 @@
-"""What the measures accept: clips of frames, classes and masks of one size."""
+"""Checks the inputs of the metrics: clips of frames, classes and masks of one size."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def check_frames(frames: Any, name: str = "frames") -> np.ndarray:
 def check_pair(generated: Any, truth: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return two clips (T, H, W, 3), uint8 RGB, of one length and size.
 
-    Raises: VisionError when they differ in either, or one of them is no clip.
+    Raises: VisionError when they differ in length or size, or one of them is not a clip.
     """
     generated, truth = check_frames(generated, "generated frames"), check_frames(truth, "true frames")
     if generated.shape != truth.shape:
@@ -57,7 +57,7 @@ def check_classes(classes: Any, like: np.ndarray, name: str = "classes") -> np.n
 
 
 def check_mask(mask: Any, like: np.ndarray) -> np.ndarray:
-    """Return a mask (T, H, W), bool, for the frames `like` (T, H, W, 3); one mask (H, W) holds for all of them.
+    """Return a mask (T, H, W), bool, for the frames `like` (T, H, W, 3); a single mask (H, W) is used for all frames.
 
     Raises: VisionError for another type or size, or a mask without a pixel.
     """
@@ -75,7 +75,7 @@ def check_mask(mask: Any, like: np.ndarray) -> np.ndarray:
 
 
 def clip_size(frames: np.ndarray) -> str:
-    """Length and size of a clip, for an error: "8 x 128x96"."""
+    """Length and size of a clip as text, for an error message: "8 x 128x96"."""
     return f"{len(frames)} x {frames.shape[2]}x{frames.shape[1]}"
 
 

@@ -1,4 +1,4 @@
-"""How a measure changes from chunk to chunk, as each chunk starts from what the one before ended with."""
+"""Drift: how a measure changes from chunk to chunk, as each chunk starts from the last frame of the previous one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from embodiedreamer_gym.errors import VisionError
 def drift_curve(values: np.ndarray, chunk: int, weights: np.ndarray | None = None) -> np.ndarray:
     """Mean of a measure (T,) or (T, c) in each chunk of `chunk` frames: (chunks,) or (chunks, c).
 
-    weights (T,), for a weighted mean; frames whose value is nan are left out, a chunk of none of the others is nan.
+    weights (T,): for a weighted mean; frames whose value is nan are left out, and a chunk without other frames is nan.
     The last chunk may be shorter. Raises: VisionError when chunk is not above 0, or lengths differ.
     """
     values = np.asarray(values, float)

@@ -1,4 +1,4 @@
-"""evaluate: one generated clip against the true one; and the same for the baselines beside it."""
+"""Evaluates a generated clip against the true one, and the baselines with it."""
 
 from __future__ import annotations
 
@@ -47,11 +47,12 @@ class Features:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Measures:
-    """How far a generated clip is from the true one.
+    """Measures of a generated clip against the true one.
 
-    frames, size: of the clip; values: measure -> number or None, dotted by region ("psnr.moving", "iou.objects");
-    units by the first part are in UNITS; drift: measure -> one number per chunk of `chunk` frames, None where it has none;
-    reasons: measure -> why it is None; features: "rfvd", "fvd" -> what those are computed from, over all episodes.
+    frames, size: of the clip; values: measure -> number or None, with the region after a dot ("psnr.moving",
+    "iou.objects"); UNITS has the unit of the part before the dot; drift: measure -> one number per chunk of `chunk`
+    frames, or None; reasons: measure -> why it is None; features: "rfvd", "fvd" -> features for these distances, which
+    need all episodes.
     """
 
     frames: int
@@ -63,7 +64,7 @@ class Measures:
     features: Mapping[str, Features] = field(default_factory=dict)
 
     def __getitem__(self, measure: str) -> float | None:
-        """Value of a measure. Raises: VisionError for one that is not there, which lists those that are."""
+        """Value of a measure. Raises: VisionError for an unknown measure; the message lists the known ones."""
         if measure not in self.values:
             raise VisionError(f"there is no measure {measure!r}; there are {', '.join(self.values)}.")
         return self.values[measure]
@@ -72,7 +73,7 @@ class Measures:
         return f"Measures({self.frames} x {self.size[0]}x{self.size[1]}, {len(self.values)} values)"
 
     def as_dict(self) -> dict[str, Any]:
-        """The measures as JSON, with units."""
+        """The measures as JSON-compatible data, with units."""
         return {
             "frames": self.frames,
             "size": list(self.size),
@@ -89,7 +90,7 @@ def evaluate(
 ) -> Measures:
     """Measure a generated clip (T, H, W, 3), uint8 RGB, against the true one.
 
-    chunk: frames that were generated at once, for the drift; lpips, i3d: networks, from local weights.
+    chunk: number of frames generated at once, for the drift; lpips, i3d: networks with local weights.
     Raises: VisionError when sizes differ or a network cannot take these frames.
     """
     generated, true = check_pair(generated, truth.frames)
@@ -119,7 +120,7 @@ def evaluate_all(
     clips: Mapping[str, np.ndarray], truth: GroundTruth, simulated: np.ndarray, chunk: int = 8,
     lpips: Lpips | None = None, i3d: I3d | None = None,
 ) -> dict[str, Measures]:  # fmt: skip
-    """Measure the baselines and then each of the named clips (T, H, W, 3), say those of models: name -> Measures.
+    """Measure the baselines and then each of the named clips (T, H, W, 3), e.g. of models: name -> Measures.
 
     simulated: the simulator's frames (T, h, w, 3) of the same states.
     Raises: VisionError when sizes differ, or a clip has a baseline's name.
@@ -135,7 +136,7 @@ def evaluate_all(
 
 
 def _regions(generated: np.ndarray, truth: GroundTruth, chunk: int, values: dict, drift: dict, reasons: dict) -> None:
-    """PSNR of what moves, of each class and of their unions."""
+    """PSNR of the moving pixels, of each class and of unions of classes."""
     for name in ("moving", *truth.numbers):
         mask = truth.moving if name == "moving" else truth.mask(truth.numbers[name])
         key = f"psnr.{name}"
@@ -150,7 +151,7 @@ def _regions(generated: np.ndarray, truth: GroundTruth, chunk: int, values: dict
 
 
 def _overlaps(generated: np.ndarray, truth: GroundTruth, chunk: int, values: dict, drift: dict, reasons: dict) -> None:
-    """IoU of the classes found again, and what the true frames reach."""
+    """IoU of the segmented classes, and the IoU that the true frames reach."""
     segmented = truth.find(generated)
     for name, numbers in truth.numbers.items():
         values[f"iou.{name}"], values[f"iou_ceiling.{name}"] = truth.iou(segmented, numbers), truth.ceiling[name]
@@ -170,7 +171,7 @@ def _share_curve(both: np.ndarray, either: np.ndarray, chunk: int) -> np.ndarray
 
 
 def _colours(generated: np.ndarray, truth: GroundTruth, chunk: int, values: dict, drift: dict, reasons: dict) -> None:
-    """Colour shift of the background: the channel that is furthest off, and each channel."""
+    """Colour shift of the background: the largest of the channels, and each channel."""
     keys = ("colour_shift", *(f"colour_shift_rgb.{c}" for c in "rgb"))
     if not truth.still.any():
         values |= dict.fromkeys(keys)

@@ -10,7 +10,7 @@ import numpy as np
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.metrics.checks import check_frames, clip_size
 
-GAP = 2  # pixels of paper between pictures
+GAP = 2  # pixels of white between pictures
 PAPER, INK = 255, 40
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 SCALE = 0.4  # of the font: capitals of 9 pixels
@@ -19,9 +19,9 @@ SCALE = 0.4  # of the font: capitals of 9 pixels
 def strip(rows: Mapping[str, np.ndarray], columns: int | Sequence[int] = 8, zoom: int = 1) -> np.ndarray:
     """Picture (h, w, 3), uint8, of clips (T, H, W, 3) one above the other, labelled by name and frame number.
 
-    columns: the frames to show, or how many, spread evenly from the first to the last; zoom: whole factor by which each
-    frame is enlarged, pixel by pixel.
-    Raises: VisionError when clips differ in length or size, or a frame is not there.
+    columns: numbers of the frames to show, or how many, spread evenly from the first to the last; zoom: integer factor
+    by which each frame is enlarged, without interpolation.
+    Raises: VisionError when clips differ in length or size, or a frame does not exist.
     """
     clips = {name: check_frames(frames, name) for name, frames in rows.items()}
     shapes = {frames.shape for frames in clips.values()}

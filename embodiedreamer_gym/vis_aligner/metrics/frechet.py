@@ -1,4 +1,4 @@
-"""Frechet distance between two sets of features, each taken as a Gaussian."""
+"""Frechet distance between two sets of features, each modelled as a Gaussian."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ def frechet_distance(first: np.ndarray, second: np.ndarray) -> float:
     """Squared Frechet distance of the Gaussians of features (n, D) and (m, D), in the features' units squared.
 
     |mean difference|^2 + tr(S1 + S2 - 2 (S1 S2)^(1/2)). With S = A'A, A the centred features over sqrt(n - 1), the
-    last trace is the sum of singular values of A1 A2', so that no matrix root is drawn: it stays exact where there
-    are fewer samples than dimensions and the covariances are singular.
+    last trace is the sum of singular values of A1 A2', so that no matrix square root is needed: the result stays exact
+    if there are fewer samples than dimensions and the covariances are singular.
     Raises: VisionError for other shapes, fewer than two samples, or numbers that are not finite.
     Source: Dowson and Landau 1982, equation 4.
     """
@@ -28,7 +28,7 @@ def frechet_distance(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def _shortened(factor: np.ndarray) -> np.ndarray:
-    """Factor of the same covariance with at most D rows."""
+    """A factor of the same covariance with at most D rows."""
     return np.asarray(np.linalg.qr(factor, mode="r")) if len(factor) > factor.shape[1] else factor
 
 

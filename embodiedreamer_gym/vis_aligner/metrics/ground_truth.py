@@ -1,4 +1,4 @@
-"""What generated clips are held against: the true clip with its classes, and all that follows from them alone."""
+"""The ground truth of generated clips: the true clip with its classes, and quantities that depend on these alone."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class GroundTruth:
     """A true clip, without its reference frame.
 
     frames: (T, H, W, 3), uint8 RGB; classes: (T, H, W), uint8; reference: (H, W, 3), the true frame before the first,
-    and its classes (H, W); class_names: what the numbers mean: background, table, robot, then the props.
-    segmenter: how classes are found again in pictures; by default learnt from this clip and its reference.
-    Raises: VisionError when sizes differ, or class names do not fit.
+    and its classes (H, W); class_names: of the class numbers: background, table, robot, then the props.
+    segmenter: segments pictures into classes; by default learnt from this clip and its reference.
+    Raises: VisionError when sizes differ, or there are not enough class names.
     """
 
     frames: np.ndarray
@@ -59,12 +59,12 @@ class GroundTruth:
 
     @cached_property
     def moving(self) -> np.ndarray:
-        """Pixels (T, H, W), bool, that are no longer what the reference shows."""
+        """Pixels (T, H, W), bool, that differ from the reference; see `moving_region`."""
         return moving_region(self.frames, self.classes, self.reference, self.reference_classes)
 
     @cached_property
     def still(self) -> np.ndarray:
-        """Pixels (T, H, W), bool, of background that stands still."""
+        """Pixels (T, H, W), bool, of static background; see `static_background`."""
         return static_background(self.classes, self.reference_classes, self.moving)
 
     @cached_property
@@ -77,7 +77,7 @@ class GroundTruth:
 
     @cached_property
     def ceiling(self) -> dict[str, float | None]:
-        """IoU that the true frames themselves reach, by region; None where no true pixel is of it."""
+        """IoU that the true frames themselves reach, by region; None for a region without true pixels."""
         segmented = self.find(self.frames)
         return {name: self.iou(segmented, numbers) for name, numbers in self.numbers.items()}
 
@@ -87,19 +87,19 @@ class GroundTruth:
         return random_features(self.frames)
 
     def find(self, frames: np.ndarray) -> np.ndarray:
-        """Classes (T, H, W) found again in frames (T, H, W, 3) by their colours."""
+        """Classes (T, H, W) segmented in frames (T, H, W, 3) by their colours."""
         return self.learnt.segment(frames, self.classes, self.reference_classes)
 
     def iou(self, segmented: np.ndarray, numbers: tuple[int, ...]) -> float | None:
-        """Intersection over union of found and true classes, over the clip, mean over classes that have true pixels.
+        """Intersection over union of segmented and true classes over the clip, mean over classes with true pixels.
 
-        None where no class has. The mean weighs a pen as much as the box beside it.
+        None if no class has any. All classes have the same weight, so a pen counts as much as the box beside it.
         """
         shares = [mask_iou(segmented, self.classes, number) for number in self.seen(numbers)]
         return float(np.mean(shares)) if shares else None
 
     def seen(self, numbers: tuple[int, ...]) -> tuple[int, ...]:
-        """Those of the class numbers that have a true pixel."""
+        """The class numbers that have at least one true pixel."""
         return tuple(number for number in numbers if (self.classes == number).any())
 
     def mask(self, numbers: tuple[int, ...]) -> np.ndarray:
@@ -107,7 +107,7 @@ class GroundTruth:
         return np.isin(self.classes, numbers)
 
     def i3d_features(self, network: I3d) -> np.ndarray:
-        """Features (n, D) for FVD, kept for the next call."""
+        """Features (n, D) for FVD, cached by the network's path."""
         kept = self.__dict__.setdefault("_i3d", {})
         if network.path not in kept:
             kept[network.path] = network.features(self.frames)

@@ -1,8 +1,8 @@
-"""PSNR, SSIM, errors of gradients, of change over time and of colour.
+"""PSNR, SSIM, and errors of gradients, of change over time and of colour.
 
-A frame that differs nowhere counts as CEILING dB. PSNR of whole frames is the mean over frames of each frame's, as
-publications give it; of a mask it comes from the mean square over all its pixels of the clip, whose number varies from
-frame to frame.
+Equal frames count as CEILING dB. PSNR of whole frames is the mean of the frames' PSNR, as in publications. PSNR of a
+mask is computed from the mean squared error over all its pixels in the clip, because their number varies from frame to
+frame.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from skimage.metrics import structural_similarity
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.metrics.checks import check_mask, check_pair
 
-CEILING = 100.0  # dB of frames that are equal; their mean square error would have no logarithm
+CEILING = 100.0  # dB of equal frames, whose mean squared error has no logarithm
 WINDOW = 11  # pixels of SSIM's Gaussian window
 SIGMA = 1.5  # pixels, its standard deviation
 
@@ -42,10 +42,10 @@ def psnr_frames(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | Non
 
 
 def ssim(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None = None) -> float:
-    """Structural similarity, at most 1, mean over frames (over pixels of a mask: each counts the same).
+    """Structural similarity, at most 1: mean over frames, or over the pixels of a mask with equal weights.
 
-    Raises: VisionError when the clips differ in size or are smaller than the window, or the mask is empty within
-    the picture's rim of 5 pixels, where there is no window.
+    Raises: VisionError when the clips differ in size or are smaller than the window, or the mask has pixels only within
+    5 pixels of the picture's border, where there is no window.
     Source: Wang et al. 2004, equation 13, with the window of their section III-B; the mean over colour channels.
     """
     sums, counts = _sums(_similarity, generated, truth, mask, WINDOW // 2)
@@ -65,11 +65,12 @@ def ssim_frames(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | Non
 def gradient_psnr(generated: np.ndarray, truth: np.ndarray) -> float:
     """PSNR, dB, of the differences between neighbouring pixels, along x and y together; mean over frames.
 
-    It falls with blur and grids, not with an even shift of colour. Raises: VisionError when the clips differ in size.
+    Blur and grid artefacts lower it; a uniform shift of colour does not. Raises: VisionError when the clips differ in
+    size.
     """
     values = []
     for a, b in zip(*check_pair(generated, truth), strict=True):
-        error = _difference(a, b)  # the difference of differences is the difference's difference
+        error = _difference(a, b)  # the gradient's error is the error's gradient
         steps = np.concatenate([np.diff(error, axis=axis).ravel() for axis in (0, 1)]).astype(np.float64)
         values.append(_decibel(float(np.vdot(steps, steps)) / steps.size) if steps.size else np.nan)
     return float(np.mean(values))
@@ -78,7 +79,7 @@ def gradient_psnr(generated: np.ndarray, truth: np.ndarray) -> float:
 def temporal_error(generated: np.ndarray, truth: np.ndarray) -> float | None:
     """Mean absolute error of the change from frame to frame, 1/255; None for a single frame.
 
-    Sensor noise of standard deviation s in the true frames alone makes 1.13 s.
+    Sensor noise of standard deviation s in the true frames alone causes an error of 1.13 s.
     Raises: VisionError when the clips differ in size.
     """
     errors = (_difference(a, b) for a, b in zip(*check_pair(generated, truth), strict=True))
@@ -87,7 +88,7 @@ def temporal_error(generated: np.ndarray, truth: np.ndarray) -> float | None:
 
 
 def colour_shift(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
-    """Mean of generated less true (3,), RGB, 1/255, over all pixels or those of a mask.
+    """Mean of generated minus true (3,), RGB, 1/255, over all pixels or those of a mask.
 
     Raises: VisionError when the clips differ in size, or the mask is empty.
     """
@@ -96,7 +97,7 @@ def colour_shift(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | No
 
 
 def colour_shift_frames(generated: np.ndarray, truth: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
-    """Mean of generated less true (T, 3), RGB, 1/255, of each frame; nan where the mask has no pixel.
+    """Mean of generated minus true (T, 3), RGB, 1/255, of each frame; nan where the mask has no pixel.
 
     Raises: VisionError when the clips differ in size, or the mask is empty.
     """
@@ -109,7 +110,7 @@ def _sums(
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Sum over pixels (T, ...) of a measure (H, W, ...) of two frames, and the number of pixels (T,).
 
-    rim: pixels at each edge that do not count.
+    rim: pixels at each border that are left out.
     """
     generated, truth = check_pair(generated, truth)
     height, width = truth.shape[1:3]
@@ -122,7 +123,7 @@ def _sums(
 
 
 def _means(sums: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Sums (T, ...) by counts (T,); nan where the count is 0."""
+    """Sums (T, ...) divided by counts (T,); nan where the count is 0."""
     counts = np.broadcast_to(counts.reshape(-1, *[1] * (sums.ndim - 1)), sums.shape)
     return np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0)
 

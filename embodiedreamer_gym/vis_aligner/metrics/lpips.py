@@ -1,7 +1,7 @@
 """LPIPS: the distance of two pictures in the features of a network trained on photographs.
 
-The weights are not shipped. Bring the trunk (AlexNet or VGG16 of ImageNet, a state dict as torchvision publishes it)
-and the heads (`alex.pth` or `vgg.pth` of the lpips project, version 0.1) as local files.
+The weights are not shipped. You need the trunk (AlexNet or VGG16 trained on ImageNet, a state dict as torchvision
+publishes it) and the heads (`alex.pth` or `vgg.pth` of the lpips project, version 0.1) as local files.
 Source: Zhang et al. 2018, The Unreasonable Effectiveness of Deep Features as a Perceptual Metric, equation 1.
 """
 
@@ -22,7 +22,7 @@ from embodiedreamer_gym.vis_aligner.metrics.checks import check_pair
 NO_WEIGHTS = "LPIPS needs weights that are not shipped: give a trunk and its heads as local files (Lpips.load)"
 MEAN = (-0.030, -0.088, -0.188)  # of pictures in -1 .. 1, per channel; lpips project, class ScalingLayer
 SD = (0.458, 0.448, 0.450)
-BATCH = 8  # frames that go through the network at once
+BATCH = 8  # frames per forward pass
 
 
 def _convolutions(*channels: int) -> list[nn.Module]:
@@ -45,7 +45,7 @@ def _vgg() -> nn.Sequential:
     return nn.Sequential(*[layer for stage in stages for layer in (*_convolutions(*stage), pool)][:-1])
 
 
-TRUNKS = {  # network, its tapped layers, least side of a picture
+TRUNKS = {  # network, its tapped layers, smallest side of a picture
     "alex": (_alex, (1, 4, 7, 9, 11), 31),
     "vgg": (_vgg, (3, 8, 15, 22, 29), 16),
 }
@@ -69,9 +69,9 @@ class Lpips:
 
     @staticmethod
     def load(trunk: str | Path, heads: str | Path, net: str = "alex", device: str = "cpu") -> Lpips:
-        """Read the two files; of the trunk only `features.*` is used.
+        """Read the two files; only `features.*` of the trunk is used.
 
-        Raises: VisionError for a missing file, one that is no state dict, other layers, or another net.
+        Raises: VisionError for a missing file, a file that is not a state dict, other layers, or an unknown net.
         """
         if net not in TRUNKS:
             raise VisionError(f"net {net!r} is none of {', '.join(TRUNKS)}.")
@@ -117,7 +117,7 @@ class Lpips:
 
 
 def _normalised(x: torch.Tensor) -> torch.Tensor:
-    """Activations with length 1 over channels; the constant is the lpips project's."""
+    """Activations normalised to length 1 over channels; the constant is from the lpips project."""
     return x / (x.square().sum(dim=1, keepdim=True).sqrt() + 1e-10)
 
 
@@ -130,7 +130,7 @@ def _state(path: str | Path) -> dict[str, Any]:
         raise VisionError(f"{path}: there is no such file; give a local state dict (.pth).")
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # torch raises many kinds for a file that is not its own
+    except Exception as error:  # torch raises many kinds of errors for other files
         raise VisionError(f"{path}: this is no state dict of tensors alone ({type(error).__name__}).") from error
     if not isinstance(state, dict):
         raise VisionError(f"{path}: this holds a {type(state).__name__}, a state dict is expected.")

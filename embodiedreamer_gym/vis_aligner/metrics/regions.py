@@ -1,6 +1,6 @@
-"""Which pixels a measure is about: what moves, each class of thing, the background that stands still.
+"""Regions of pixels for the metrics: moving pixels, each class, and static background.
 
-They follow from the true frames alone, so that every model and baseline is scored on the same pixels.
+They depend on the true frames alone, so that every model and baseline is scored on the same pixels.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ import numpy as np
 from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.metrics.checks import check_classes, check_frames, check_picture
 
-ROBOT = 2  # its class number; below it stand background (0) and table (1), above it the task's props
-MOVED = 12.0  # 1/255: more than that, averaged over 3x3 pixels, has changed; 13 sd of a sensor's noise of 2/255
-SHADOW = (0.4, 2.5)  # times the median colour: in a shadow, and out of one where the median is in a shadow
-AROUND = 0.03  # of the picture's width, around robot and props, where nothing is said of unknown things
-PICTURES = 40  # of a clip, of which the background's median is taken
-MARGIN = 0.015  # of the picture's width, by which what moved is widened
+ROBOT = 2  # class number; background (0) and table (1) are below it, the task's props above
+MOVED = 12.0  # 1/255: a larger difference, averaged over 3x3 pixels, is a change; 13 sd of a sensor's noise of 2/255
+SHADOW = (0.4, 2.5)  # times the median colour: in a shadow, or lit where the median is in a shadow
+AROUND = 0.03  # of the picture's width: distance to robot and props within which pixels are not checked
+PICTURES = 40  # of a clip, for the background's median
+MARGIN = 0.015  # of the picture's width, by which moving regions are widened
 
 
 def moving_region(
     truth: np.ndarray, classes: np.ndarray, reference: np.ndarray, reference_classes: np.ndarray
 ) -> np.ndarray:
-    """Pixels (T, H, W), bool, of true frames that are no longer what the reference frame shows.
+    """Pixels (T, H, W), bool, of true frames that differ from the reference frame.
 
-    Those whose class differs from the reference's, and those where a channel, averaged over 3x3 pixels, differs by
-    more than MOVED; both widened by a disc of MARGIN x width (at least a pixel). So shadows count, noise does not.
+    A pixel differs if its class does, or if a channel, averaged over 3x3 pixels, differs by more than MOVED. The region
+    is widened by a disc of radius MARGIN x width (at least one pixel). It includes shadows, but not noise.
     truth: (T, H, W, 3) and classes (T, H, W), uint8; reference: (H, W, 3) and its classes (H, W), the first frame.
     Raises: VisionError when sizes differ.
     """
@@ -45,11 +45,11 @@ def moving_region(
 
 
 def unclassed_region(frames: np.ndarray, classes: np.ndarray) -> np.ndarray:
-    """Pixels (T, H, W), bool, of true frames that show something which moves and is neither robot nor prop.
+    """Pixels (T, H, W), bool, of true frames that show something moving that is neither robot nor prop.
 
-    Those without a class that differ, averaged over 3x3 pixels, by more than MOVED in a channel from the median of the
-    frames in which nothing is there, and also from it in any shadow, which scales all channels alike. What lies within AROUND
-    of robot or props is left out: there the outline may be off. Grey things in front of grey are missed.
+    A background pixel, averaged over 3x3 pixels, belongs to it if a channel differs by more than MOVED from the median
+    of the frames without robot or props there, also after scaling all channels alike, as a shadow does. Pixels within
+    AROUND of robot or props are left out, because outlines may be inexact. Grey things in front of grey are missed.
     frames: (T, H, W, 3) and classes (T, H, W), uint8.
     Raises: VisionError when sizes differ.
     """
@@ -72,7 +72,7 @@ def unclassed_region(frames: np.ndarray, classes: np.ndarray) -> np.ndarray:
 
 
 def static_background(classes: np.ndarray, reference_classes: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """Pixels (T, H, W), bool, of background or table, now and in the reference, that did not move.
+    """Pixels (T, H, W), bool, that show background or table, also in the reference, and do not move.
 
     Raises: VisionError when sizes differ.
     """
@@ -87,8 +87,8 @@ def static_background(classes: np.ndarray, reference_classes: np.ndarray, moving
 def numbers_of(class_names: Sequence[str]) -> dict[str, tuple[int, ...]]:
     """Class numbers by region: the robot, each prop, all props as "objects", and "arm and objects".
 
-    class_names: what the numbers mean: background, table, robot, then the props.
-    Raises: VisionError for fewer than three names, a name twice or one that is a region's.
+    class_names: of the class numbers: background, table, robot, then the props.
+    Raises: VisionError for fewer than three names, a repeated name, or the name of a region.
     """
     names = tuple(class_names)
     regions = ("objects", "arm and objects", "moving")

@@ -1,9 +1,9 @@
-"""Find the classes again in a picture by its colours, as learnt from true frames and their masks.
+"""Segments pictures into classes by colour, as learnt from true frames and their masks.
 
-A class is a density over Lab colours. Background and table are also what stands at each pixel (the plate: the camera
-does not move), as it is or in shade. A colour that nothing learnt has is UNKNOWN. Robot and props are looked for
-where they have been in the clip or near it, and where colours leave it open, the true place tips the balance by at
-most 1 : FAR.
+Each class is a density over Lab colours. Background and table also have their own colour at each pixel (the plate; the
+camera does not move), lit or in shade. A colour of no learnt class is UNKNOWN. Robot and props are searched only near
+their places in the clip. Where colours are ambiguous, the true place decides; it changes a class's weight by at most 1
+: FAR.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from embodiedreamer_gym.vis_aligner.metrics.checks import check_classes, check_f
 from embodiedreamer_gym.vis_aligner.metrics.regions import ROBOT
 
 UNKNOWN = 255  # class number of a colour that no class has
-ENOUGH = 100  # frames to learn from
+ENOUGH = 100  # largest number of frames to learn from
 BINS = 64  # per axis of 8-bit Lab
-GREY = np.array([0.0, 128.0, 128.0], np.float32)  # black in 8-bit Lab, towards which a shadow takes a colour
-WIDTHS = np.array([8.0, 5.0, 5.0], np.float32)  # 8-bit Lab: sd by which a colour may differ from a learnt one
+GREY = np.array([0.0, 128.0, 128.0], np.float32)  # black in 8-bit Lab, towards which a shadow moves a colour
+WIDTHS = np.array([8.0, 5.0, 5.0], np.float32)  # 8-bit Lab: sd of a colour around a learnt one
 SHADES = (1.0, 0.85, 0.7, 0.55)  # light that a shadow may leave on the background
-UNIFORM = 1.0 / (0.2 * 256.0**3)  # density of UNKNOWN: even over the fifth of the Lab cube that RGB reaches
-NEAR = 0.06  # of the picture's width: how far from where it has been a class is looked for
-FAR = 0.3  # weight of a class far from its true place; 1 in it
-FADE = 0.008  # of the picture's width: distance in which the weight falls by e
-SMOOTHING = (1 / 6, 4 / 6, 1 / 6)  # of the classes' shares with those of neighbouring pixels
+UNIFORM = 1.0 / (0.2 * 256.0**3)  # density of UNKNOWN: uniform over the fifth of the Lab cube that RGB covers
+NEAR = 0.06  # of the picture's width: distance from a class's places within which it is searched
+FAR = 0.3  # weight of a class far from its true place; 1 at its place
+FADE = 0.008  # of the picture's width: distance over which the weight falls by a factor e
+SMOOTHING = (1 / 6, 4 / 6, 1 / 6)  # kernel that smooths the classes' probabilities
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Segmenter:
-    """Colours of the classes of one lab.
+    """Colours of the classes in one scene.
 
-    numbers: classes learnt, 0 for background and table together; densities (n, 64, 64, 64): each one's density per
+    numbers: learnt classes, 0 for background and table together; densities (n, 64, 64, 64): density of each class per
     unit of 8-bit Lab; plate (H, W, 3), 8-bit Lab: the background at each pixel; known (H, W), bool: where it was seen.
     """
 
@@ -51,7 +51,7 @@ class Segmenter:
     def learn(frames: np.ndarray, classes: np.ndarray) -> Segmenter:
         """Learn from true frames (T, H, W, 3), uint8 RGB, of a camera that does not move, and their classes (T, H, W).
 
-        Of more than ENOUGH frames, some are taken, evenly spread.
+        Of more than ENOUGH frames, an evenly spread subset is used.
         Raises: VisionError when sizes differ, or no pixel is background or table.
         """
         frames = check_frames(frames)
@@ -76,9 +76,9 @@ class Segmenter:
     def segment(self, frames: np.ndarray, classes: np.ndarray, more: np.ndarray | None = None) -> np.ndarray:
         """Classes (T, H, W), uint8, of frames (T, H, W, 3): 0 for background and table, UNKNOWN for none.
 
-        classes: true ones (T, H, W); more: those (H, W) of another frame, say the reference, where things left
-        behind are looked for too.
-        Raises: VisionError for another size than learnt, or a class that was not.
+        classes: true ones (T, H, W); more: classes (H, W) of another frame, e.g. the reference, near which robot and
+        props are searched too.
+        Raises: VisionError for another size than the learnt one, or a class that was not learnt.
         """
         frames = check_frames(frames)
         classes = check_classes(classes, frames)
@@ -109,7 +109,7 @@ class Segmenter:
         return cv2.sepFilter2D(shares, -1, np.array(SMOOTHING), np.array(SMOOTHING))
 
     def _background(self, lab: np.ndarray, anywhere: np.ndarray) -> np.ndarray:
-        """Density (H, W) of background: half that of the pixel's own, in several shades, half that of all of it."""
+        """Density (H, W) of background: the mean of the pixel's own, in several shades, and that of all pixels."""
         plate, colour = ((x.astype(np.float32) - GREY) / WIDTHS for x in (self.plate, lab))
         square, product = (np.einsum("hwc,hwc->hw", x, plate) for x in (plate, colour))
         rest = np.einsum("hwc,hwc->hw", colour, colour)
@@ -119,10 +119,10 @@ class Segmenter:
 
 
 def search_areas(classes: np.ndarray, more: np.ndarray | None = None) -> dict[int, np.ndarray]:
-    """Where each robot or prop class is looked for: class number -> (H, W), bool.
+    """Search area of each robot or prop class: class number -> (H, W), bool.
 
-    All pixels that are of the class in any of classes (T, H, W) or in `more` (H, W), widened by a disc of NEAR x
-    width. So a thing left on the way counts against the class as much as one beside its place.
+    All pixels of the class in any of classes (T, H, W) or in `more` (H, W), widened by a disc of radius NEAR x width.
+    An object that is drawn at an earlier place thus lowers the IoU as much as one beside its true place.
     """
     radius = max(1, round(NEAR * classes.shape[2]))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
@@ -136,7 +136,7 @@ def search_areas(classes: np.ndarray, more: np.ndarray | None = None) -> dict[in
 
 
 def overlaps(segmented: np.ndarray, classes: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels of intersection (T,) and of union (T,) of a class in found and true classes (T, H, W).
+    """Numbers of pixels in intersection (T,) and union (T,) of a class in segmented and true classes (T, H, W).
 
     Raises: VisionError when sizes differ.
     """
@@ -152,7 +152,7 @@ def overlaps(segmented: np.ndarray, classes: np.ndarray, number: int) -> tuple[n
 
 
 def mask_iou(segmented: np.ndarray, classes: np.ndarray, number: int) -> float:
-    """Intersection over union of a class in found and true classes (T, H, W), over all pixels of the clip.
+    """Intersection over union of a class in segmented and true classes (T, H, W), over all pixels of the clip.
 
     Raises: VisionError when sizes differ, or neither has a pixel of the class.
     """
@@ -181,9 +181,9 @@ def _weight(place: np.ndarray) -> np.ndarray:
 
 
 def _plate(frames: np.ndarray, background: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lab colour (H, W, 3) of the background at each pixel and where it was seen (H, W).
+    """Lab colour (H, W, 3) of the background at each pixel, and where (H, W) it was seen.
 
-    The mean over time of all, then of those near that mean, so that a passing shadow does not count.
+    It is the mean over time, computed again from colours near the first mean, to leave out passing shadows.
     """
     mean, seen = np.zeros(frames.shape[1:], np.float32), np.zeros(frames.shape[1:3], bool)
     for near in (np.inf, 25.0):

@@ -1,4 +1,4 @@
-"""Measures of many episodes in one: mean, spread and count, and the distances that need all clips."""
+"""Summary of the measures of many episodes: mean, sd and count, and the distances that need all clips."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LENGTHS = {"rfvd": RFVD_LENGTH, "fvd": FVD_LENGTH}
 
 @dataclass(frozen=True)
 class Figure:
-    """A measure over episodes: mean, sd (None for a single episode) and how many had it."""
+    """A measure over episodes: mean, sd (None for a single episode), and the number of episodes that have it."""
 
     mean: float
     sd: float | None
@@ -29,9 +29,9 @@ class Figure:
 class Summary:
     """Measures over episodes.
 
-    episodes: how many; figures: measure -> Figure, None where no episode has it; drift: measure -> mean over the
-    episodes that reach it, by chunk of `chunk` frames; distances: "rfvd", "fvd" -> number over all clips, or None;
-    reasons: measure -> why it is None; warnings: what to mind in the figures.
+    episodes: their number; figures: measure -> Figure, None where no episode has it; drift: measure -> mean, for each
+    chunk of `chunk` frames, over the episodes that reach it; distances: "rfvd", "fvd" -> number over all clips, or
+    None; reasons: measure -> why it is None; warnings: about the reliability of the figures.
     """
 
     episodes: int
@@ -43,7 +43,7 @@ class Summary:
     warnings: tuple[str, ...]
 
     def __getitem__(self, measure: str) -> float | None:
-        """Mean of a measure, or a distance. Raises: VisionError for one that is not there."""
+        """Mean of a measure, or a distance. Raises: VisionError for an unknown measure."""
         if measure in self.distances:
             return self.distances[measure]
         if measure not in self.figures:
@@ -57,7 +57,7 @@ class Summary:
         return f"Summary({self.episodes} episodes, {len(self.figures)} measures)"
 
     def as_dict(self) -> dict[str, Any]:
-        """The summary as JSON, with units."""
+        """The summary as JSON-compatible data, with units."""
         return {
             "episodes": self.episodes,
             "figures": {
@@ -73,7 +73,7 @@ class Summary:
 
 
 def summarise(episodes: Sequence[Measures]) -> Summary:
-    """Mean and sd over episodes; the Frechet distances over the clips of all of them.
+    """Mean and sd over episodes; Frechet distances over the clips of all episodes.
 
     Raises: VisionError for no episode, or episodes of different chunks.
     """
@@ -106,7 +106,7 @@ def _figure(values: Sequence[float | None]) -> Figure | None:
 
 
 def _distance(name: str, episodes: Sequence[Measures], reasons: dict[str, str], warnings: list[str]) -> float | None:
-    """Distance over all clips; what stands in its way goes to `reasons`, what weakens it to `warnings`."""
+    """Distance over all clips; adds to `reasons` why there is none, and to `warnings` why it is unreliable."""
     features = [m.features[name] for m in episodes if name in m.features and len(m.features[name].truth)]
     count = sum(len(f.truth) for f in features)
     if count < 2:

@@ -1,4 +1,4 @@
-"""Tables of measures, for a terminal or as markdown."""
+"""Tables of measures, as text for a terminal or as Markdown."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ COLUMNS = {  # measure -> heading, decimals, decimals of the sd
 }  # fmt: skip
 SHOWN = ("psnr", "ssim", "psnr.moving", "psnr.arm and objects", "psnr.objects", "iou.objects", "colour_shift",
          "rfvd", "lpips", "fvd")  # fmt: skip
-POINTS = 10  # chunks that a table of drift shows at most
+POINTS = 10  # largest number of chunks in a drift table
 
 Rows = Mapping[str, Measures | Summary]
 
 
 def table(rows: Rows, columns: Sequence[str] = SHOWN, markdown: bool = False) -> str:
-    """Text of one row per model or baseline: means, ± sd over episodes where that fits into 110 columns.
+    """Text table with one row per model or baseline: means, with ± sd over episodes if that fits into 110 columns.
 
-    Columns that no row has are left out and named with their reason below, as are the episodes, the IoU that true
-    frames reach, and warnings. Raises: VisionError for no row, or a column that is not a measure.
+    Columns without values are left out. Notes below the table give the reasons, the number of episodes, the IoU that
+    true frames reach, and warnings. Raises: VisionError for no row, or a column that is not a measure.
     """
     if not rows:
         raise VisionError("there is no row to show; give at least one, name -> Measures or Summary.")
@@ -45,7 +45,7 @@ def table(rows: Rows, columns: Sequence[str] = SHOWN, markdown: bool = False) ->
 
 
 def drift_table(rows: Rows, measure: str = "psnr", markdown: bool = False) -> str:
-    """Text of a measure by chunk, one row per model: at most ten chunks, evenly spread, the first and the last among them.
+    """Text table of a measure by chunk, one row per model: up to ten chunks, evenly spread from the first to the last.
 
     Raises: VisionError for no row, or a measure without a curve.
     """
@@ -71,7 +71,7 @@ def _all(row: Measures | Summary) -> dict[str, float | None]:
 
 
 def _column(name: str) -> tuple[str, int, int]:
-    """Heading and decimals of a measure; one by class is called by its own name."""
+    """Heading and decimals of a measure; a measure without its own entry keeps its name."""
     return COLUMNS.get(name, (name, 2, 1))
 
 
@@ -83,7 +83,7 @@ def _cell(row: Measures | Summary, name: str, with_sd: bool) -> str:
 
 
 def _notes(rows: Rows, columns: Sequence[str], shown: Sequence[str], spread: bool) -> list[str]:
-    """What belongs below a table: episodes, what true frames reach, why a column is absent, warnings."""
+    """Notes below a table: number of episodes, IoU that true frames reach, reasons for absent columns, warnings."""
     notes = []
     if counts := dict.fromkeys(str(row.episodes) for row in rows.values() if isinstance(row, Summary)):
         notes.append(f"mean{' ± sd' if spread else ''} over episodes: {', '.join(counts)}")

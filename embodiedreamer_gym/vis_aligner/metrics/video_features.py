@@ -1,6 +1,6 @@
-"""Features of short clips for a Frechet distance: of the user's I3D network (FVD), or of fixed random filters (rfvd).
+"""Features of short clips for a Frechet distance: from the user's I3D network (FVD), or fixed random filters (rfvd).
 
-rfvd needs no weights and is NOT FVD: its figures compare clips of one size among themselves and nothing else.
+rfvd needs no weights and is NOT FVD: its values are comparable only among clips of one size.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.metrics.checks import check_frames
 
 NO_I3D = "FVD needs a network that is not shipped: give the local path of i3d_torchscript.pt (I3d.load)"
-FVD_LENGTH = 16  # frames of a clip, as publications have it
+FVD_LENGTH = 16  # frames of a clip, as in publications
 RFVD_LENGTH = 8
 RFVD_SEED = 2004
 CHANNELS = 16  # filters of each of the two layers of rfvd
@@ -28,7 +28,7 @@ DIMENSIONS = 4 * CHANNELS  # features of rfvd: mean and sd of each filter's resp
 
 
 def clips_of(frames: np.ndarray, length: int) -> Iterator[np.ndarray]:
-    """Cut frames (T, H, W, 3) into clips (length, H, W, 3) one after the other; what is left over is dropped."""
+    """Cut frames (T, H, W, 3) into consecutive clips (length, H, W, 3); leftover frames are dropped."""
     frames = check_frames(frames)
     for start in range(0, len(frames) - length + 1, length):
         yield frames[start : start + length]
@@ -47,9 +47,9 @@ class I3d:
 
     @staticmethod
     def load(path: str | Path, device: str = "cpu") -> I3d:
-        """Read a network such as i3d_torchscript.pt from a local file, one you trust: TorchScript is a program.
+        """Read a network such as i3d_torchscript.pt from a local file that you trust: TorchScript is a program.
 
-        Raises: VisionError where there is none.
+        Raises: VisionError where the file is missing or not TorchScript.
         """
         if not Path(path).is_file():
             raise VisionError(f"{path}: there is no such file; give a local TorchScript file (i3d_torchscript.pt).")
@@ -62,9 +62,9 @@ class I3d:
 
     @torch.inference_mode()
     def features(self, frames: np.ndarray) -> np.ndarray:
-        """Features (n, D) of the clips of FVD_LENGTH in frames (T, H, W, 3), uint8; (0, 0) when it is shorter.
+        """Features (n, D) of the clips of FVD_LENGTH in frames (T, H, W, 3), uint8; (0, 0) when T is smaller.
 
-        Raises: VisionError when the network does not take or give what I3D does.
+        Raises: VisionError when the network's input or output is not that of I3D.
         """
         rows = []
         for clip in clips_of(frames, FVD_LENGTH):
@@ -83,7 +83,8 @@ class I3d:
 def random_features(frames: np.ndarray) -> np.ndarray:
     """Features (n, 64) of the clips of RFVD_LENGTH in frames (T, H, W, 3), uint8, in 1/255: two layers of random filters.
 
-    Each layer: convolution over time and space, absolute value, its mean and standard deviation over the clip.
+    Each layer is a convolution over time and space and the absolute value, whose mean and standard deviation over the
+    clip are the features.
     """
     first, second = _filters()
     rows = []
@@ -100,7 +101,8 @@ def random_features(frames: np.ndarray) -> np.ndarray:
 def _filters() -> tuple[torch.Tensor, torch.Tensor]:
     """Filters (16, 3, 3, 5, 5) and (16, 16, 3, 3, 3) of length 1.
 
-    Of four, one sums to 0 over space (it sees no even colour), one over time (it sees only change), two are as drawn.
+    Of every four, one sums to 0 over space (no response to uniform colour), one over time (responds only to change),
+    and two stay as drawn.
     """
     rng = np.random.default_rng(RFVD_SEED)
     layers = []
