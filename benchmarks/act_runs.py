@@ -31,7 +31,7 @@ def keep_settings(folder: Path, **settings: Any) -> None:
     except RecordingError as error:
         raise SystemExit(str(error)) from error
     except (ValueError, TypeError) as error:
-        raise SystemExit(f"{path} says no settings; give another folder.") from error
+        raise SystemExit(f"{path} contains no settings; give another folder.") from error
 
 
 def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Callable[[int, int, str], None],

@@ -62,7 +62,9 @@ def run_cases(a: argparse.Namespace, cases: Cases, work: Work, path: Path | None
         )
     rows = read(cases, path, also) if path is not None else cases.in_order([*cases.read(*also), *new])
     if cases.each and not rows:
-        raise EmbodieDreamerError(f"shard {a.shard} has none of the {len(cases.each)} cases, and no other is finished.")
+        raise EmbodieDreamerError(
+            f"shard {a.shard} has none of the {len(cases.each)} cases, and no case of another shard is finished."
+        )
     return rows
 
 

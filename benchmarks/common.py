@@ -22,7 +22,9 @@ def data_folder(name: str) -> Path:
 def folder(text: str) -> Path:
     """Argparse type: an existing folder. Raises: ArgumentTypeError where it is missing."""
     if not Path(text).is_dir():
-        raise argparse.ArgumentTypeError(f"{text} is no folder; the real recordings are not shipped, give theirs.")
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a folder; the real recordings are not included, so give their folder."
+        )
     return Path(text)
 
 

@@ -68,7 +68,7 @@ def main() -> None:
     if arguments.first_seed < 0:
         parser.error("--first-seed must be at least 0.")
     if arguments.out and not arguments.out.parent.is_dir():
-        parser.error(f"{arguments.out.parent} is no folder; --out needs one that exists.")
+        parser.error(f"{arguments.out.parent} is not a folder; --out needs one that exists.")
     rows = []
     for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds):
         row = study(seed)

@@ -48,7 +48,7 @@ def seal(name: str, seeds: str, path: Path) -> None:
     text = sealed(name, seeds)
     if path.is_file() and path.read_text() != text:
         raise EmbodieDreamerError(
-            f"{path} holds the labels of other cases; give another --out, or move it and its rows away."
+            f"{path} contains the labels of other cases; give another --out, or move it and its rows away."
         )
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
@@ -100,11 +100,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", choices=SEEDS, default="test")
     parser.add_argument("--cases", type=int, help="only the first N cases, a mixture of all kinds")
     parser.add_argument("--oracle", choices=("none", "singles", "all"), default="singles",
-                        help="of which cases a refit with the true effects is made, to compare held-out errors")  # fmt: skip
+                        help="cases that are refitted with the true effects as well, to compare held-out errors")  # fmt: skip
     parser.add_argument(
-        "--brute", type=int, default=0, metavar="N", help="the baseline on the first N singles and nulls"
+        "--brute", type=int, default=0, metavar="N", help="run the baseline on the first N singles and nulls"
     )
-    parser.add_argument("--beside", type=Path, help="rows of main, to set other_arm beside")
+    parser.add_argument("--beside", type=Path, help="rows of main, to compare other_arm with")
     parser.add_argument("--figures-only", action="store_true")
     case_options(parser, FOLDER / "SET-SEEDS.jsonl")
     a = parser.parse_args(arguments)
@@ -122,9 +122,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         rows, brute = read(cases, out, a.rows), read(plain, brute_out, brute_also)
         beside = cases_of("main", a.seeds, labels("main", a.seeds)).read(a.beside) if a.beside else ()
     if not rows:
-        parser.error(f"{out} holds no finished case.")
+        parser.error(f"{out} contains no finished case.")
     print(f"\n{report(rows, a.set, beside, brute)}")
-    print(f"\nseconds are of one diagnosis on one thread; --jobs {a.jobs} of them ran side by side.")
+    print(f"\nseconds are for one diagnosis on one thread; with --jobs {a.jobs}, as many ran in parallel.")
     times = {figure.key: figure.value for figure in figures(rows, a.set) if "seconds" in figure.key}
     save_results(a, cases, rows, a.seeds, outcome(rows, a.set), **times)
 

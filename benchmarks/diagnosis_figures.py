@@ -24,26 +24,26 @@ BESIDE = ("name", "detected", "accused", "unknown", "both")
 POINTS = 0.05  # by how much another arm's shares may be worse
 
 TEXTS = {
-    "name": "visible singles: right name, and no other",
-    "name_or_tie": "visible singles: right name or a tie with it",
-    "joints": "rightly named singles: exactly the right joints",
-    "joints_shown": "the same, where joints that show the effect by less than a sensor noise may be left out",
-    "misnamed": "barely visible singles: misnamed",
-    "right_or_silent": "singles: right name, or no accusation of another",
+    "name": "visible singles: correct name and no other",
+    "name_or_tie": "visible singles: correct name or a tie with it",
+    "joints": "correctly named singles: exactly the correct joints",
+    "joints_shown": "the same, but joints that show the effect by less than the sensor noise may be left out",
+    "misnamed": "barely visible singles: wrong name",
+    "right_or_silent": "singles: correct name, or no other effect named",
     "fall": "visible singles: fall of the held-out error, median",
-    "fall_above_noise": "the same of what is above the sensors' noise (in squares), median",
-    "gap": "visible singles: share of the fall that the true effect brings, median",
-    "accused": "faultless robots accused",
-    "detected": "visible singles and pairs not called faultless",
-    "unknown": "visible effects outside the catalogue: unknown, or their family",
-    "relative": "the same, or a member of their family",
-    "family": "visible singles in which something is named: right family",
-    "sure": "singles and pairs: effects named with a probability of 0.9 or more are right",
-    "known_unknown": "visible singles called unknown",
-    "both": "pairs: both named and nothing else",
-    "held": "95 % intervals of the named effect that hold the truth",
-    "resolved": "ties and unseen effects rightly named after the proposed motion",
-    "decided": "the same: of the two asked about, the right one by its likelihood",
+    "fall_above_noise": "the same for the part above the sensor noise (in squares), median",
+    "gap": "visible singles: fall relative to that with the true effect, median",
+    "accused": "false alarms: arms without a hidden effect for which an effect is named",
+    "detected": "visible singles and pairs for which the model is called wrong",
+    "unknown": "visible effects outside the catalogue: verdict unknown, or their family named",
+    "relative": "the same, or a member of their family named",
+    "family": "visible singles for which an effect is named: correct family",
+    "sure": "singles and pairs: effects named with a probability of 0.9 or more that are correct",
+    "known_unknown": "visible singles with the verdict unknown",
+    "both": "pairs: both named and no other",
+    "held": "95 % intervals of the named effect that contain the true value",
+    "resolved": "ties and unseen effects correctly named after the proposed motion",
+    "decided": "the same: the correct one of the two is chosen by its likelihood",
     "median_seconds": "seconds of a diagnosis, median",
     "worst_seconds": "seconds of a diagnosis, worst",
 }
@@ -338,15 +338,16 @@ def baselines(rows: Sequence[Row], brute: Sequence[Row] = ()) -> list[str]:
     if not (singles or nulls):
         return []
     coulomb = sum("coulomb_friction" in row["label"]["effects"] for row in singles)
-    lines = [f"always naming Coulomb friction: right in {coulomb} of {len(singles)} singles, accuses {len(nulls)} of {len(nulls)} faultless robots"]  # fmt: skip
+    lines = [f"always naming Coulomb friction: correct in {coulomb} of {len(singles)} singles, false alarms "
+             f"in {len(nulls)} of {len(nulls)} arms"]  # fmt: skip
     if brute:
         asked, spared = of_kind(brute, "single"), of_kind(brute, "null")
         right = sum([row.get("named")] == list(row["label"]["effects"]) for row in asked)
         ours = {row["index"]: right_name(row) for row in singles}
         same = sum(ours.get(row["index"], False) for row in asked)
         wait = np.median([row["seconds"] for row in brute])
-        lines.append(f"refitting every effect and naming the best: right in {right} of {len(asked)} singles (diagnose: {same}), "
-                     f"accuses {len(spared)} of {len(spared)} faultless robots, {wait:.0f} s (median)")  # fmt: skip
+        lines.append(f"refitting every effect and naming the best: correct in {right} of {len(asked)} singles "
+                     f"(diagnose: {same}), false alarms in {len(spared)} of {len(spared)} arms, {wait:.0f} s (median)")  # fmt: skip
     return lines
 
 
@@ -357,14 +358,16 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     extra = [row for row in singles if verdict(row) == "missing" and not right_name(row)
              and row["label"]["effects"][0] in row["found"]["effects"]]  # fmt: skip
     if extra:
-        lines.append(f"singles named beside something else: {len(extra)} of {len(singles)}")
+        lines.append(f"singles named together with another effect: {len(extra)} of {len(singles)}")
     beyond = [row for row in rows if row["label"].get("beyond")]
     if beyond:
-        lines.append(f"cases whose true values lie outside the model's own bounds: {len(beyond)}, "
-                     f"of them rightly named {sum(map(right_name, beyond))}")  # fmt: skip
+        lines.append(f"cases whose true values lie outside the model's own bounds: {len(beyond)}, correctly named of "
+                     f"these: {sum(map(right_name, beyond))}")  # fmt: skip
     named = sum(right_name(row) for row in of_kind(rows, "tie"))
     if named:
-        lines.append(f"rightly named at first, so not asked again: {named} of {len(of_kind(rows, 'tie'))}")
+        lines.append(
+            f"correctly named at first, so no further motion was needed: {named} of {len(of_kind(rows, 'tie'))}"
+        )
     return lines
 
 

@@ -206,9 +206,11 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=data_folder("droid_franka"))
     parser.add_argument("--camera", type=int, nargs="+", default=[0, 1])
     parser.add_argument("--free", default="focal,aspect")
-    parser.add_argument("--alone", action="store_true", help="each episode by itself too")
+    parser.add_argument("--alone", action="store_true", help="fit each episode by itself, too")
     parser.add_argument("--overlay", type=Path, help="folder for pictures")
-    parser.add_argument("--standin", type=Path, nargs="+", metavar="FILE.hdf5", help="filmed episodes of ALOHA instead")
+    parser.add_argument(
+        "--standin", type=Path, nargs="+", metavar="FILE.hdf5", help="use filmed episodes of ALOHA instead"
+    )
     parser.add_argument("--out", type=Path)
     a = parser.parse_args()
     free = tuple(a.free.split(","))

@@ -57,7 +57,9 @@ def cameras(path: Path) -> tuple[dict[str, Camera], set[str]]:
     """
     fits = [row for row in json.loads(path.read_text()) if row["stands"] == len(EPISODES)]
     if not fits:
-        raise SystemExit(f"{path} holds no camera of all {len(EPISODES)} episodes; run droid_camera again.")
+        raise SystemExit(
+            f"{path} contains no camera that was fitted to all {len(EPISODES)} episodes; run droid_camera again."
+        )
     best = min(fits, key=lambda row: row["median"])["fit"]
     found = {e: Camera(**stand["camera"]) for e, stand in zip(EPISODES, best["stands"], strict=True)}
     return found, {name.rpartition("/")[2] for name in best["doubtful"]}
@@ -104,10 +106,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Train, then print the tables of the held-out episodes."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.droid_video", description=str(__doc__).splitlines()[0])
     parser.add_argument("--data", type=Path, default=data_folder("droid_franka"))
-    parser.add_argument("--cameras", type=Path, nargs=2, required=True, metavar="FILE", help="of cameras 0 and 1")
-    parser.add_argument("--out", type=Path, required=True, help="goes on where it was")
+    parser.add_argument(
+        "--cameras", type=Path, nargs=2, required=True, metavar="FILE", help="calibrations of cameras 0 and 1"
+    )
+    parser.add_argument("--out", type=Path, required=True, help="output folder; an interrupted run resumes")
     parser.add_argument("--steps", type=int, default=3000)
-    parser.add_argument("--aligner", default="lean", help="to start from (default %(default)s)")
+    parser.add_argument("--aligner", default="lean", help="model to start from (default %(default)s)")
     parser.add_argument("--strips", type=Path, help="folder for pictures")
     a = parser.parse_args(arguments)
     torch.set_num_threads(1)

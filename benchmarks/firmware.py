@@ -48,21 +48,21 @@ def figures(rows: Sequence[dict[str, Any]]) -> str:
     for row in (r for r in rows if (r in hidden and r not in right) or r in wrong):
         said = row.get("failed") or ", ".join(row["found"]["effects"])
         lines.append(f"case {row['index']}: {', '.join(row['label']['effects']) or 'plain'} -> {verdict(row)} {said}")
-    for what, part, whole in (("right name", right, hidden), ("plain servos accused", wrong, plain)):
+    for what, part, whole in (("right name", right, hidden), ("false alarms on plain servos", wrong, plain)):
         if whole:
             low, high = clopper_pearson(len(part), len(whole))
             lines.append(f"{what}: {len(part)} of {len(whole)} (95 % interval {100 * low:.0f} to {100 * high:.0f} %)")
     if hidden:
         lines.append(f"targets: right name {'met' if len(right) >= WANTED * len(hidden) else 'MISSED'}, "
-                     f"none accused {'MISSED' if wrong else 'met'}")  # fmt: skip
+                     f"no false alarm {'MISSED' if wrong else 'met'}")  # fmt: skip
     return "\n".join(lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the cases that are missing, then print the figures."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.firmware", description=str(__doc__).splitlines()[0])
-    parser.add_argument("--cases", type=int, metavar="N", help="only the first N")
-    parser.add_argument("--effects", nargs="+", choices=(*FIRMWARE, "none"), help="only the cases of these")
+    parser.add_argument("--cases", type=int, metavar="N", help="only the first N cases")
+    parser.add_argument("--effects", nargs="+", choices=(*FIRMWARE, "none"), help="only the cases with these effects")
     parser.add_argument("--seeds", choices=SEEDS, default="test")
     case_options(parser, FOLDER / f"{NAME}-SEEDS.jsonl")
     a = parser.parse_args(arguments)

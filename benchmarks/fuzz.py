@@ -166,11 +166,13 @@ def outcome(results: list[Result]) -> dict[str, object]:
 def main(argv: list[str] | None = None) -> int:
     """Run the cases; returns 1 if anything is wrong."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=int, default=10_000, help="over all targets (default %(default)s)")
+    parser.add_argument(
+        "--cases", type=int, default=10_000, help="number of cases over all targets (default %(default)s)"
+    )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--targets", help="names with commas (default: all)")
+    parser.add_argument("--targets", help="names, separated by commas (default: all)")
     case_options(parser)
-    parser.add_argument("--only", metavar="TARGET:NUMBER", help="one case; its folder is kept")
+    parser.add_argument("--only", metavar="TARGET:NUMBER", help="run only this case and keep its folder")
     a = parser.parse_args(argv)
     os.environ.setdefault("MPLBACKEND", "Agg")
     os.environ.setdefault("BROWSER", "true")  # so that the workbench opens no browser

@@ -159,7 +159,9 @@ def main() -> None:
     parser.add_argument("--task", nargs="+", choices=TASKS, default=list(TASKS))
     parser.add_argument("--world", nargs="+", choices=WORLDS, default=list(WORLDS))
     parser.add_argument("--look", nargs="+", choices=LOOKS, default=["true"])
-    parser.add_argument("--mode", nargs="+", choices=MODES, default=list(MODES), help="in the stand-in world")
+    parser.add_argument(
+        "--mode", nargs="+", choices=MODES, default=list(MODES), help="tracking modes in the stand-in world"
+    )
     for name, value in (("demos", 50), ("scenes", 360), ("episodes", 40), ("first-seed", 830_000)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()

@@ -116,8 +116,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.known_effect", description=str(__doc__).splitlines()[0])
     parser.add_argument("--set", choices=SETS, default="main")
     parser.add_argument("--seeds", choices=SEEDS, default="test")
-    parser.add_argument("--cases", type=int, default=40, help="how many single effects")
-    parser.add_argument("--skip", type=int, default=0, help="how many are left out first")
+    parser.add_argument("--cases", type=int, default=40, help="number of single effects")
+    parser.add_argument("--skip", type=int, default=0, help="number of cases to skip at the start")
     case_options(parser, FOLDER / "known-effect-SET-SEEDS.jsonl")
     a = parser.parse_args(arguments)
     out = a.out or FOLDER / f"known-effect-{a.set}-{a.seeds}.jsonl"

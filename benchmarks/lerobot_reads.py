@@ -37,7 +37,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("set", type=Path)
     parser.add_argument("--against", type=Path, required=True)
-    parser.add_argument("--every", type=int, default=1, help="steps from one frame that is compared to the next")
+    parser.add_argument("--every", type=int, default=1, help="number of steps between compared frames")
     arguments = parser.parse_args()
     episodes = originals(arguments.against)
     rate = LeRobotDataset("local/written", root=arguments.set, video_backend="pyav").fps
@@ -67,7 +67,7 @@ def main() -> None:
     print(f"frames: mean absolute error {np.mean(right):.2f} of 255, the worst {max(right):.2f}; "
           f"of a frame {APART} steps later {np.mean(wrong):.2f}")  # fmt: skip
     if index != read.num_frames or max(state) > 0 or max(action) > 0:
-        raise SystemExit("LeRobot reads something else than what was written")
+        raise SystemExit("LeRobot reads something other than what was written")
 
 
 if __name__ == "__main__":

@@ -129,7 +129,7 @@ def table(rows: list[dict[str, Any]]) -> str:
     low, high = clopper_pearson(sum(inside), max(len(inside), 1))
     lines += [
         f"payload alone named: {named} of {len(rows)}",
-        f"interval of the mass holds the truth: {sum(inside)} of {len(inside)} (95 % range {low:.0%} to {high:.0%})",
+        f"interval of the mass contains the true value: {sum(inside)} of {len(inside)} (95 % range {low:.0%} to {high:.0%})",
         f"error of the mass, median and largest: {np.median(ours or [np.nan]):.1%}, {max(ours, default=np.nan):.1%}; "
         f"least squares at the flange: {np.median(theirs):.1%}, {max(theirs):.1%}",
     ]
@@ -145,7 +145,7 @@ def main() -> None:
     """Run the cases and print them."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--cases", type=times, default=20)
-    parser.add_argument("--seed", type=int, default=0, help="of the first case")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the first case")
     case_options(parser)
     a = parser.parse_args()
     cases = Cases({"benchmark": "payload"}, [{"seed": a.seed + k} for k in range(a.cases)])

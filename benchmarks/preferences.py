@@ -223,10 +223,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.preferences", description=str(__doc__).splitlines()[0])
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
     parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=[*METHODS, *MORE, PPO], metavar="NAME",
-                        help=f"of {', '.join([*METHODS, *MORE, PPO])}")  # fmt: skip
+                        help=f"methods to run, of {', '.join([*METHODS, *MORE, PPO])}")  # fmt: skip
     parser.add_argument("--cycles", type=int, default=5)
     parser.add_argument("--evaluations", type=int, default=500)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="keeps what is finished")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="output folder; an interrupted run resumes")
     parser.add_argument("--plot", type=Path, metavar="FILE.png")
     a = parser.parse_args(arguments)
     torch.set_num_threads(1)

@@ -67,8 +67,8 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=folder, default=str(data_folder("servo_miuzei")))
-    parser.add_argument("--kinds", action="store_true", help="leave out one kind of motion at a time, too")
-    parser.add_argument("--redraw", type=times, metavar="N", help="deal the runs anew N times instead")
+    parser.add_argument("--kinds", action="store_true", help="also leave out one kind of motion at a time")
+    parser.add_argument("--redraw", type=times, metavar="N", help="instead, split the runs at random N times")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
     runs = load(arguments.data)

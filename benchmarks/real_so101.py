@@ -57,7 +57,7 @@ def main() -> None:
     parser.add_argument("--model", default="so101")
     halves = parser.add_mutually_exclusive_group()
     halves.add_argument("--swap", action="store_true", help="exchange the training and the held-out motions")
-    halves.add_argument("--redraw", type=times, metavar="N", help="deal the motions anew N times instead")
+    halves.add_argument("--redraw", type=times, metavar="N", help="instead, split the motions at random N times")
     parser.add_argument("--ladder", action="store_true", help="add effects by hand instead of a diagnosis")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
@@ -69,7 +69,7 @@ def main() -> None:
     if arguments.swap:
         train, test = test, train
     raw = np.sqrt(np.mean(np.concatenate([(r.position - r.command) ** 2 for r in test]), axis=0))
-    print(f"{len(train)} motions to learn from, {len(test)} held out, {sum(r.duration for r in logs):.0f} s")
+    print(f"{len(train)} training motions, {len(test)} held out, {sum(r.duration for r in logs):.0f} s")
     print(f"held-out position minus command: {1e3 * raw.mean():.1f} mrad ({', '.join(f'{1e3 * x:.1f}' for x in raw)})")
     if arguments.ladder:
         save(ladder(RobotModel.load(arguments.model), train, test), arguments.out)

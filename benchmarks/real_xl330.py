@@ -52,7 +52,7 @@ def study(data: Path, gains: tuple[int, ...], kinds: tuple[str, ...], others: tu
         errors[name], stiffness[name] = 1e3 * judged.rms(values), values["stiffness"]
     row = {"gains": gains, "learnt": kinds, "verdict": found.verdict, "effects": list(found.effects), "closest": found.closest,
            "error": errors, "stiffness": stiffness, "seconds": found.seconds}  # fmt: skip
-    print(f"\ngain {' and '.join(map(str, gains))}, learnt from {', '.join(kinds)}: {found.sentence}")
+    print(f"\ngain {' and '.join(map(str, gains))}, trained on {', '.join(kinds)}: {found.sentence}")
     print("   ".join(f"{name} {value:.1f}" for name, value in errors.items()), flush=True)
     return row
 

@@ -41,7 +41,7 @@ def variants(steps: int) -> dict[str, tuple[LeanConfig, TrainingConfig]]:
     found = {FULL: (config, training)}
     for name, label in without.items():
         found[label] = replace(config, inputs=replace(Inputs(), **{name: False})), training
-    found["nothing known of the bench in training"] = config, replace(training, bench_share=0.0)
+    found["bench unknown in training"] = config, replace(training, bench_share=0.0)
     found["no gate"] = replace(config, gate=False), training
     found["no own outputs in training"] = config, replace(training, own_reference_share=0.0)
     return found
@@ -84,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--test", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--steps", type=int, default=3000)
-    parser.add_argument("--chunks", type=int, help="of each held-out episode (default: all)")
+    parser.add_argument("--chunks", type=int, help="chunks of each held-out episode (default: all)")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="variants")
     a = parser.parse_args(arguments)
     torch.set_num_threads(1)

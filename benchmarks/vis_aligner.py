@@ -60,8 +60,8 @@ def figures(out: Path, names: Sequence[str], aligner: str, bank: str, strips: Pa
     model, bench = load_aligner(aligner), load_bank(bank).bench
     for title, name, behind in (
         ("held-out episodes of the lab", "cup_test", bench),
-        ("the same, nothing known of the bench", "cup_test", None),
-        ("appearances outside the training set, no fine-tuning, nothing known of the bench", "looks_test", None),
+        ("the same, bench unknown", "cup_test", None),
+        ("appearances outside the training set, no fine-tuning, bench unknown", "looks_test", None),
         ("whole episodes of the lab, there and back", "cup_full", bench),
     ):
         if name not in names:
@@ -157,9 +157,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.vis_aligner", description=str(__doc__).splitlines()[0])
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--only", choices=("films", "weights", "figures"))
-    parser.add_argument("--films", nargs="+", choices=FILMS, default=list(FILMS), metavar="NAME", help="of these alone")
-    parser.add_argument("--aligner", default="lean", help="of the figures (default: the shipped one)")
-    parser.add_argument("--bank", default="lab", help="of the figures (default: the shipped one)")
+    parser.add_argument(
+        "--films", nargs="+", choices=FILMS, default=list(FILMS), metavar="NAME", help="only these films"
+    )
+    parser.add_argument("--aligner", default="lean", help="used for the figures (default: the built-in one)")
+    parser.add_argument("--bank", default="lab", help="used for the figures (default: the built-in one)")
     parser.add_argument("--strips", type=Path, metavar="DIR", help="write picture strips of every episode")
     a = parser.parse_args(arguments)
     torch.set_num_threads(1)

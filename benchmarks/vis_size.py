@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("films", nargs="+")
     parser.add_argument("--bank", nargs="+", required=True, help="films of the same bench")
     parser.add_argument("--size", type=read_size, default=(128, 96), metavar="WxH", help="the smaller size")
-    parser.add_argument("--chunks", type=int, help="of each episode (default: all)")
+    parser.add_argument("--chunks", type=int, help="chunks of each episode (default: all)")
     parser.add_argument("--aligner", default="lean")
     a = parser.parse_args(arguments)
     pin_threads()

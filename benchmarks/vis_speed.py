@@ -41,8 +41,8 @@ def on_processor() -> list[dict[str, object]]:
     """Print the table and return its rows; times in ms per chunk."""
     rows: list[dict[str, object]] = []
     torch.set_num_threads(1)
-    print(f"{FRAMES} frames of an expert's episode, ms of one core\n{'':<12}{'physics':>10}{'and render':>12}{'video, median':>15}"
-          f"{'mean':>8}{'slowest':>10}{'of it light':>12}")  # fmt: skip
+    print(f"{FRAMES} frames of an expert's episode, ms of one core\n"
+          f"{'':<12}{'physics':>10}{'and render':>12}{'video, median':>15}{'mean':>8}{'slowest':>10}{'light only':>12}")  # fmt: skip
     for size in ((128, 96), (320, 240)):
         physics, _ = episode(None)
         both, condition = episode(size)
@@ -113,8 +113,9 @@ def on_device(device: str, tiny: bool = False, size: tuple[int, int] = (640, 480
         put_together = views * (time.perf_counter() - begun) / REPEATS_SVD
         spent = repeated(svd, condition, count, views, REPEATS_SVD)
         peak = torch.cuda.max_memory_allocated(where) / 1e9 if where.type == "cuda" else float("nan")
-        print(f"svd, {frames} frames of {size[0]} x {size[1]} at {SVD_STEPS} steps, {views} view(s) at once: {spent:.2f} s, of it "
-              f"{put_together:.2f} s on the processor; peak memory {peak:.1f} GB (target for one view: 3 s, 40 GB)")  # fmt: skip
+        print(f"svd, {frames} frames of {size[0]} x {size[1]} at {SVD_STEPS} steps, {views} view(s) at once: "
+              f"{spent:.2f} s, of which {put_together:.2f} s on the processor; peak memory {peak:.1f} GB (target for "
+              "one view: 3 s, 40 GB)")  # fmt: skip
     condition = view((128, 96), FRAMES + 1)
     for clips in (1, 8, 32):
         spent = repeated(load_aligner("lean", device=device), condition, FRAMES, clips, REPEATS)
@@ -151,7 +152,7 @@ def view(size: tuple[int, int], frames: int) -> Condition:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print the tables."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.vis_speed", description=str(__doc__).splitlines()[0])
-    parser.add_argument("--device", help="svd and lean there, instead of lean on one core")
+    parser.add_argument("--device", help="time svd and lean on this device, instead of lean on one core")
     parser.add_argument("--tiny", action="store_true", help="a tiny svd in place of the full-size one")
     parser.add_argument("--out", type=Path, metavar="FILE.json", help="times on one core as JSON")
     a = parser.parse_args(arguments)

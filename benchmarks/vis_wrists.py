@@ -73,8 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks vis_wrists", description=str(__doc__).splitlines()[0])
     parser.add_argument("--films", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--bank", default="lab", help="of reference photos (default: the shipped one)")
-    parser.add_argument("--remake", action="store_true", help="make the wrists' part of the bank from the films")
+    parser.add_argument("--bank", default="lab", help="bank of reference photos (default: the built-in one)")
+    parser.add_argument("--remake", action="store_true", help="rebuild the wrists' part of the bank from the films")
     parser.add_argument("--strips", type=Path, metavar="DIR", help="write picture strips of every episode")
     parser.add_argument("--out", type=Path, help="rows as JSON")
     a = parser.parse_args(arguments)

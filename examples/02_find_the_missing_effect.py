@@ -17,7 +17,7 @@ def main() -> None:
     found = er.diagnose(model, train, test)  # calibrates first
     print(found)
     for joint, share in found.unexplained.items():
-        print(f"{share:.0%} of what is wrong with {joint} is still unexplained")
+        print(f"{share:.0%} of the error of {joint} is still unexplained")
 
     folder = Path(mkdtemp())
     found.model.save(folder / "better.json")  # the model with the effect

@@ -36,5 +36,5 @@ def test_results_of_other_settings_are_left_alone(tmp_path: Path) -> None:
         keep_settings(tmp_path / "study", demos=15, steps=None)
     assert json.loads((tmp_path / "study" / "settings.json").read_text()) == {"demos": 50, "steps": None}
     (tmp_path / "study" / "settings.json").write_text("{")
-    with pytest.raises(SystemExit, match="says no settings"):
+    with pytest.raises(SystemExit, match="contains no settings"):
         keep_settings(tmp_path / "study", demos=50, steps=None)

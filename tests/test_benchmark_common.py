@@ -26,7 +26,7 @@ def test_other_halves_each_time_and_the_same_for_a_seed(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["real_servo", "real_so101"])
 def test_bad_arguments_are_one_sentence(name: str, tmp_path: Path, monkeypatch, capsys) -> None:
     for wrong, sentence in (
-        (["--data", str(tmp_path / "none")], "is no folder"),
+        (["--data", str(tmp_path / "none")], "is not a folder"),
         (["--data", str(tmp_path), "--redraw", "-1"], "at least 1"),
     ):
         monkeypatch.setattr(sys, "argv", [name, *wrong])

@@ -132,11 +132,11 @@ def test_shards_and_resumed_rows_of_earlier_releases_give_the_same_result(tmp_pa
     assert run["cases"] == 9 and run["seeds"] == "test" and run["seconds"] > 0
     capsys.readouterr()
     for wrong, said in (
-        (["--shard", "3/2"], "3/2 is no shard; give I/N such as 1/4"),
-        (["--rows", str(whole), "--out", str(parts[0])], "whole.jsonl holds the case {'index': "),
+        (["--shard", "3/2"], "3/2 is not a shard; give I/N such as 1/4"),
+        (["--rows", str(whole), "--out", str(parts[0])], "whole.jsonl contains the case {'index': "),
         (
             ["--seeds", "development", "--rows", str(whole), "--out", str(tmp_path / "new.jsonl")],
-            "is of other cases: seeds is",
+            "has other settings: seeds is",
         ),
     ):
         with pytest.raises(SystemExit) as stop:
@@ -184,8 +184,8 @@ def test_shares_of_hand_made_rows():
     assert (by_key(rows, "teleoperation")["name"].met, by_key(rows, "other_arm")["name"].met) == (False, None)
     text = report(rows, "main", brute=[row(named="payload"), row("null", (), named="payload")])
     assert "failed: case 0, ValueError: no" in text
-    assert "always naming Coulomb friction: right in 0 of 7 singles, accuses 3 of 3" in text
-    assert "naming the best: right in 1 of 1 singles" in text
+    assert "always naming Coulomb friction: correct in 0 of 7 singles, false alarms in 3 of 3" in text
+    assert "naming the best: correct in 1 of 1 singles" in text
 
 
 def test_errors_falls_and_costs_of_hand_made_rows():
@@ -221,7 +221,7 @@ def test_ties_are_resolved_by_the_second_answer():
     ]
     resolved = by_key(rows, "ties")["resolved"]
     assert (resolved.hits, resolved.of) == (1, 3)
-    assert "rightly named at first, so not asked again: 1 of 4" in report(rows, "ties")
+    assert "correctly named at first, so no further motion was needed: 1 of 4" in report(rows, "ties")
 
 
 def test_without_chi2_the_error_in_noises_says_what_is_visible():

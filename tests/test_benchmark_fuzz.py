@@ -159,7 +159,7 @@ def test_an_interrupted_run_goes_on_and_shards_give_the_same_result(
     assert sorted(ran) == [("a", 1), ("b", 0), ("b", 1)] and (folder / "result.json").read_bytes() == written
     with pytest.raises(SystemExit) as stop:
         fuzz.main([*options, "--seed", "1"])
-    assert stop.value.code == 2 and "is of other cases: seed is 0, not 1" in capsys.readouterr().err
+    assert stop.value.code == 2 and "has other settings: seed is 0, not 1" in capsys.readouterr().err
 
 
 @pytest.mark.slow

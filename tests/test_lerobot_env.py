@@ -76,5 +76,5 @@ def test_without_a_configuration_all_tasks_are_made(hub: ModuleType) -> None:
 
 
 def test_an_unknown_task_is_refused(hub: ModuleType) -> None:
-    with pytest.raises(ValueError, match=r"task 'Fly' is none of .*PutCupOnMat"):
+    with pytest.raises(ValueError, match=r"task 'Fly' is not one of .*PutCupOnMat"):
         hub.make_env(cfg=SimpleNamespace(task="Fly"))

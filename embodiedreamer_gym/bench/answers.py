@@ -89,17 +89,17 @@ def parse_answer(line: str, where: str) -> Answer:
         data = json.loads(line)
         line.encode()
     except (json.JSONDecodeError, RecursionError, UnicodeError) as error:
-        raise EmbodieDreamerError(f"{where} is no JSON object: {brief(error)}.") from error
+        raise EmbodieDreamerError(f"{where} is not a JSON object: {brief(error)}.") from error
     check = _Checks(where)
     check.fields(data, FIELDS, "the answer")
     verdict = data.get("verdict")
     if verdict is not None and verdict not in VERDICTS:
-        raise check.error(f"verdict {brief(verdict)} is none of {', '.join(VERDICTS)}, and not null")
+        raise check.error(f"verdict {brief(verdict)} must be null or one of {', '.join(VERDICTS)}")
     effects = tuple(_effect(one, check) for one in check.items(data.get("effects", []), "effects"))
     if verdict in ("missing", "ambiguous") and not effects:
         raise check.error(f'verdict "{verdict}" needs effects')
     if verdict in ("nothing_missing", None) and effects:
-        raise check.error(f"verdict {json.dumps(verdict)} goes with no effects, but {len(effects)} are named")
+        raise check.error(f"verdict {json.dumps(verdict)} must not name effects, but names {len(effects)}")
     if len({one.name for one in effects}) < len(effects):
         raise check.error("an effect is named twice")
     predictions, run = (check.mapping(data.get(name, {}), name) for name in ("predictions", "run"))
@@ -129,7 +129,7 @@ def _effect(data: Any, check: _Checks) -> NamedEffect:
             check.fields(row, ("value", "low", "high"), what)
             values = {key: check.number(value, f"{what}.{key}") for key, value in row.items() if value is not None}
             if "value" not in values or ("low" in values) != ("high" in values):
-                raise check.error(f"{what} needs value, and either both of low and high or none")
+                raise check.error(f"{what} needs value, and either both low and high or neither")
             if values.get("low", 0.0) > values.get("high", math.inf):
                 raise check.error(f"{what}.low is above its high")
             parameters[parameter][joint] = values
@@ -178,7 +178,7 @@ class _Checks:
 
     def number(self, data: Any, what: str, low: float = -1e300, high: float = 1e300) -> float:
         if not isinstance(data, int | float) or isinstance(data, bool) or not low <= data <= high:
-            raise self.error(f"{what} must be a number of {low:g} to {high:g}, not {brief(data)}")
+            raise self.error(f"{what} must be a number from {low:g} to {high:g}, not {brief(data)}")
         return float(data)
 
 

@@ -54,10 +54,10 @@ GIVEN = 2  # held-out recordings that a tool sees
 VISIBLE = 1.0  # in units of sensor noise: least mean square change of the withheld signals by an effect
 LEFT_OUT = 3  # effects missing from each case's list of names
 ARM, SECONDS = "arm6", 6.0
-README = """One folder a case; docs/bench.md says how to answer.
+README = """One folder per case; docs/bench.md describes how to answer.
 
 model.json, arm.urdf, arm.xml   the nominal robot: this project's format, URDF, MJCF with servos
-train/, test/                   recordings (csv): to learn from, and held out to judge by
+train/, test/                   recordings (csv): for training, and held out for testing
 predict/                        motions to predict: csv without the signal that `case.json` names
 case.json                       the names that an answer may use, joints, end effectors, where each motion to predict starts
 """
@@ -82,7 +82,7 @@ def make_cases(
     inside, outside = out.resolve(), truth.resolve()
     if inside == outside or inside in outside.parents or outside in inside.parents:
         raise EmbodieDreamerError(
-            f"{truth} and {out} have to be apart; name two folders that do not contain each other."
+            f"{truth} and {out} must be separate; give two folders that do not contain each other."
         )
     report = progress_or_silence(progress)
     with atomic_folder(out) as cases, atomic_folder(truth) as secret, ended_workers():
@@ -104,7 +104,7 @@ def make_cases(
 def _check_choice(what: str, given: Sequence[str], allowed: Sequence[str]) -> None:
     wrong = [one for one in given if one not in allowed]
     if wrong or not given:
-        raise EmbodieDreamerError(f"{what} '{wrong[0] if wrong else ''}' is none of {', '.join(allowed)}.")
+        raise EmbodieDreamerError(f"{what} '{wrong[0] if wrong else ''}' is not one of {', '.join(allowed)}.")
 
 
 def draw_task(
@@ -184,7 +184,7 @@ def real_task(folder: Path, secret: Path, source: Path) -> dict[str, Any]:
     train, test = (load_recordings(source / part) for part in ("train", "test"))
     if len(test) < 2:
         raise EmbodieDreamerError(
-            f"{source / 'test'} holds {len(test)} recording; two are needed, of which the last is withheld."
+            f"{source / 'test'} holds {len(test)} recording; two are needed, because the last one is withheld."
         )
     folder.mkdir(parents=True)
     export_model(given, folder / "arm.urdf", "urdf")

@@ -23,18 +23,18 @@ from embodiedreamer_gym.standin.labels import PERIODIC, family_of, places
 ALL = "all"
 ONE = ("single", "subset")
 SHARES = {
-    "accused": "faultless robots accused",
-    "name": "one effect: right name, and no other",
-    "name_or_tie": "one effect: right name or a tie with it",
-    "family": "one effect: right family",
-    "both": "pairs: both named and nothing else",
-    "unknown": "outside the names: called unknown",
-    "joints": "rightly named: exactly the right joints",
-    "subset_joints": "subset of joints: right name and joints",
-    "held": "95 % intervals that hold the truth",
+    "accused": "false alarms: robots without a hidden effect for which an effect is named",
+    "name": "one effect: correct name and no other",
+    "name_or_tie": "one effect: correct name or a tie with it",
+    "family": "one effect: correct family",
+    "both": "pairs: both named and no other",
+    "unknown": "effects outside the list: verdict unknown",
+    "joints": "correctly named: exactly the correct joints",
+    "subset_joints": "subset of joints: correct name and joints",
+    "held": "95 % intervals that contain the true value",
 }
 MEDIANS = {
-    "to_nominal": "held-out error / nominal model's, median",
+    "to_nominal": "held-out error / that of the nominal model, median",
     "to_noise": "held-out error / sensor noise, median",
 }
 
@@ -109,10 +109,12 @@ def score(truth: Path, files: Sequence[Path]) -> Scores:
     for file in files:
         for answer in read_answers(file):
             if answer.case not in hidden:
-                raise EmbodieDreamerError(f"{file}: case {brief(answer.case)} is none of the {len(hidden)} of {truth}.")
+                raise EmbodieDreamerError(
+                    f"{file}: case {brief(answer.case)} is not one of the {len(hidden)} cases of {truth}."
+                )
             if answer.truth_sha256 not in ("", digest):
                 raise EmbodieDreamerError(
-                    f"{file}: the answer to case {answer.case} is of another set of cases than {truth}."
+                    f"{file}: the answer to case {answer.case} belongs to another set of cases than {truth}."
                 )
             given = by_entry.setdefault(answer.entry, {})
             if answer.case in given:
@@ -127,7 +129,8 @@ def score(truth: Path, files: Sequence[Path]) -> Scores:
     unseen = [case for case, one in hidden.items() if one.effects and not one.visible]
     if unseen:
         notes.append(
-            f"{len(unseen)} of {len(hidden)} cases hide what their withheld recordings do not show, and are in no share: {', '.join(unseen[:20])}"
+            f"in {len(unseen)} of {len(hidden)} cases, the withheld recordings do not show the hidden effects; these "
+            f"cases are excluded from all shares: {', '.join(unseen[:20])}"
         )
     groups = [ALL, *sorted({one.observation for one in hidden.values()})]
     for entry, given in by_entry.items():

@@ -72,7 +72,7 @@ def load_task(folder: Path) -> Task:
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         if isinstance(error, EmbodieDreamerError):
             raise
-        raise EmbodieDreamerError(f"{folder / 'case.json'} is no case of the benchmark: {brief(error)}.") from error
+        raise EmbodieDreamerError(f"{folder / 'case.json'} is not a case of the benchmark: {brief(error)}.") from error
     train, test = (load_recordings(folder / part) for part in ("train", "test"))
     return Task(case, folder, observation, effects, RobotModel.load(folder / "model.json"), train, test, motions)
 
@@ -89,7 +89,7 @@ def _motion(path: Path, start: dict[str, Any]) -> Recording:
     place = np.array([float(start[joint]) for joint in joints])
     if not np.isfinite(place).all():
         file = path.parent.parent / "case.json"
-        raise EmbodieDreamerError(f"{file} is no case of the benchmark: the start of {path.stem} is not finite.")
+        raise EmbodieDreamerError(f"{file} is not a case of the benchmark: the start of {path.stem} is not finite.")
     hold = rest if rest in ("linear", "hold") else "unknown"
     still = np.tile(place, (len(time), 1))
     return Recording(path.stem, joints, time, still, command, command_hold=hold, noise=np.full(len(joints), 1e-3))

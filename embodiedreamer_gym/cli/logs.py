@@ -76,8 +76,9 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
     total = sum(one.recording.position.size for one in checked)
     print(f"{len(checked)} recordings, {left_out} of {total} joint samples left out", file=sys.stderr)
     if left_out == total:
-        raise RecordingError(f"no usable sample is left in {', '.join(one.recording.name for one in checked[:3])}"
-                             f"{' and others' * (len(checked) > 3)}: all of it is faulty or in contact.")  # fmt: skip
+        raise RecordingError("no usable sample is left in "
+                             f"{', '.join(one.recording.name for one in checked[:3])}{' and others' * (len(checked) > 3)}: "
+                             "all samples are faulty or in contact.")  # fmt: skip
     return Recordings(one.recording for one in checked)
 
 
@@ -106,7 +107,7 @@ def _motor_zeros(text: str) -> dict[str, float]:
             zeros[name.strip()] = float(value)
         except ValueError as error:
             raise EmbodieDreamerError(
-                f"--zero {text} is not motors with values such as elbow=1.57,wrist=-0.1."
+                f"--zero {text} is not a list of motors with values such as elbow=1.57,wrist=-0.1."
             ) from error
     return zeros
 
@@ -120,7 +121,9 @@ def _gains(a: argparse.Namespace) -> dict[str, float]:
     paths = list(matching_files(*given)) if gains else []
     for pattern, _ in gains:
         if not any(path.match(pattern) for path in paths):
-            raise RecordingError(f"--gain {pattern}: none of the recordings has such a name; {paths[0]} is one.")
+            raise RecordingError(
+                f"--gain {pattern}: no recording has a name that matches; one of the recordings is {paths[0]}."
+            )
     return dict(gains)
 
 

@@ -148,7 +148,10 @@ def field_texts(settings: type) -> dict[str, str]:
 
 def number(kind: type, least: float, most: float = 1e9, above: bool = False) -> Callable[[str], Any]:
     """Return an argparse type for numbers in a range; above: `least` itself is not allowed."""
-    what = f"a {'whole ' if kind is int else ''}number {'above' if above else 'of'} {least:.10g} to {most:.10g}"
+    what = (
+        f"a {'whole ' if kind is int else ''}number {'above' if above else 'from'} "
+        f"{least:.10g}{', up to' if above else ' to'} {most:.10g}"
+    )
 
     def convert(text: str) -> Any:
         try:

@@ -22,7 +22,7 @@ WIDEST = 160  # pixels; largest default width
     o.option("--mirror", "M", f"also train on mirrored demonstrations of this robot with two symmetric arms: {o.MODELS}"),
     o.option("--no-masks", None, "ignore object masks in the data"),
     o.option("--chunk-start-share", "S", "share of the training samples from the first steps of each chunk (default: 0.7);"
-           " 0 for a policy that is queried more often", None, o.number(float, 0.0)),
+           " use 0 if the policy is queried before a chunk has ended", None, o.number(float, 0.0)),
     o.option("--no-rest", None, "do not train the policy to stay at rest after the end of an episode"),
     o.option("--preset", None, "network size", "small", choices=PRESETS),
     o.option("--kind", None, "act: transformer, with object poses as a further input if the data have masks; object_pose: MLP on the object"
@@ -49,13 +49,13 @@ def run(a, progress):
     if device.type == "cpu":
         torch.set_num_threads(1)  # on two busy cores, two threads took seven times as long
     if a.scenes is not None and a.kind != "key_pose":
-        raise PolicyError("--scenes teaches policies of kind key_pose; give --kind key_pose too.")
+        raise PolicyError("--scenes is only for policies of kind key_pose; give --kind key_pose too.")
     if a.kind == "key_pose":
         return f"{a.out}: {_key_poses(a, progress)}"
     sets = [open_episodes(one) for one in a.data]
     episodes = sets[0] if len(sets) == 1 else mixed(*sets, cameras=a.cameras)
     if len(sets) > 1 and not a.no_masks and not episodes.objects and any(one.objects for one in sets):
-        progress.note("the sets do not have masks of the same objects; learning without masks")
+        progress.note("the datasets do not have masks of the same objects; training without masks")
     config = network_config(a, episodes, progress.note)
     if a.kind is None:
         progress.note(f"training a policy of kind {config.kind}; --kind chooses another")
@@ -80,7 +80,7 @@ def _key_poses(a, progress) -> str:
     names = a.cameras or ["head"]
     if len(names) != 1 or names[0] not in known:
         raise PolicyError(
-            f"key poses look with one camera that stands still; give --cameras with one of {', '.join(known)}."
+            f"a key_pose policy needs exactly one fixed camera; give --cameras with one of {', '.join(known)}."
         )
     sets = [open_episodes(one) for one in a.data]
     episodes = sets[0] if len(sets) == 1 else mixed(*sets, cameras=names)
@@ -103,7 +103,7 @@ def network_config(a, episodes, note) -> Any:
     check_cameras(episodes, cameras)
     if not cameras:
         raise PolicyError(
-            f"the episodes in {a.data[0]} have no pictures, and a policy needs those of one camera at least."
+            f"the episodes in {a.data[0]} have no pictures, but a policy needs pictures of at least one camera."
         )
     source = picture_size(episodes, cameras[0])
     size = default_size(source, a.preset) if a.size is None else read_size(a.size)
@@ -112,7 +112,9 @@ def network_config(a, episodes, note) -> Any:
     config = ActConfig(episodes.state_size, episodes.action_size, cameras, size)
     objects = () if a.no_masks else tuple(getattr(episodes, "objects", ()))
     if a.kind == "object_pose" and (a.preset == "paper" or not objects):
-        raise PolicyError("a policy of kind object_pose learns from masks, and has no preset paper; use --kind act.")
+        raise PolicyError(
+            "a policy of kind object_pose learns from masks and does not have the preset paper; use --kind act."
+        )
     if a.preset == "paper":
         config = config.paper()
     elif objects and a.kind != "act":

@@ -28,7 +28,9 @@ def run(a, progress):
     from embodiedreamer_gym.standin.film.settings import FilmSettings
 
     if a.appearance == "many":
-        raise EmbodieDreamerError("a bank shows one bench; give --appearance lab, or a number that draws one.")
+        raise EmbodieDreamerError(
+            "a bank shows one bench; give --appearance lab, or a number that selects a random one."
+        )
     folder = a.out.with_name(f"{a.out.stem}_films") if a.films is None else a.films
     size = read_size(a.size)
     films = [

@@ -25,7 +25,7 @@ def joints_of_urdf(a) -> tuple[str, ...] | None:
     """
     if not a.model.endswith(".urdf"):
         if a.joints:
-            raise EmbodieDreamerError("--joints is for a .urdf; a model file names its joints.")
+            raise EmbodieDreamerError("--joints is only for a .urdf; a model file already names its joints.")
         return None
     if not a.joints:
         raise EmbodieDreamerError(f"{a.model} is a URDF; name the logs' columns with --joints a,b,c.")
@@ -63,6 +63,6 @@ def camera_of(cameras: Mapping[str, Any], name: str, recording: str) -> Any:
         if key in cameras:
             return cameras[key].with_(name=name)
     raise EmbodieDreamerError(
-        f"no camera is named '{name}' or '{name}/{recording}'; there are {', '.join(cameras)}. Cameras that were moved "
-        "between recordings are known for those recordings only that `vis camera` was given."
+        f"no camera is named '{name}' or '{name}/{recording}'; there are {', '.join(cameras)}. A camera that was "
+        "moved between recordings is calibrated only for the recordings that were given to `vis camera`."
     )

@@ -55,7 +55,7 @@ def _masks(a) -> Callable[[str], Any]:
     models = [path for path in (a.detector, a.segmenter) if path is not None]
     if (words or models) and (not words or len(models) != 2 or a.masks is not None):
         raise EmbodieDreamerError(
-            "masks from words need --detector, --segmenter and --object or --goal, and no --masks; give all, or none."
+            "masks from text need --detector, --segmenter and --object or --goal, and no --masks; give all, or none."
         )
     if words:
         by_words = grounded(a.detector, a.segmenter, words, device=a.device)

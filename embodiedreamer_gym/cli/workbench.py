@@ -15,7 +15,8 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
     o.option("--model", "M", o.MODELS, None),
     o.option("--test", "REC", "held-out recordings, which give the error (default: every second REC)", [], nargs="+"),
     o.out_file("FILE.json", "model that `accept` writes, with FILE.history.json; FILE-2.json if FILE.json exists (default: better.json)", Path("better.json")),
-    o.option("--host", "ADDRESS", "address on which the page is served; others than 127.0.0.1 give other machines access", "127.0.0.1"),
+    o.option("--host", "ADDRESS", "address on which the page is served; addresses other than 127.0.0.1 give"
+             " other machines access", "127.0.0.1"),
     o.option("--port", "N", "port of the page, or the next free one", 8080, o.number(int, 1, 65535)),
     o.option("--no-browser", None, "do not open a browser"),
     *o.FIT,
@@ -61,7 +62,7 @@ def _session(a):
     else:
         test, words = (
             train,
-            "There is one recording: the error is that of the motion that is fitted, not of held-out motion.",
+            "There is only one recording, so the error is that of the fitted motion, not of held-out motion.",
         )
     return Session(model, train, test, _free(a.out), a.jobs, a.seed), words, game
 

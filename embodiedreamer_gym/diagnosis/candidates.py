@@ -187,7 +187,7 @@ def resume_refit(trial: Trial, cached: CachedFit, train: Sequence[Recording], te
     """
     problem = Problem(trial.model, train, hold=cached.hold)
     if len(cached.x) != len(problem.rows):
-        raise CalibrationError(f"the refit cache does not fit {trial.name}; give another file.")
+        raise CalibrationError(f"the refit cache does not match the model with {trial.name}; give another file.")
     return as_candidate(trial.kind, problem, fit_at(problem, cached.x), test)
 
 

@@ -43,7 +43,7 @@ def compare(
     recordings = with_effort_unit(models[0], recordings)
     models = tuple(with_effort_scale(model, recordings) for model in models)
     if not any(r.usable.any() for r in recordings):
-        raise RecordingError("no usable sample is left to compare: all of it is contact or faulty.")
+        raise RecordingError("no usable sample is left to compare: all samples are in contact or faulty.")
     rollouts = tuple(free_runs(model, recordings) for model in models)
     labels = _labels(models) if labels is None else tuple(labels)
     masks = [regimes(models[0], r) for r in recordings]

@@ -18,7 +18,7 @@ from embodiedreamer_gym.simulation import Rollout
 GUESSED = "gains guessed, not yours"
 NOTES = {
     "effort": ", the model's torque times a fitted scale",
-    "servo": ", the effort less what its servo asks for along the measured motion",
+    "servo": ", effort minus the torque that its servo would command along the measured motion",
 }
 
 

@@ -87,7 +87,9 @@ def diagnose(
     """
     begun = time.perf_counter()
     if not train or not test:
-        raise CalibrationError("diagnose needs recordings to learn from and others, held out, to judge by.")
+        raise CalibrationError(
+            "diagnose needs recordings for fitting (train) and held-out recordings for testing (test)."
+        )
     logs = with_effort_unit(model, [*train, *test])
     train, test = logs[: len(train)], logs[len(train) :]
     model = with_effort_scale(model, train)
@@ -103,7 +105,7 @@ def diagnose(
             moved = learn_from_worst(search, result.state, train_logs, max_seconds)
         if moved is not None:
             search = moved[0]
-            search.progress(f"learning from {moved[1].name} too", 0)
+            search.progress(f"adding {moved[1].name} to the training recordings", 0)
             result = _attempt(search, model, max_effects)
         looser = with_nuisances(model, search.train)
         if looser is not model and not _stands(search, result):
@@ -118,7 +120,8 @@ def diagnose(
         notes += _risen(search, result)
     if moved is not None:
         notes += (
-            f"Note: only held-out motion shows the error, so {moved[1].name} was learned from too; the others judge.",
+            f"Note: only held-out motion shows the error, so {moved[1].name} was moved to the training recordings; "
+            "the others remain for testing.",
         )
     return summarise(
         result, model=model, ranking=search.ranking, unobservable=search.unobservable, catalogue=catalogue, test=search.whole_test,

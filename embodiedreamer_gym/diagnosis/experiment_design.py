@@ -103,7 +103,7 @@ class Proposal:
         peaks = zip(self.joints, self.speed.tolist(), self.acceleration.tolist(), strict=True)
         return {
             "effects": list(self.effects), "kind": self.kind, "seconds": float(self.time[-1]), "rate": COMMAND_HZ,
-            "separation": {"value": self.separation, "unit": "mean square difference in sensor noises"},
+            "separation": {"value": self.separation, "unit": "mean square difference in units of sensor noise"},
             "decides": self.decides, "clearance": {"value": self.clearance, "unit": "m"},
             "peaks": {joint: {"speed": v, "acceleration": a} for joint, v, a in peaks},
             "log_likelihood": {"value": self.log_likelihood, "unit": "expected 2 x difference of log-likelihood"},
@@ -115,7 +115,8 @@ class Proposal:
     def __str__(self) -> str:
         a, b = self.effects
         tail = "" if self.decides else "; that is too little to decide: these sensors cannot distinguish the two"
-        lines = [f"{self.kind}, {self.time[-1]:.1f} s: {a} and {b} differ by {self.separation:.3g} (mean square, in sensor noises),",
+        lines = [f"{self.kind}, {self.time[-1]:.1f} s: {a} and {b} differ by {self.separation:.3g} (mean square, in "
+                 "units of sensor noise),",
                  f"expected 2 x difference of log-likelihood {self.log_likelihood:.3g}{tail}.",
                  f"least distance to the other arm, itself or the table: {1e3 * self.clearance:.0f} mm", ""]  # fmt: skip
         best: dict[str, float] = {}

@@ -25,6 +25,7 @@ def notes_on(model: RobotModel, recordings: Sequence[Recording]) -> tuple[str, .
     many = "" if len(nominal) == len(recordings) else f"{len(nominal)} of {len(recordings)} recordings: "
     return (
         *notes,
-        f"Note: {many}the times are sample numbers divided by a rate of {nominal[0].hz:.4g} Hz, not measured: command and state "
-        f"of a sample may be {1e3 / nominal[0].hz:.0f} ms or more apart, so a named delay includes the recorder's.",
+        f"Note: {many}the times are sample numbers divided by a rate of {nominal[0].hz:.4g} Hz, not measured: command "
+        f"and state of a sample may be {1e3 / nominal[0].hz:.0f} ms or more apart, so an identified delay includes "
+        "the delay of the recorder.",
     )

@@ -54,7 +54,7 @@ class RefitCache:
         except OSError as error:
             raise CalibrationError(f"refit cache {path} cannot be opened: {error.strerror or error}.") from error
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-            raise CalibrationError(f"{path} is no refit cache of a diagnosis; give another file.") from error
+            raise CalibrationError(f"{path} is not a refit cache of a diagnosis; give another file.") from error
 
     @staticmethod
     def _read(path: Path) -> str:

@@ -43,7 +43,7 @@ def verdict_text(
     verdict, state = attempt.verdict, attempt.state
     usual = f"p = {attempt.p_value:.3f} for such an error if no effect is missing and masses are 2 % off"
     if verdict == "nothing_missing":
-        return f"Nothing is missing that these recordings could show ({usual})."
+        return f"These recordings show no missing effect ({usual})."
     if verdict == "missing":
         named = "; then ".join(f"{e} on {', '.join(places[e])}" for e in effects)
         return f"Missing: {named}{_what_is_left(state)}."

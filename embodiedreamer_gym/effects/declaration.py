@@ -17,10 +17,10 @@ def faults(kind: type[Effect]) -> Iterator[str]:
     """Faults of a class's name, texts, stage, methods and parameters, each as the end of a sentence."""
     name = getattr(kind, "name", None)
     if not isinstance(name, str) or not name.isidentifier():
-        yield f"has as its name {name!r}; write one plain word, name = 'my_effect'"
+        yield f"has the name {name!r}; use one plain word, name = 'my_effect'"
     base = next((b for b in METHODS if issubclass(kind, b)), None)
     if base is None:
-        yield "is none of SignalLaw, TorqueBudget and MechanicsChange"
+        yield "is not a SignalLaw, a TorqueBudget or a MechanicsChange"
         return
     for word, meaning in WORDS.items():
         text = getattr(kind, word, None)
@@ -29,10 +29,10 @@ def faults(kind: type[Effect]) -> Iterator[str]:
     for field in ("confused_with", "generalises"):
         others = getattr(kind, field)
         if not isinstance(others, tuple) or not all(isinstance(other, str) for other in others):
-            yield f"has a {field} that is no tuple of names; write ('joint_spring',), with its comma"
+            yield f"has a {field} that is not a tuple of names; write ('joint_spring',), with its comma"
     stage = getattr(kind, "stage", None)
     if base is SignalLaw and stage not in STAGES:
-        yield f"has as its stage {stage!r}; a SignalLaw acts on one of {', '.join(STAGES)}"
+        yield f"has the stage {stage!r}; a SignalLaw acts on one of {', '.join(STAGES)}"
     if kind.passive and base is SignalLaw and stage != "load":
         yield f"is passive on the stage '{stage}'; only a torque on the joint, stage 'load', can be"
     own = [m for m in METHODS[base] if inspect.getattr_static(kind, m) is not inspect.getattr_static(base, m)]
@@ -40,7 +40,7 @@ def faults(kind: type[Effect]) -> Iterator[str]:
         yield f"defines no {' and no '.join(METHODS[base])}"
     for method in (*own, *(["start"] if base is SignalLaw else [])):
         if not isinstance(inspect.getattr_static(kind, method), staticmethod):
-            yield f"has a {method} that is no @staticmethod"
+            yield f"has a {method} that is not a @staticmethod"
     yield from _parameter_faults(kind, base)
 
 
@@ -54,7 +54,7 @@ def _parameter_faults(kind: type[Effect], base: type[Effect]) -> Iterator[str]:
     if twice:
         yield f"has the parameter '{twice[0]}' twice"
     if all(p.shape for p in given):
-        yield "has no parameter but shapes; one has to be its size"
+        yield "has only shape parameters; at least one parameter must be a size"
     for p in given:
         for fault in _absurd(p):
             yield f"has the parameter '{p.name}' {fault}"
@@ -68,11 +68,11 @@ def _absurd(p: Parameter) -> Iterator[str]:
     """Faults of one parameter."""
     bounds = f"{p.low:g} .. {p.high:g}"
     if not p.name.isidentifier() or p.name == "name":
-        yield "whose name is no plain word, or is 'name'"
+        yield "whose name is not a plain word, or is 'name'"
     if not isinstance(p.unit, str) or not p.unit:
-        yield "without a unit; of a ratio it is '1'"
+        yield "without a unit; use '1' for a ratio"
     if not np.isfinite([p.low, p.high, p.off, p.typical]).all():
-        yield "with a number that is not finite; of a limit, the upper bound is where it is off"
+        yield "with a number that is not finite; a limit is off at its upper bound"
     if not p.low < p.high:
         yield f"with the bounds {bounds}; the lower one must be less"
     if not (p.low <= p.typical <= p.high and p.typical > 0):
@@ -82,4 +82,4 @@ def _absurd(p: Parameter) -> Iterator[str]:
     if p.scale not in ("", "torque", "1/torque") or p.per not in ("joint", "arm"):
         yield f"with scale '{p.scale}', per '{p.per}'; allowed are '', 'torque', '1/torque' and 'joint', 'arm'"
     if p.starts and not (p.shape and all(p.low <= start <= p.high for start in p.starts)):
-        yield f"with starts; only a shape has them, inside {bounds}"
+        yield f"with starts; only shape parameters may have starts, and these must be inside {bounds}"

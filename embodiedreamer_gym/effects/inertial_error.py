@@ -21,7 +21,7 @@ class InertialError(MechanicsChange):
         *(Parameter(f"stretch_{axis}", "1", off=0.0, low=-3.0, high=3.0, typical=1.0, scale="urdf_stretch",
                     prior=True) for axis in "xyz"),
     )  # fmt: skip
-    symptom = "every joint errs a little, in no pattern that a servo or a friction law has"
+    symptom = "every joint has a small error that does not follow the pattern of a servo or a friction law"
     reveals = "weighing the links"
 
     @staticmethod

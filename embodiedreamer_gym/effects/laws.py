@@ -76,12 +76,14 @@ def _check_same(effect: Effect, arguments: Any, before: dict[str, Any]) -> None:
 
 def _check_repeats(effect: Effect, same: bool) -> None:
     if not same:
-        _refuse(effect, "is not deterministic: it draws at random or keeps state outside its memory", "pure")
+        _refuse(effect, "is not deterministic: it draws random numbers or keeps state outside its memory", "pure")
 
 
 def _check_alone(effect: Effect, same: bool) -> None:
     if not same:
-        _refuse(effect, "mixes its parameter sets: one of a batch (B, n) comes out otherwise when it is alone", "batch")
+        _refuse(
+            effect, "mixes its parameter sets: a set gives a different result alone than in a batch (B, n)", "batch"
+        )
 
 
 # ---- signal laws ----------------------------------------------------------------------------------------------------
@@ -116,7 +118,7 @@ def _play(effect: SignalLaw, motion: Motion, sets: Sets, rows: slice = EVERY) ->
         kept = copy.deepcopy(memory)
         answer: Any = effect.law(signal, joint, memory, p)
         if not isinstance(answer, tuple) or len(answer) != 2:
-            _refuse(effect, "returns something else than (signal, memory)", "shape")
+            _refuse(effect, "returns something other than (signal, memory)", "shape")
         if np.shape(answer[0]) != signal.shape:
             _refuse(effect, f"returns shape {np.shape(answer[0])} for a signal {signal.shape}", "shape")
         _check_same(effect, joint, state)
@@ -134,7 +136,12 @@ def _check_memory(effect: SignalLaw, memory: Any, batch: int) -> None:
         for part in memory.values() if isinstance(memory, dict) else memory:
             _check_memory(effect, part, batch)
     elif isinstance(memory, np.ndarray) and memory.ndim and len(memory) != batch:
-        _refuse(effect, f"keeps a memory of shape {memory.shape} for {batch} parameter sets; they come first", "memory")
+        _refuse(
+            effect,
+            f"keeps a memory of shape {memory.shape} for {batch} parameter sets; its first axis must be "
+            "the parameter sets",
+            "memory",
+        )
     elif not isinstance(memory, np.ndarray | np.generic | int | float | None):
         allowed = "allowed are arrays, numbers, tuples and dicts"
         _refuse(effect, f"keeps a {type(memory).__name__} in its memory; {allowed}", "memory")
@@ -215,7 +222,7 @@ def _budgets(effect: TorqueBudget, motion: Motion, sets: Sets, k: int, rows: sli
         answer = getattr(effect, name)(joint, p)
         answer = (np.full(shape, none),) * count if answer is None else answer
         if not isinstance(answer, tuple) or len(answer) != count:
-            _refuse(effect, f"returns as {name} something else than a tuple of {count} arrays", "shape")
+            _refuse(effect, f"returns as {name} something other than a tuple of {count} arrays", "shape")
         for values in answer:
             if np.broadcast_shapes(np.shape(values), shape) != shape:
                 _refuse(effect, f"returns shape {np.shape(values)} as {name} of joints {shape}", "shape")

@@ -26,7 +26,7 @@ def engine_factory(engine: str | EngineFactory) -> EngineFactory:
     if callable(engine):
         return engine
     if not isinstance(engine, str) or engine not in ENGINES:
-        raise SimulationError(f"engine {brief(engine)} is none of {', '.join(map(repr, ENGINES))}.")
+        raise SimulationError(f"engine {brief(engine)} is not one of {', '.join(map(repr, ENGINES))}.")
     if engine == "bullet" or (engine == "auto" and has_pybullet()):
         from embodiedreamer_gym.engines.bullet.engine import BulletEngine
 

@@ -22,9 +22,7 @@ class RobotView:
 
     def __init__(self, model: RobotModel, camera: Camera, size: tuple[int, int], engine: str = "auto") -> None:
         if camera.link is not None:
-            raise SimulationError(
-                f"camera {camera.name} sits on {camera.link}; only a camera that stands still is used."
-            )
+            raise SimulationError(f"camera {camera.name} is mounted on {camera.link}; only a fixed camera can be used.")
         factory = engine_factory(engine)
         renderer = "tiny" if engine != "mujoco" and has_pybullet() else "auto"
         self.camera, self.size = camera, size

@@ -30,5 +30,5 @@ def task_id(text: str) -> str:
     """
     name = task_name(text)
     if name not in NAMES:
-        raise EmbodieDreamerError(f"there is no task '{text}'; there are {', '.join(NAMES)}.")
+        raise EmbodieDreamerError(f"there is no task '{text}'; give one of {', '.join(NAMES)}.")
     return f"EmbodieDreamer/{name}-v0"

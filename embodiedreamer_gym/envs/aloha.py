@@ -244,7 +244,7 @@ class AlohaEnv(gym.Env, EzPickle):
 
     def _check_open(self) -> None:
         if self._closed:
-            raise gym.error.ClosedEnvironmentError("the environment is closed; make another.")
+            raise gym.error.ClosedEnvironmentError("the environment is closed; make a new one.")
 
     def _check_started(self) -> None:
         self._check_open()
@@ -252,7 +252,7 @@ class AlohaEnv(gym.Env, EzPickle):
 
     def _check_reset(self) -> np.ndarray:
         if self._command is None:
-            raise gym.error.ResetNeeded("call reset first: an episode begins there.")
+            raise gym.error.ResetNeeded("call reset before the first step.")
         return self._command
 
     def _at_rest(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

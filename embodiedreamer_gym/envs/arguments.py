@@ -20,7 +20,7 @@ def check_choice(what: str, value: Any, allowed: Collection[Any]) -> Any:
     Raises: SimulationError that lists them.
     """
     if not isinstance(value, (str, type(None))) or value not in allowed:
-        raise SimulationError(f"{what} {brief(value)} is none of {', '.join(repr(a) for a in allowed)}.")
+        raise SimulationError(f"{what} {brief(value)} is not one of {', '.join(repr(a) for a in allowed)}.")
     return value
 
 
@@ -52,7 +52,7 @@ def check_size(what: str, size: Any) -> tuple[int, int]:
     whole = isinstance(size, (tuple, list)) and all(isinstance(x, (int, np.integer)) for x in size)
     width, height = size if whole and len(size) == 2 else (0, 0)
     if not (8 <= width <= 4096 and 8 <= height <= 4096):
-        raise SimulationError(f"{what} {brief(size)} is no width and height from 8 to 4096 pixels.")
+        raise SimulationError(f"{what} {brief(size)} is not a width and height from 8 to 4096 pixels.")
     return int(width), int(height)
 
 
@@ -75,7 +75,7 @@ def check_control_rate(hz: Any) -> int:
     Raises: SimulationError for any other rate.
     """
     if isinstance(hz, bool) or not isinstance(hz, int | float | np.integer) or hz not in STEPS_PER_SECOND:
-        raise SimulationError(f"control_hz {brief(hz)} is none of {', '.join(map(str, STEPS_PER_SECOND))}.")
+        raise SimulationError(f"control_hz {brief(hz)} is not one of {', '.join(map(str, STEPS_PER_SECOND))}.")
     return int(hz)
 
 
@@ -100,7 +100,7 @@ def real_numbers(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     if array.shape != shape:
         raise SimulationError(f"{what} needs {count} numbers, shape {shape}, not shape {array.shape}.")
     if not np.isfinite(array).all():
-        raise SimulationError(f"{what} holds a number that is not finite.")
+        raise SimulationError(f"{what} contains a number that is not finite.")
     return array
 
 

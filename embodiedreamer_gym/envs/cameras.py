@@ -53,12 +53,14 @@ def load_cameras(path: str | Path) -> dict[str, Camera]:
     Raises: ModelError that names the camera and the key.
     """
     if not isinstance(path, (str, Path)):
-        raise ModelError(f"a camera file is named by its path, not by {brief(path)}.")
+        raise ModelError(f"a camera file must be given as a path, not as {brief(path)}.")
     path = Path(path)
     data = read_json(path, ModelError, "camera file")
     entries = data.get("cameras") if isinstance(data, dict) and set(data) == {"cameras"} else None
     if not isinstance(entries, dict) or not entries:
-        raise ModelError(f'camera file {path} must be {{"cameras": {{name: {{{", ".join(NEEDED)}}}}}}} and no more.')
+        raise ModelError(
+            f'camera file {path} must be {{"cameras": {{name: {{{", ".join(NEEDED)}}}}}}} and nothing else.'
+        )
     return {name: _camera(name, entry, path) for name, entry in entries.items()}
 
 

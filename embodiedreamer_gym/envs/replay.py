@@ -20,7 +20,7 @@ def replay(env: gym.Env, recording: Recording) -> np.ndarray:
     """
     aloha = env.unwrapped
     if not isinstance(aloha, AlohaEnv):
-        raise SimulationError(f"{aloha} is no ALOHA environment.")
+        raise SimulationError(f"{aloha} is not an ALOHA environment.")
     check_names(aloha.robot, recording)
     if abs(recording.hz - aloha.control_hz) > 0.01 * aloha.control_hz:
         raise SimulationError(
@@ -29,8 +29,8 @@ def replay(env: gym.Env, recording: Recording) -> np.ndarray:
         )
     if (recording.gain != 1).any():
         raise SimulationError(
-            f"recording {recording.name} was made at another gain than the environment's servos have; "
-            "multiply the model's stiffness by it, and leave it out of the recording."
+            f"recording {recording.name} was made with a different gain than that of the environment's servos; "
+            "multiply the model's stiffness by this gain, and remove the gain from the recording."
         )
     command = np.asarray(recording.command, float)
     position, velocity = first_state(recording)

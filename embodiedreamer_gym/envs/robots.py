@@ -27,8 +27,8 @@ def load_robot(source: str | Path) -> RobotModel:
     grippers = [i for i, unit in enumerate(model.units) if unit == "1"]
     if model.n != JOINTS or grippers != [6, 13] or len(model.arms) != 2 or len(model.tree.tips) != 2:
         raise ModelError(
-            f"robot {source} has {model.n} joints on {len(model.arms)} arms; the ALOHA environments take 14: "
-            "6 and a normalised gripper for the left arm, then the same for the right, as in the built-in 'aloha'."
+            f"robot {source} has {model.n} joints on {len(model.arms)} arms; the ALOHA environments need 14: 6 and a "
+            "normalised gripper for the left arm, then the same for the right, as in the built-in 'aloha'."
         )
     return model
 

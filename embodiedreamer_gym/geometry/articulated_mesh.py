@@ -40,9 +40,9 @@ class Body:
         if not len(f) or not np.isfinite(v).all():
             raise VisionError("a body needs at least one triangle, and finite vertices.")
         if f.min() < 0 or f.max() >= len(v) or p.min() < 0 or p.max() >= len(self.names):
-            raise VisionError("a body's faces must name its vertices, and part its parts.")
+            raise VisionError("a body's faces must contain indices of its vertices, and part indices of its parts.")
         if len(self.names) > MOST_PARTS:
-            raise VisionError(f"a body of {len(self.names)} parts has too many; {MOST_PARTS} are the most.")
+            raise VisionError(f"a body of {len(self.names)} parts has too many; at most {MOST_PARTS} are allowed.")
 
     def __repr__(self) -> str:
         return f"Body({len(self.names)} parts, {len(self.faces)} triangles)"

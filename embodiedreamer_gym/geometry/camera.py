@@ -48,7 +48,7 @@ class Camera:
         position, rotation = self._vector("position", 3), self._vector("rotation", 4)
         length = math.hypot(*rotation)
         if abs(length - 1.0) > 0.01:
-            self._fail(f"rotation has the length {length:.3g}, not 1, which a quaternion x, y, z, w must have")
+            self._fail(f"rotation must be a quaternion x, y, z, w of length 1, but its length is {length:.3g}")
         for field in ("fx", "fy", "cx", "cy", "near", "far"):
             number = float(getattr(self, field))
             if not abs(number) <= LARGEST:
@@ -106,7 +106,7 @@ class Camera:
         if self.link is None:
             return position, rotation
         if pose_of_link is None:
-            raise SimulationError(f"camera {self.name} sits on {self.link}; give the pose of that link.")
+            raise SimulationError(f"camera {self.name} is mounted on {self.link}; give the pose of that link.")
         mount = rotation_matrix(pose_of_link[1])
         return np.asarray(pose_of_link[0], float) + mount @ position, mount @ rotation
 
@@ -186,7 +186,7 @@ def read_size(text: str) -> tuple[int, int]:
     """
     match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
     if match is None:
-        raise EmbodieDreamerError(f"--size {text} is no width and height; give two numbers such as 128x96.")
+        raise EmbodieDreamerError(f"--size {text} is not a width and a height; give two numbers such as 128x96.")
     return int(match[1]), int(match[2])
 
 

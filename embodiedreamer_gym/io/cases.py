@@ -71,7 +71,7 @@ class Cases:
             rows = self._rows(path)
             for key in found.keys() & rows.keys():
                 raise EmbodieDreamerError(
-                    f"{path} holds the case {brief(dict(self.keys[key]))} again; leave one file out."
+                    f"{path} contains the case {brief(dict(self.keys[key]))} a second time; leave one file out."
                 )
             found |= rows
         return self.in_order(found.values())
@@ -146,12 +146,12 @@ class Cases:
             self._key(row)
             stored = {name: json.dumps(row[name], sort_keys=True) for name in self.settings if name in row}
         except (ValueError, RecursionError, KeyError, TypeError) as error:
-            raise EmbodieDreamerError(f"{where} is no row of these cases: {brief(error)}.") from error
+            raise EmbodieDreamerError(f"{where} is not a row of these cases: {brief(error)}.") from error
         for name, text in stored.items():
             wanted = json.dumps(self.settings[name], sort_keys=True)
             if text != wanted:
                 raise EmbodieDreamerError(
-                    f"{where} is of other cases: {name} is {brief(row[name])}, not {brief(json.loads(wanted))}; give another file."
+                    f"{where} has other settings: {name} is {brief(row[name])}, not {brief(json.loads(wanted))}; give another file."
                 )
         return row
 

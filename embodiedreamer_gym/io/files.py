@@ -33,7 +33,7 @@ def atomic_file(
     part = target.with_name(f".{target.name[:50]}.{os.getpid()}{suffix}")
     try:
         if target.exists() and not target.is_file():
-            raise error(f"{path} cannot be written: it is {'a folder' if target.is_dir() else 'no regular file'}.")
+            raise error(f"{path} cannot be written: it is {'a folder' if target.is_dir() else 'not a regular file'}.")
         yield part
         part.replace(target)
     except OSError as reason:
@@ -83,7 +83,7 @@ def check_outputs(*files: Path | None, folders: Sequence[Path | None] = ()) -> N
             if is_folder:
                 parent = next(one for one in (target, *target.parents) if one.exists())
             elif target.exists() and not target.is_file():
-                reason = "a folder" if target.is_dir() else "no regular file"
+                reason = "a folder" if target.is_dir() else "not a regular file"
                 raise EmbodieDreamerError(f"{path} cannot be written: it is {reason}; name a file.")
             if parent.exists() and not parent.is_dir():
                 raise EmbodieDreamerError(f"{path} cannot be written: {parent} is a file, not a folder.")
@@ -114,7 +114,7 @@ def check_regular(
     """
     path = Path(path)
     if path.exists() and not path.is_file() and not path.is_dir():
-        raise error(f"{what} {path} is no regular file.")
+        raise error(f"{what} {path} is not a regular file.")
 
 
 def read_json(
@@ -135,11 +135,11 @@ def read_json(
     except OSError as reason:
         raise error(f"{what} {path} cannot be read: {reason.strerror or reason}.") from reason
     except RecursionError as reason:
-        raise error(f"{what} {path} is no readable JSON: it is nested more than {MAX_DEPTH} levels deep.") from reason
+        raise error(f"{what} {path} is not readable JSON: it is nested more than {MAX_DEPTH} levels deep.") from reason
     except UnicodeError as reason:
-        raise error(f"{what} {path} is no readable JSON: it is not UTF-8 text.") from reason
+        raise error(f"{what} {path} is not readable JSON: it is not UTF-8 text.") from reason
     except json.JSONDecodeError as reason:
-        raise error(f"{what} {path} is no readable JSON: {reason}.") from reason
+        raise error(f"{what} {path} is not readable JSON: {reason}.") from reason
     return data
 
 

@@ -45,7 +45,7 @@ def progress_or_silence(progress: Any) -> ProgressCallback:
     try:
         inspect.signature(progress).bind("stage", 0, 1, value="")
     except TypeError:
-        text = "progress is called as progress(stage, done, total, **quantities); take keyword arguments too"
+        text = "progress is called as progress(stage, done, total, **quantities); accept keyword arguments too"
         warnings.warn(text, DeprecationWarning, stacklevel=3)
         return lambda stage, done, total=None, /, **_: progress(stage, done, float(total or 0))
     return progress

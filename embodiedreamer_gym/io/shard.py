@@ -27,7 +27,7 @@ class Shard:
     def __post_init__(self) -> None:
         if not 1 <= self.number <= self.count <= MOST:
             raise EmbodieDreamerError(
-                f"{self} is no shard; give I/N such as 1/4, with I of 1 to N and N of at most {MOST}."
+                f"{self} is not a shard; give I/N such as 1/4, with I from 1 to N and N at most {MOST}."
             )
 
     def __str__(self) -> str:
@@ -41,7 +41,7 @@ class Shard:
         """
         found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
         if found is None:
-            raise EmbodieDreamerError(f"{brief(text)} is no shard; give I/N such as 1/4.")
+            raise EmbodieDreamerError(f"{brief(text)} is not a shard; give I/N such as 1/4.")
         return cls(int(found[1]), int(found[2]))
 
     def of(self, items: Sequence[T]) -> list[T]:

@@ -43,7 +43,7 @@ def save_picture(picture: np.ndarray, path: str | Path) -> None:
     try:
         good, data = cv2.imencode(path.suffix or ".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
     except cv2.error as error:
-        raise VisionError(f"{path} cannot be written: '{path.suffix}' is no format of pictures; take .png.") from error
+        raise VisionError(f"{path} cannot be written: '{path.suffix}' is not an image format; use .png.") from error
     if not good:
         raise VisionError(f"{path} cannot be written: the picture cannot be encoded.")
     with atomic_file(path, VisionError) as part:

@@ -60,7 +60,7 @@ def check_shapes(state: Any, like: Mapping[str, Tensor]) -> None:
     Raises: ValueError that names the first tensor that differs.
     """
     if not isinstance(state, Mapping):
-        raise ValueError("no dictionary of tensors")
+        raise ValueError("not a dictionary of tensors")
     for name in (*like, *(name for name in state if name not in like)):
         shapes = [tuple(getattr(one.get(name), "shape", ("missing",))) for one in (state, like)]
         if shapes[0] != shapes[1]:

@@ -152,7 +152,7 @@ class Training:
 
         Raises: `error` if it has other settings, another network or other data, or is damaged.
         """
-        damaged = self.error(f"{path} is no checkpoint of a training: damaged, or another file.")
+        damaged = self.error(f"{path} is not a training checkpoint; it is damaged or another kind of file.")
         state = self.migrate(read_state(path, damaged))
         if not isinstance(state.get("training"), dict):
             raise damaged
@@ -160,7 +160,9 @@ class Training:
         for name, own in {"training": asdict(self.config), **self.identity()}.items():
             if stored.get(name) != own:
                 what = "settings" if name == "training" else name
-                raise self.error(f"{path} is of a training with other {what}; give another folder, or the same {what}.")
+                raise self.error(
+                    f"{path} belongs to a training with other {what}; give another folder, or the same {what}."
+                )
         try:
             weights, step = self.network.state_dict(), int(state["step"])
             for key in ("averaged", "network"):

@@ -109,7 +109,7 @@ def base_parameter_table(parameters: Sequence[BaseParameter]) -> str:
         urdf = "-" if p.urdf is None else f"{p.urdf:.4g}"
         lines.append(f"{p.name:<28} {urdf:>10} {p.value:>10.4g} {interval:>23}  {p.unit}")
     left = sum(not p.determined for p in parameters)
-    return "\n".join([*lines, f"{left} others stay about as uncertain as the URDF"] if left else lines)
+    return "\n".join([*lines, f"{left} others are not determined by this motion"] if left else lines)
 
 
 def combinations(regressor: np.ndarray) -> np.ndarray:

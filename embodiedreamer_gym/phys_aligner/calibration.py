@@ -73,7 +73,7 @@ class Calibration:
             f"{self.method}: {self.error * 1e3:.3f} {milli} after {self.rollouts} rollouts, {self.seconds:.1f} s"
         )
         if self.model.command_hold != "unknown" and self.unit == "rad":
-            lines.append(f"between two commands the controller's rule is: {self.model.command_hold}")
+            lines.append(f"rule between two commands: {self.model.command_hold}")
         if self.undetermined:
             lines.append(f"this motion does not determine: {', '.join(self.undetermined)}")
         return "\n".join(lines)
@@ -160,7 +160,7 @@ def calibrate(
     Raises: CalibrationError for an unknown method or nothing to fit, SimulationError for another robot's recording.
     """
     if method not in METHODS:
-        raise CalibrationError(f"method '{method}' is none of {', '.join(METHODS)}.")
+        raise CalibrationError(f"method '{method}' is not one of {', '.join(METHODS)}.")
     begun, progress = time.perf_counter(), progress_or_silence(progress)
     recordings = with_effort_unit(model, thin(recordings, max_seconds))
     model = with_nuisances(model, recordings)

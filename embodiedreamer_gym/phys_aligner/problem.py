@@ -95,7 +95,7 @@ class Problem:
         self.run_of = np.concatenate([np.full(int(u.sum()), i) for i, u in enumerate(usable)])
         if len(self.joint_of) < len(self.rows) + 1:
             raise CalibrationError(
-                "too few usable samples are left to fit; the recordings hold only contact or clipped parts."
+                "too few usable samples are left to fit; the recordings contain only contact or clipped parts."
             )
         self.arm_of_row = np.array([self._arm(row) for row in self.rows])
 

@@ -63,9 +63,11 @@ def surrogate(
     Raises: CalibrationError for fewer than two samples or unknown data.
     """
     if data not in DATA:
-        raise CalibrationError(f"the surrogate's data '{data}' is none of {', '.join(DATA)}.")
+        raise CalibrationError(f"the surrogate's data '{data}' is not one of {', '.join(DATA)}.")
     if len(np.unique([r.gain for r in problem.recordings], axis=0)) > 1:
-        raise CalibrationError("the surrogate learns recordings of one gain; fit those of several by least squares.")
+        raise CalibrationError(
+            "the surrogate needs recordings with the same gain; use least-squares for recordings with several gains."
+        )
     if samples < 2 or epochs < 1 or steps < 1:
         raise CalibrationError("the surrogate needs at least 2 samples, 1 epoch and 1 step of descent.")
     box = SearchRange(problem, factor)

@@ -50,7 +50,7 @@ class Demonstrations:
 
     def __post_init__(self) -> None:
         if self.task not in TASKS:
-            raise SimulationError(f"there is no task '{self.task}'; there are {', '.join(TASKS)}.")
+            raise SimulationError(f"there is no task '{self.task}'; give one of {', '.join(TASKS)}.")
         if self.seed < 0:
             raise SimulationError(f"the seed is {self.seed}, but must be at least 0.")
 
@@ -80,15 +80,16 @@ def record_demonstrations(wanted: Demonstrations, episodes: int, folder: str | P
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise RecordingError(f"{folder} cannot be made a folder: {error.strerror}; give another place.") from error
+        raise RecordingError(f"the folder {folder} cannot be created: {error.strerror}; give another one.") from error
     for left in folder.glob("*.attempt_*.hdf5*"):  # from an interrupted run
         left.unlink()
     done, attempt = _there(wanted, folder)
     while done < episodes:
         if attempt >= 4 * episodes + PATIENCE:
             raise SimulationError(
-                f"the expert has succeeded in {done} of {attempt} attempts at {wanted.task} with robot {wanted.robot}; "
-                "recording stops: the robot may be too far from the one it plans with."
+                f"the expert has succeeded in {done} of {attempt} attempts at {wanted.task} with robot "
+                f"{wanted.robot}; recording stops: the robot may differ too much from the one that the expert plans "
+                "with."
             )
         calls = [(wanted, number, folder) for number in range(attempt, attempt + episodes - done)]
         for path in each(_attempt, calls, jobs):
@@ -133,7 +134,7 @@ def _whole(path: Path, settings: dict[str, Any]) -> int:
         failed = int(stored.pop("failed"))
     except (KeyError, ValueError, TypeError) as error:
         raise RecordingError(
-            f"{path.parents[1]} exists already and is no set of demonstrations; give another folder."
+            f"{path.parents[1]} exists already and is not a set of demonstrations; give another folder."
         ) from error
     check_settings(path.parents[1], stored, settings)
     return failed
@@ -149,7 +150,7 @@ def _there(wanted: Demonstrations, folder: Path) -> tuple[int, int]:
     for number in range(len(paths)):
         path = folder / f"episode_{number}.hdf5"
         if path not in paths:
-            raise RecordingError(f"{folder} has other episodes, without {path.name}; give another folder.")
+            raise RecordingError(f"{folder} has other episodes, but no {path.name}; give another folder.")
         stored = read_settings(path, "demonstration", "demonstration")
         attempts = int(stored.pop("attempt", 0)) + 1
         check_settings(path, stored, wanted.settings())

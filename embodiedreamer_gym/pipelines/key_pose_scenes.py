@@ -103,7 +103,7 @@ def shown_in(data: str | Path | Sequence[str | Path]) -> tuple[str, list[Demonst
     tasks = sorted({source.task for source in sources})
     if len(tasks) != 1:
         raise RecordingError(
-            f"key poses are those of one task, and there are episodes of {', '.join(tasks) or 'none'}."
+            f"key poses need episodes of one task, but there are episodes of {', '.join(tasks) or 'none'}."
         )
     shown = [
         Demonstration(

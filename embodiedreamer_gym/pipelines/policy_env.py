@@ -42,13 +42,14 @@ def policy_world(
     count, (cameras, learnt), filmed = executed(policy, execute), picture_inputs(policy), {}
     if vis_aligner is not None:
         if cameras != ("head",):
-            raise PolicyError(f"the policy needs {', '.join(cameras)}, and VisAligner generates the head camera only.")
+            raise PolicyError(f"the policy needs {', '.join(cameras)}, but VisAligner generates only the head camera.")
         photos = load_bank(bank).size
         needed = size or learnt or photos
         if size not in (None, photos) or needed[0] > photos[0] or needed[1] > photos[1]:
             raise PolicyError(
-                f"pictures of {needed[0]} x {needed[1]} are wanted, and the bank's photos are {photos[0]} x {photos[1]}; give a bank "
-                "of that size, which `embodiedreamer vis bank` makes of episodes of that size."
+                f"pictures of {needed[0]} x {needed[1]} are requested, but the bank's photos are {photos[0]} x "
+                f"{photos[1]}; give a bank of that size, which `embodiedreamer vis bank` makes from episodes of that "
+                "size."
             )
         size = photos
         filmed = {"camera": "head", "size": size, "every": every}

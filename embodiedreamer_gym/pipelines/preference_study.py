@@ -86,7 +86,9 @@ class Study:
                 weights = torch.load(folder / WEIGHTS, weights_only=True, map_location="cpu")
                 self.policy.network.load_state_dict(weights)
             except Exception as error:  # whatever a damaged or foreign file raises
-                raise PolicyError(f"{folder / WEIGHTS} is damaged, or of another policy; remove {folder}.") from error
+                raise PolicyError(
+                    f"{folder / WEIGHTS} is damaged or belongs to another policy; remove {folder}."
+                ) from error
             return _read(folder / ROW)
         learnt = self._learn(cycle, folder) if cycle else {}
         with atomic_file(folder / WEIGHTS, PolicyError) as part:

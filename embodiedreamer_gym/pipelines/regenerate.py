@@ -112,7 +112,9 @@ def _episode(work: _Work, source: Source, copies: int) -> int | None:
     wanted = [copy for copy, path in enumerate(paths) if not path.is_file()]
     for path in paths:
         if path.is_file() and not _same(source, AlohaEpisodes([path])):
-            raise RecordingError(f"{path} was made of another {source.name} than {source.path}; give another folder.")
+            raise RecordingError(
+                f"{path} was made from a different episode {source.name} than {source.path}; give another folder."
+            )
     if not wanted:
         return 0
     recorded = AlohaEpisodes([source.path])

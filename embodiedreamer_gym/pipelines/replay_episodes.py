@@ -88,7 +88,7 @@ def source_files(episodes: str | Path | Sequence[str | Path]) -> list[Path]:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise RecordingError(
-            f"two episodes are called {twice[0]}; make one set of each folder: one after the other, into folders of their own."
+            f"two episodes are named {twice[0]}; process the input folders one at a time, each into its own output folder."
         )
     if found:
         AlohaEpisodes(found)

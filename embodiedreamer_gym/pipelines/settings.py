@@ -124,6 +124,8 @@ class StudySettings:
         if self.seed < 0:
             raise PolicyError(f"seed is {self.seed}, but must be at least 0.")
         if self.metric not in METRICS:
-            raise PolicyError(f"metric '{self.metric}' is none of {', '.join(METRICS)}.")
+            raise PolicyError(f"metric '{self.metric}' is not one of {', '.join(METRICS)}.")
         if self.tries == 1 and self.pairing == "same_start" and self.method == PREFERENCES:
-            raise PolicyError("every start is tried once, which makes no pair; give at least 2 tries, or global_rank.")
+            raise PolicyError(
+                "every start is tried only once, which gives no pair; give at least 2 tries, or global_rank."
+            )

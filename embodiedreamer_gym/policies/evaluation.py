@@ -81,7 +81,9 @@ def executed(policy: Policy, execute: int | None = None) -> int:
     """
     count = policy.chunk if execute is None else execute
     if not 1 <= count <= policy.chunk:
-        raise PolicyError(f"{count} actions cannot be executed of a chunk of {policy.chunk}; give 1 to {policy.chunk}.")
+        raise PolicyError(
+            f"{count} actions cannot be executed from a chunk of {policy.chunk}; give 1 to {policy.chunk}."
+        )
     return count
 
 
@@ -93,13 +95,13 @@ def check_fit(policy: Policy, env: gym.Env) -> None:
     shape = getattr(env, "single_action_space", env.action_space).shape  # of one environment, if there are several
     if shape is None or len(shape) not in (1, 2) or shape[-1] != policy.action_size:
         raise PolicyError(
-            f"the policy gives actions of {policy.action_size} numbers, and {_name(env)} takes the shape {shape}; "
-            "take a policy that was trained for this robot."
+            f"the policy's actions have {policy.action_size} values, but {_name(env)} expects the shape {shape}; use "
+            "a policy trained for this robot."
         )
     cameras = tuple(getattr(env.unwrapped, "cameras", ()) or ())
     for camera in cameras_of(policy):
         if cameras and camera not in cameras:
-            raise PolicyError(f"the policy needs the camera '{camera}', and {_name(env)} has {', '.join(cameras)}.")
+            raise PolicyError(f"the policy needs the camera '{camera}', but {_name(env)} has {', '.join(cameras)}.")
 
 
 def as_batch(observation: Any, cameras: Iterable[str]) -> dict[str, Any]:

@@ -54,7 +54,7 @@ def load_policy(spec: str | Path) -> Policy:
             raise error if str(folder) in str(error) else PolicyError(f"policy {folder}: {error}") from error
     module, colon, name = str(spec).partition(":")
     if not colon or not all(part.isidentifier() for part in [*module.split("."), name]):
-        raise PolicyError(f"policy {spec} is no folder and no function; give {HOW}.")
+        raise PolicyError(f"policy {spec} is neither a folder nor a function; give {HOW}.")
     return _made(str(spec), module, name)
 
 
@@ -76,11 +76,11 @@ def _made(spec: str, module: str, name: str) -> Policy:
         good = callable(policy) and all(isinstance(n, int | np.integer) and 0 < n <= MOST for n in sizes)
         good = good and isinstance(cameras, tuple | list) and all(isinstance(name, str) for name in cameras)
     except (Exception, SystemExit) as error:
-        raise PolicyError(f"policy {spec} cannot be made: {type(error).__name__}: {error}.") from error
+        raise PolicyError(f"policy {spec} cannot be created: {type(error).__name__}: {error}.") from error
     if not good or policy is None:
         raise PolicyError(
-            f"policy {spec} must be a function without arguments that returns a policy: something to call with a batch, "
-            "with the whole numbers action_size and chunk, and with names of cameras if it needs any."
+            f"policy {spec} must be a function without arguments that returns a policy: a callable that takes a batch "
+            "and has the whole numbers action_size and chunk, and the names of its cameras if it needs any."
         )
     return cast(Policy, policy)
 
@@ -98,11 +98,11 @@ def predict(policy: Any, batch: Mapping[str, Any], shape: tuple[int, int, int]) 
         raise PolicyError(f"the policy {type(policy).__name__} fails: {type(error).__name__}: {error}.") from error
     if actions.ndim != 3 or actions.shape[0] != shape[0] or actions.shape[1] < shape[1] or actions.shape[2] != shape[2]:
         raise PolicyError(
-            f"the policy {type(policy).__name__} gives actions of shape {actions.shape}, wanted are {shape} or longer chunks; "
-            "use a policy of this robot, or execute fewer."
+            f"the policy {type(policy).__name__} returned actions of shape {actions.shape}, but {shape} or a longer "
+            "chunk is required; use a policy for this robot, or execute fewer actions."
         )
     if not np.isfinite(actions).all():
-        raise PolicyError(f"the policy {type(policy).__name__} gives actions that are not finite.")
+        raise PolicyError(f"the policy {type(policy).__name__} returned actions that are not finite.")
     return actions[:, : shape[1]]
 
 

@@ -33,7 +33,8 @@ def time_base(recording: Recording) -> Iterator[Finding]:
             "info",
             "nominal-time",
             (),
-            f"the times are sample numbers divided by {recording.hz:.4g} Hz, not measured; a delay may be the recorder's",
+            f"the times are sample numbers divided by {recording.hz:.4g} Hz, not measured; an apparent delay may come "
+            "from the recorder",
         )
     gap = step > 1.6 * median
     jitter = float(np.percentile(np.abs(step[~gap] - median), 95)) / median
@@ -42,7 +43,8 @@ def time_base(recording: Recording) -> Iterator[Finding]:
             "warning",
             "irregular-time",
             (),
-            f"the time step varies by {jitter:.0%} of its {1e3 * median:.1f} ms; if these are times of arrival, log when each sample was measured",
+            f"the time step varies by {jitter:.0%} of its {1e3 * median:.1f} ms; if these are arrival times, log the "
+            "time at which each sample was measured",
         )
     if gap.any():
         lost = int(np.round(step[gap] / median - 1).sum())
@@ -69,7 +71,7 @@ def channels(recording: Recording) -> Iterator[Finding]:
             message = "there is neither a command nor an effort to simulate against; log what was sent to the servos"
             yield Finding("error", "no-command", (), message)
         else:
-            message = "there is no command: the effort that the motion takes is compared instead"
+            message = "there is no command: the effort that the motion needs is compared instead"
             yield Finding("info", "effort-only", (), message)
     if recording.effort is None:
         yield Finding("info", "no-effort", (), "there is no effort: torque limits show only in the motion")
@@ -104,8 +106,8 @@ def clipped(
         if mask[:, j].any():
             at = recording.position[mask[:, j], j]
             message = (
-                f"{joint} stands at {at.min():.4g}..{at.max():.4g} for {at.size} samples while the command "
-                "goes on: a joint limit or the sensor's end, left out"
+                f"{joint} stays at {at.min():.4g}..{at.max():.4g} for {at.size} samples while the command goes "
+                "further (a joint limit or the end of the sensor's range); these samples are left out"
             )
             findings.append(Finding("warning", "clipped", (joint,), message))
     return findings, mask
@@ -157,7 +159,7 @@ def mixed_up(recording: Recording, tracking: Tracking) -> tuple[list[Finding], s
     for j in range(n):
         if c[j, j] < -0.8 and j not in columns:
             joint = recording.joints[j]
-            message = f"{joint} moves against its command: turn its sign round in the log or in the URDF"
+            message = f"{joint} moves against its command: reverse its sign in the log or in the URDF"
             findings.append(Finding("error", "sign-flipped", (joint,), message))
             columns.add(j)
     return findings, columns
@@ -186,7 +188,10 @@ def frozen(recording: Recording, tracking: Tracking, skip: set[int]) -> tuple[li
     for j, joint in enumerate(recording.joints):
         if j not in skip and moves[j] <= least[j] and tracking.span[j] > 3 * tracking.small[j]:
             mask[:, j] = True
-            message = f"{joint} does not move, though its command spans {tracking.span[j]:.3g}: off, or not read"
+            message = (
+                f"{joint} does not move, although its command spans {tracking.span[j]:.3g}: it is switched off, "
+                "or its encoder is not read"
+            )
             findings.append(Finding("error", "frozen", (joint,), message))
     return findings, mask
 

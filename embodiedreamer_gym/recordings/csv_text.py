@@ -34,7 +34,7 @@ def open_text(path: Path) -> Iterator[TextIO]:
     except UnicodeDecodeError as error:
         raise RecordingError(f"{path}: it is not UTF-8 text") from error
     except csv.Error as error:
-        raise RecordingError(f"{path}: it is no readable csv: {error}") from error
+        raise RecordingError(f"{path}: it is not a readable csv: {error}") from error
     except OSError as error:
         raise RecordingError(f"{path}: it cannot be read ({error.strerror or error})") from error
 
@@ -46,7 +46,7 @@ def lines_of(file: TextIO, path: Path) -> Iterator[str]:
     """
     while line := file.readline(MAX_LINE):
         if len(line) == MAX_LINE:
-            raise RecordingError(f"{path}: a line has {MAX_LINE} characters or more; this is no log")
+            raise RecordingError(f"{path}: a line has {MAX_LINE} characters or more; this is not a log")
         yield line
 
 

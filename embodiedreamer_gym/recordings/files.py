@@ -91,7 +91,7 @@ def load_recordings(
         for path in _matches(text):
             numbers = own or default
             if own and not is_lerobot_set(path):
-                raise RecordingError(f"{pattern}: {path} is no LeRobot set, of which episodes could be chosen")
+                raise RecordingError(f"{pattern}: {path} is not a LeRobot set, so episodes cannot be selected")
             before = chosen.get(path, {})
             chosen[path] = None if before is None or numbers is None else before | dict.fromkeys(numbers)
     loaded = (one for path, numbers in chosen.items() for one in _load(path, reading, numbers))

@@ -159,7 +159,7 @@ class Hdf5File:
         """
         group = self.file.get(IMAGES)
         if group is not None and not isinstance(group, h5py.Group):
-            raise self.error(f"/{IMAGES} is no group of one dataset per camera")
+            raise self.error(f"/{IMAGES} is not a group with one dataset per camera")
         cameras = {}
         for name in group or ():
             key = f"{IMAGES}/{name}"
@@ -246,7 +246,7 @@ def read_settings(path: Path, attribute: str, what: str) -> dict[str, Any]:
         with open_hdf5(path) as file:
             return dict(file.json(attribute))
     except (RecordingError, TypeError, ValueError) as error:
-        raise RecordingError(f"{path} exists already and is no {what}; give another folder.") from error
+        raise RecordingError(f"{path} exists already and is not a {what}; give another folder.") from error
 
 
 def write_rows(

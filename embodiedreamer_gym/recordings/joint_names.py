@@ -22,10 +22,12 @@ def find_joints(have: Sequence[str], wanted: Sequence[str], source: str) -> tupl
     if missing or not wanted:
         raise RecordingError(
             f"{source}: asked for {', '.join(missing) or 'no joint at all'}; it has the joints {', '.join(have)}; "
-            "leave out of the model's `joints` what the log does not have, or give it the log's names"
+            "remove from the model's `joints` what the log does not have, or use the names of the log there"
         )
     rest = [name for k, name in enumerate(have) if k not in columns]
     note = (
-        f"{', '.join(rest)} of the log {'is no joint' if len(rest) == 1 else 'are no joints'} of the model and left out"
+        f"{', '.join(rest)} of the log "
+        f"{'is not a joint of the model and was' if len(rest) == 1 else 'are not joints of the model and were'} "
+        "left out"
     )
     return columns, (note,) if rest else ()

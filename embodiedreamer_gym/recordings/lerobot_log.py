@@ -89,7 +89,7 @@ def _recording(
 ) -> Recording:
     episode, info = episodes.episodes[number], episodes.info
     if not isinstance(episode, LeRobotEpisode):
-        raise RecordingError(f"{folder}: episode {number} is none of LeRobot's")
+        raise RecordingError(f"{folder}: episode {number} is not a LeRobot episode")
     source = f"{folder}:{number}"
     read = {
         key: episode.numbers(key).astype(float) for key in {STATE, ACTION, *(key for key, _ in columns.more.values())}

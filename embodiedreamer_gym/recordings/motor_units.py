@@ -81,7 +81,9 @@ class MotorUnits:
                 )
             return self._of_range(motor, gripper, low, high, robot)
         if joint in self.sliding:
-            raise RecordingError(f"{source}: {joint} slides, and degrees are no length; give --units range or rad")
+            raise RecordingError(
+                f"{source}: {joint} is a sliding joint, and degrees are not a length; give --units range or rad"
+            )
         middle = self.kind == "degrees-middle"
         return math.radians(1) * ((TICKS - 1) / TICKS if middle else 1.0), self._middle(motor, low, high) * middle, ""
 
@@ -139,7 +141,9 @@ def read_motor_calibration(path: str | os.PathLike[str]) -> dict[str, MotorCalib
     """
     data = read_json(Path(path), RecordingError, "motor calibration")
     if not isinstance(data, dict) or not data or not all(isinstance(one, dict) for one in data.values()):
-        raise RecordingError(f"{path}: a motor calibration is an object of motors, as LeRobot 0.3 and later write it")
+        raise RecordingError(
+            f"{path}: a motor calibration must be an object of motors, as LeRobot 0.3 and later write it"
+        )
     return {name: _motor(path, name, one) for name, one in data.items()}
 
 

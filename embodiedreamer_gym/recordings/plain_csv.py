@@ -128,7 +128,7 @@ def _header(line: str, path: Path) -> tuple[list[str], str | None]:
     is_time, unit = column_unit(header[0])
     if not is_time or wrong or len(header) < 2:
         odd = f"the column {wrong[0][:60]!r}" if wrong else f"{','.join(header)[:60]!r}"
-        hint = "; a SAGE log is read by giving its folder" if "timestamp" in header else ""
+        hint = "; to read a SAGE log, give its folder" if "timestamp" in header else ""
         raise RecordingError(f"{path}: {odd} does not fit the header {FORM}{hint}")
     check_header(header, path)
     return header, unit

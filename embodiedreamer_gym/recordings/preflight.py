@@ -102,7 +102,7 @@ def preflight(recording: Recording, limits: Mapping[str, tuple[float, float]] | 
         ends = [finding for finding in ends if pinned[:, recording.joints.index(finding.joints[0])].any()]
         mixed |= set(np.flatnonzero(pinned.any(axis=0)).tolist())  # a pinned joint is off its command too
         findings += [*more, *stuck, *ends, *checks.offset(recording, tracking, mixed)]
-        findings += _touches(recording, grip, "held", "closes on something it holds")
+        findings += _touches(recording, grip, "held", "holds an object")
         findings += _touches(recording, push, "pushed", "is moved from outside while it should stand still")
         for j in range(len(recording.joints)):
             bad[:, j] |= off[:, j] | contact.widened(recording, pinned[:, j])
@@ -119,6 +119,9 @@ def _touches(recording: Recording, mask: np.ndarray, code: str, what: str) -> li
         joint, stretches = recording.joints[j], list(runs(mask[:, j]))
         first = recording.time[stretches[0].start] - recording.time[0]
         last = recording.time[stretches[-1].stop - 1] - recording.time[0]
-        message = f"{joint} {what}, {len(stretches)} times from {first:.2f} s to {last:.2f} s: its arm is left out then"
+        message = (
+            f"{joint} {what}, {len(stretches)} times from {first:.2f} s to {last:.2f} s; the samples of its arm "
+            "are left out during these times"
+        )
         findings.append(Finding("warning", code, (joint,), message))
     return findings

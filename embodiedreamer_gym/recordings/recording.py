@@ -191,8 +191,8 @@ class Recording:
         if self.duration / usual > MOST_MISSING[0] * self.time.size + MOST_MISSING[1]:
             row = int(step.argmax())
             raise self._error(
-                f"there is a gap of {step[row]:g} s after row {row} (counted from 0), at {usual:g} s from sample to sample; "
-                "was the clock set, or are these two motions? Cut the log there"
+                f"there is a gap of {step[row]:g} s after row {row} (counted from 0), although samples are usually "
+                f"{usual:g} s apart; was the clock reset, or are these two motions? Split the log there"
             )
 
     def _check_shape(self, name: str, array: np.ndarray) -> None:

@@ -164,7 +164,9 @@ def _recording(path: Path, names: tuple[str, ...], state: Track, command: Track 
     """Put states and commands on one time axis."""
     position = state.array("position")
     if position is None:
-        raise RecordingError(f"{path}: some messages of {state.topic} have not one position for each name")
+        raise RecordingError(
+            f"{path}: in some messages of {state.topic} the number of positions differs from the number of names"
+        )
     stamps, notes = _times(state, command)
     order = np.argsort(stamps[0], kind="stable")
     order = order[np.diff(stamps[0][order], prepend=stamps[0].min() - 1) > 0]
@@ -175,7 +177,9 @@ def _recording(path: Path, names: tuple[str, ...], state: Track, command: Track 
         where, commanded, linear = _command(path, command, stamps[1], position[0], hold)
         late = int(np.searchsorted(time, where[0]))
         if len(time) - late < FEWEST_SAMPLES:
-            raise RecordingError(f"{path}: {state.topic} and {command.topic} share no time; they must have one clock")
+            raise RecordingError(
+                f"{path}: {state.topic} and {command.topic} do not overlap in time; they must use the same clock"
+            )
         notes += (f"{late} states before the first command were left out",) if late else ()
         order, time = order[late:], time[late:]
         commanded = resample((where - time[0]) / 1e9, commanded, (time - time[0]) / 1e9, linear or hold == "linear")
@@ -194,10 +198,13 @@ def _times(state: Track, command: Track | None) -> tuple[list[np.ndarray], tuple
     unstamped = [one.topic for one in tracks if not one.stamped]
     apart = int(np.median(np.subtract(state.received, state.stamps))) if state.stamped else 0
     arrival = [not one.stamped for one in tracks]
-    notes = tuple(f"the messages of {topic} carry no stamps; those are times of arrival" for topic in unstamped)
+    notes = tuple(f"the messages of {topic} carry no stamps; their times are arrival times" for topic in unstamped)
     if len(tracks) == 2 and any(arrival) and not all(arrival) and abs(apart) > CLOCKS:
         arrival = [True, True]
-        notes += (f"stamps of {state.topic} are of another clock than arrivals; times of arrival are used for both",)
+        notes += (
+            f"the stamps of {state.topic} come from a different clock than the arrival times; arrival times are "
+            "used for both topics",
+        )
     return [
         np.array(one.received if late else one.stamps, np.int64) for one, late in zip(tracks, arrival, strict=True)
     ], notes
@@ -211,7 +218,9 @@ def _command(
         return (*_knots(track.trajectories, stamps, start), True)
     values = track.array("position")
     if values is None:
-        raise RecordingError(f"{path}: some messages of {track.topic} have not one position for each name")
+        raise RecordingError(
+            f"{path}: in some messages of {track.topic} the number of positions differs from the number of names"
+        )
     order = np.argsort(stamps, kind="stable")
     order = order[np.diff(stamps[order], prepend=stamps.min() - 1) > 0]
     return stamps[order], values[order], hold == "linear"

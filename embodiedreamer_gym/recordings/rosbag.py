@@ -79,7 +79,7 @@ class Bag:
                 OverflowError,
                 load_extra("rosbags.serde").SerdeError,
             ) as error:
-                raise RecordingError(f"{self._path}: message {count} of {topic} is damaged, or no {kind}") from error
+                raise RecordingError(f"{self._path}: message {count} of {topic} is damaged or not a {kind}") from error
 
 
 @contextmanager
@@ -108,7 +108,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
     except Exception as error:  # raised by ruamel, apsw, lz4, zstd, struct or rosbags
         text = " ".join(str(error).split())[:200]
         raise RecordingError(
-            f"{path}: no readable MCAP or rosbag2 of ROS 2 ({type(error).__name__}: {text})"
+            f"{path}: not a readable MCAP file or rosbag2 of ROS 2 ({type(error).__name__}: {text})"
         ) from error
 
 
@@ -130,11 +130,13 @@ def _check_metadata(path: Path) -> None:
     """Raises: RecordingError for a metadata.yaml that is too large, or compression that the library does not limit."""
     check_regular(path, RecordingError)
     if path.stat().st_size > MOST_METADATA:
-        raise RecordingError(f"{path}: it is larger than {MOST_METADATA // 1_000_000} MB; this is no metadata of a bag")
+        raise RecordingError(
+            f"{path}: it is larger than {MOST_METADATA // 1_000_000} MB; this is not the metadata of a bag"
+        )
     text = path.read_text(encoding="utf-8", errors="replace")
     if re.search(r"compression_mode['\"]?\s*:\s*['\"]?(file|message)", text, re.IGNORECASE):
         raise RecordingError(
-            f"{path.parent}: rosbag2's own compression is not read, MCAP's is; convert it with `ros2 bag convert`"
+            f"{path.parent}: rosbag2's own compression cannot be read, only that of MCAP; convert it with `ros2 bag convert`"
         )
 
 
@@ -155,7 +157,7 @@ def _check_mcap(path: Path) -> None:
                 total += claimed if head[0] == CHUNK else 0
                 if claimed > MAX_CHUNK_BYTES or total > 8 * MAX_BYTES:
                     raise RecordingError(
-                        f"{path}: it claims chunks of {claimed} bytes, {total} in all; that is no log of joints"
+                        f"{path}: it claims chunks of {claimed} bytes, {total} in all; this is not a log of joints"
                     )
             file.seek(start + length, os.SEEK_SET)
 

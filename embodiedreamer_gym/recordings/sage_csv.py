@@ -55,7 +55,9 @@ def read_sage_csv(folder: str | Path, command_hold: str = "unknown", time_unit: 
     clock = find_clock(stamps, state["positions"], str(folder / STATE), time_unit, default="us")
     time, control_time = clock.seconds(stamps), clock.seconds(control_stamps)
     if control_time[-1] < time[0] or control_time[0] > time[-1]:
-        raise RecordingError(f"{folder}: {CONTROL} and {STATE} share no time; they must have one clock and one unit")
+        raise RecordingError(
+            f"{folder}: {CONTROL} and {STATE} do not overlap in time; they must use the same clock and unit"
+        )
     return Recording(
         name=folder.resolve().name,
         joints=joints,

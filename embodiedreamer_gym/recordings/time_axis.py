@@ -39,7 +39,7 @@ def check_hz(hz: Any, source: str) -> float:
     try:
         value = float(hz)
     except (TypeError, ValueError, OverflowError) as error:
-        raise RecordingError(f"{source}: the rate is no number") from error
+        raise RecordingError(f"{source}: the rate is not a number") from error
     if not ALLOWED_HZ[0] <= value <= ALLOWED_HZ[1]:
         raise RecordingError(f"{source}: the rate is {value:g} Hz; it must be above 0, from 0.001 to 1e6")
     return value
@@ -126,8 +126,9 @@ def _infer(raw: np.ndarray, step: float, position: np.ndarray, source: str, defa
             f"and the motion fits both; give --time-unit {plausible[0]} or {plausible[-1]} (time_unit=...)"
         )
     raise RecordingError(
-        f"{source}: the unit of these times is not known: their step of {step:g} is no rate between 1 Hz and 10 kHz in s, ms, us "
-        "or ns; give --time-unit ms, say (time_unit=...), or correct the stamps"
+        f"{source}: the unit of these times is not known: their step of {step:g} does not give a rate between 1 Hz "
+        "and 10 kHz in s, ms, us or ns; give the unit, for example --time-unit ms (time_unit=...), or correct the "
+        "stamps"
     )
 
 

@@ -106,12 +106,12 @@ class RobotData:
             object.__setattr__(self, group, values)
         share = np.array(np.broadcast_to(self.gravity_compensation, len(self.joints)), float)
         if not np.all((share >= 0) & (share <= 2)):
-            raise ModelError(f"model {self.name}: gravity_compensation is a share from 0 to 2.")
+            raise ModelError(f"model {self.name}: gravity_compensation must be a share from 0 to 2.")
         object.__setattr__(self, "gravity_compensation", share)
         if not isinstance(self.command_hold, str) or self.command_hold not in HOLDS:
-            raise ModelError(f"model {self.name}: command_hold '{self.command_hold}' is none of {', '.join(HOLDS)}.")
+            raise ModelError(f"model {self.name}: command_hold '{self.command_hold}' is not one of {', '.join(HOLDS)}.")
         if self.transmission is not None and len(self.transmission.motors) != len(self.joints):
-            raise ModelError(f"model {self.name}: transmission has not as many motors as there are joints.")
+            raise ModelError(f"model {self.name}: transmission must have as many motors as there are joints.")
         names = [e.name for e in self.effects]
         if len(set(names)) != len(names):
             raise ModelError(f"model {self.name}: an effect is listed twice ({', '.join(names)}).")
@@ -121,7 +121,9 @@ class RobotData:
         for text in self.fixed:
             key = ParameterKey.of(text)
             if key.parameter not in SERVO_GROUPS and not {key.effect, key.parameter} & {*self.catalogue, *NUISANCES}:
-                raise ModelError(f"model {self.name}: fixed names '{text}', which is no servo parameter and no effect.")
+                raise ModelError(
+                    f"model {self.name}: fixed names '{text}', which is neither a servo parameter nor an effect."
+                )
 
     def _check_names(self, effect: Effect, parameter: Parameter) -> None:
         """Check that an effect names only joints (or arms) of the model, and that its values are within bounds."""

@@ -30,7 +30,7 @@ def read_preset(name: Any, path: Path) -> dict[str, Any]:
     if name is None:
         return {}
     if name not in presets():
-        raise ModelError(f"model {path}: there is no servo.preset {brief(name)}; there are {', '.join(presets())}.")
+        raise ModelError(f"model {path}: there is no servo.preset {brief(name)}; give one of {', '.join(presets())}.")
     return read_json(FOLDER / f"{name}.json", ModelError, "preset")
 
 

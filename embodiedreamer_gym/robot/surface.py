@@ -39,7 +39,9 @@ class Surface:
         movable = [joint.name for joint in robot.joints if joint.type in MOVABLE]
         for name in self.joints:
             if name not in movable:
-                raise ModelError(f"joint '{name}' is no movable joint of {path.name}; movable: {', '.join(movable)}.")
+                raise ModelError(
+                    f"joint '{name}' is not a movable joint of {path.name}; movable: {', '.join(movable)}."
+                )
         if len(set(self.joints)) != len(self.joints):
             raise ModelError(f"a joint is named twice: {', '.join(self.joints)}.")
         self._root = root_link(robot, path)
@@ -154,7 +156,7 @@ def _body(robot: yourdfpy.Robot, path: Path) -> Body:
             part.append(np.full(len(mesh.vertices), names.index(link.name)))
             count += len(mesh.vertices)
     if not names:
-        raise ModelError(f"{path.name} gives no link a shape, so the robot cannot be seen; take a URDF with visuals.")
+        raise ModelError(f"{path.name} gives no link a shape, so the robot cannot be seen; use a URDF with visuals.")
     return Body(np.concatenate(vertices), np.concatenate(faces), np.concatenate(part), tuple(names))
 
 
@@ -189,7 +191,7 @@ def _mesh(geometry: yourdfpy.Geometry, link: str, path: Path) -> trimesh.Trimesh
     if geometry.sphere is not None:
         return trimesh.creation.icosphere(subdivisions=2, radius=geometry.sphere.radius)
     if geometry.mesh is None:
-        raise ModelError(f"{path.name}: link '{link}' has a shape that is no box, cylinder, sphere or mesh.")
+        raise ModelError(f"{path.name}: link '{link}' has a shape that is not a box, cylinder, sphere or mesh.")
     file = find_mesh(geometry.mesh.filename, path)
     if file is None:
         raise ModelError(

@@ -38,7 +38,7 @@ class Transmission:
         if len(set(self.motors)) < n:
             raise ModelError(f"transmission: the motors {', '.join(self.motors)} are not {n} different names.")
         if not np.all(np.abs(self.sign) == 1):
-            raise ModelError("transmission: a sign is 1 or -1.")
+            raise ModelError("transmission: a sign must be 1 or -1.")
         rows = np.abs(self.matrix).max(axis=1, initial=0.0)
         if not (rows > 0).all() or np.linalg.cond(self.matrix / rows[:, None]) > WORST:
             raise ModelError(
@@ -60,7 +60,7 @@ class Transmission:
         """
         for name in (*zero, *reversed_motors):
             if name not in self.motors:
-                raise ModelError(f"'{name}' is none of the motors {', '.join(self.motors)}.")
+                raise ModelError(f"'{name}' is not one of the motors {', '.join(self.motors)}.")
         return Transmission(
             self.motors, self.matrix,
             np.array([-1.0 if name in reversed_motors else s for name, s in zip(self.motors, self.sign, strict=True)]),

@@ -78,7 +78,7 @@ def build_tree(
     movable = [j.name for j in robot.joints if j.type in MOVABLE]
     for name in joints:
         if name not in movable:
-            raise ModelError(f"joint '{name}' is no movable joint of {path.name}; movable: {', '.join(movable)}.")
+            raise ModelError(f"joint '{name}' is not a movable joint of {path.name}; movable: {', '.join(movable)}.")
     if len(set(joints)) != len(joints):
         raise ModelError(f"the joints that the model names of {path.name} are not unique: {', '.join(joints)}.")
     children: dict[str, list[yourdfpy.Joint]] = {}
@@ -117,7 +117,7 @@ def build_tree(
     for name in end_effectors:
         if name not in frames or frames[name][0] == WORLD:
             moving = [link for link, frame in frames.items() if frame[0] != WORLD]
-            raise ModelError(f"end effector '{name}' is no moving link of {path.name}; moving: {', '.join(moving)}.")
+            raise ModelError(f"end effector '{name}' is not a moving link of {path.name}; moving: {', '.join(moving)}.")
     arm = _arms(parent, coordinate, len(joints))
     tips = {name: frames[name] for name in end_effectors} or _outermost(frames, arm, coordinate)
     return KinematicTree(
@@ -171,14 +171,16 @@ def _check_bodies(rows: list[dict], path: Path) -> None:
     for row in rows:
         if not np.isfinite(row["mass"]) or row["mass"] <= 0:
             raise ModelError(
-                f"{path.name}: what joint '{row['name']}' moves has mass {row['mass']:g}; give it a positive mass."
+                f"{path.name}: the links moved by joint '{row['name']}' have mass {row['mass']:g}; give them a positive mass."
             )
         centre = row["first_moment"] / row["mass"]
         about_com = row["inertia"] - row["mass"] * (centre @ centre * np.eye(3) - np.outer(centre, centre))
         if not np.all(np.isfinite(about_com)) or np.linalg.eigvalsh(about_com).min() < -1e-9 * (
             1 + np.trace(row["inertia"])
         ):
-            raise ModelError(f"{path.name}: what joint '{row['name']}' moves has an inertia that no body can have.")
+            raise ModelError(
+                f"{path.name}: the links moved by joint '{row['name']}' have an inertia that no body can have."
+            )
 
 
 def _limits(by_name, joints, normalised) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

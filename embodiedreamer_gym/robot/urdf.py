@@ -30,7 +30,7 @@ def read_xml(urdf: str | Path) -> ElementTree.Element:
     try:
         root = ElementTree.fromstring(data)  # yourdfpy's parser would silently repair broken XML
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise ModelError(f"{name} cannot be read: it is no XML: {' '.join(str(error).split())}.") from error
+        raise ModelError(f"{name} cannot be read: it is not XML: {' '.join(str(error).split())}.") from error
     if root.tag != "robot":
         raise ModelError(f"{name} cannot be read: its root is <{root.tag}>, not <robot>.")
     level = [root]
@@ -91,9 +91,7 @@ def _check_names(robot: yourdfpy.Robot, path: Path) -> None:
     if not robot.links:
         raise ModelError(f"URDF {path} holds no link.")
     if len(robot.joints) > MOST_JOINTS:
-        raise ModelError(
-            f"{path.name} has {len(robot.joints)} joints; more than {MOST_JOINTS} are no robot of this kind."
-        )
+        raise ModelError(f"{path.name} has {len(robot.joints)} joints; at most {MOST_JOINTS} are supported.")
     links = {link.name for link in robot.links}
     for what, names in (("links", [k.name for k in robot.links]), ("joints", [j.name for j in robot.joints])):
         for name, count in Counter(names).items():
@@ -134,8 +132,8 @@ def _check_numbers(robot: yourdfpy.Robot, path: Path) -> None:
         far = 0.0 if joint.origin is None else np.abs(joint.origin[:3, 3]).max()
         if far > FARTHEST:
             raise ModelError(
-                f"{path.name}: the origin of joint '{joint.name}' is {far:g} m away; at most "
-                f"{FARTHEST:g} m is taken. URDF lengths are in metres."
+                f"{path.name}: the origin of joint '{joint.name}' is {far:g} m away; at most {FARTHEST:g} m is "
+                "accepted. URDF lengths are in metres."
             )
         if joint.type in MOVABLE and (np.shape(joint.axis) != (3,) or not np.linalg.norm(joint.axis) > 0):
             raise ModelError(f"joint '{joint.name}' of {path.name} has an axis of length zero.")

@@ -51,9 +51,9 @@ def _inertias(robot: yourdfpy.Robot, path: Path) -> str:
     else:
         return ""
     return (
-        f"{path.name}: {what}, which looks like placeholders: gravity and inertia would not be the robot's, and a payload, torque "
-        "bias, joint spring or rotor inertia that is named may only make up for them; take them from CAD, or give "
-        "--urdf-trust 100,50,100"
+        f"{path.name}: {what}, which looks like placeholders: simulated gravity and inertia would be wrong, and an "
+        "identified payload, torque bias, joint spring or rotor inertia may only compensate for that; take them from "
+        "CAD, or give --urdf-trust 100,50,100"
     )
 
 
@@ -76,9 +76,9 @@ def _gyration(robot: yourdfpy.Robot, path: Path) -> str:
     if not odd:
         return ""
     return (
-        f"{path.name}: inertia and mass of {', '.join(odd[:4])}{' and others' if len(odd) > 4 else ''} do not fit each other, by "
-        "the radius of gyration: check the units (kg, kg m^2); quick motion is simulated wrongly, and a rotor inertia that is named "
-        "may only make up for it"
+        f"{path.name}: inertia and mass of {', '.join(odd[:4])}{' and others' if len(odd) > 4 else ''} do not fit "
+        "each other, by the radius of gyration: check the units (kg, kg m^2); quick motion is simulated wrongly, and "
+        "an identified rotor inertia may only compensate for that"
     )
 
 
@@ -91,6 +91,7 @@ def _meshes(robot: yourdfpy.Robot, path: Path) -> str:
     if not missing:
         return ""
     return (
-        f"{path.name}: {len(missing)} of {len(names)} meshes are not found ({missing[0]}): no verdict depends on them, but pictures "
-        "lack these shapes, and `excite` cannot keep clear of them; put them beside the URDF"
+        f"{path.name}: {len(missing)} of {len(names)} meshes are not found ({missing[0]}): results do not depend on "
+        "them, but pictures lack these shapes, and `excite` cannot avoid collisions with them; put them beside the "
+        "URDF"
     )

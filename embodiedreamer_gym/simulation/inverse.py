@@ -41,7 +41,7 @@ def run_sets(
         return simulate_sets(model, recordings, sets, dt, hold)
     if len(without) < len(recordings):
         raise SimulationError(
-            f"recording {without[0].name} holds no command but others do; give logs of one sort at a time."
+            f"recording {without[0].name} has no command but others have one; give either logs with commands or logs without."
         )
     return [inverse_sets(model, recording, sets) for recording in recordings]
 

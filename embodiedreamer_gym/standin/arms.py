@@ -134,7 +134,7 @@ def arm_urdf(name: str) -> str:
 
 def _find(name: str) -> tuple[_Link, ...]:
     if name not in _ARMS:
-        raise ModelError(f"there is no stand-in arm '{name}'; there are {', '.join(_ARMS)}.")
+        raise ModelError(f"there is no stand-in arm '{name}'; give one of {', '.join(_ARMS)}.")
     return _ARMS[name]
 
 

@@ -214,7 +214,7 @@ def _names(effect: str | Sequence[str] | None) -> tuple[str, ...]:
 
 def _motion(kind: str, span: Span, rng: np.random.Generator, seconds: float) -> Motion:
     if kind not in MOTIONS:
-        raise ModelError(f"there is no motion '{kind}'; there are {', '.join(MOTIONS)}.")
+        raise ModelError(f"there is no motion '{kind}'; give one of {', '.join(MOTIONS)}.")
     return MOTIONS[kind](span, rng, seconds)
 
 

@@ -110,7 +110,7 @@ def draw_values(
 ) -> dict[str, Array]:
     """Values of the effect's parameters (n,) or (arms,); joints, arms: numbers of those on which it may act."""
     if effect not in SIZES:
-        raise EffectError(f"there are no cases of '{effect}'; there are {', '.join(SIZES)}.")
+        raise EffectError(f"there are no cases of '{effect}'; give one of {', '.join(SIZES)}.")
     if effect in PER_ARM:
         where, size = arms, np.ones(len(nominal.end_effectors))
     else:

@@ -32,7 +32,7 @@ class Tracker:
 
     def __init__(self, model: RobotModel, hz: float, mode: str = "both", reference: RobotModel | None = None) -> None:
         if mode not in MODES:
-            raise ModelError(f"mode '{mode}' is none of {', '.join(MODES)}.")
+            raise ModelError(f"mode '{mode}' is not one of {', '.join(MODES)}.")
         if reference is not None and reference.joints != model.joints:
             raise ModelError(f"reference {reference.name} and model {model.name} have different joints.")
         self.model, self.mode, self.dt = model, mode, 1.0 / hz

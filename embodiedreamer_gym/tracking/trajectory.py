@@ -101,8 +101,9 @@ def track(model: RobotModel, trajectory: Recording) -> Tracked:
     if len(out):
         k, j = out[0]
         raise ModelError(
-            f"{trajectory.source or trajectory.name}: {model.joints[j]} is wanted at {wanted[k, j]:.4g} after "
-            f"{trajectory.time[k] - trajectory.time[0]:.2f} s, outside its limits {tree.lower[j]:.4g} .. {tree.upper[j]:.4g}."
+            f"{trajectory.source or trajectory.name}: {model.joints[j]} should be at {wanted[k, j]:.4g} after "
+            f"{trajectory.time[k] - trajectory.time[0]:.2f} s, outside its limits {tree.lower[j]:.4g} .. "
+            f"{tree.upper[j]:.4g}."
         )
     heard, lead, short = _heard(model, trajectory)
     command, limited = _sent(model, trajectory, heard, lead)

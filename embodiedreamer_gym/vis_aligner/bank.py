@@ -128,7 +128,7 @@ class Bank:
         if condition.moving_camera:
             if self.moving is None:
                 raise VisionError(
-                    "the bank has no photos by a camera that moves; make it again with `embodiedreamer vis bank --moving`."
+                    "the bank has no photos of a moving camera; make it again with `embodiedreamer vis bank --moving`."
                 )
             return compose_view(self.moving, condition, (*CLASS_NAMES[:OBJECT], *self.props))
         picture, classes = self.plate.astype(np.float32), condition.classes[0]
@@ -191,7 +191,7 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
     Raises: VisionError without an episode, or where sizes differ.
     """
     if not episodes:
-        raise VisionError("a reference bank is made of at least one episode.")
+        raise VisionError("a reference bank needs at least one episode.")
     firsts = np.stack([e.frames[0] for e in episodes])
     classes = np.stack([e.condition.classes[0] for e in episodes])
     free = np.ma.masked_array(firsts, np.repeat((classes >= OBJECT)[..., None], 3, axis=3))
@@ -220,12 +220,13 @@ def _by_place(episodes: Sequence[Episode], more: Sequence[Episode]) -> tuple[lis
     for episode in episodes:
         if episode.appearance != place:
             raise VisionError(
-                f"{episodes[0].name} and {episode.name} show the bench from two places of the camera, or two benches; a "
-                "bank is of one, so give the episodes of the other place with --more, which takes the robot from them."
+                f"{episodes[0].name} and {episode.name} show two benches, or one bench from two camera places; a bank "
+                "has one of each. Give the episodes of the other place with --more, which uses only their photos of "
+                "the robot."
             )
     for episode in more:
         if bench_of(episode) != bench:
-            raise VisionError(f"{episodes[0].name} and {episode.name} show two benches; a bank is of one.")
+            raise VisionError(f"{episodes[0].name} and {episode.name} show two benches; a bank has only one.")
     elsewhere = [one for one in more if one.appearance != place]
     return [*episodes, *(one for one in more if one.appearance == place)], elsewhere
 

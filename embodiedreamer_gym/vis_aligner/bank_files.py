@@ -73,10 +73,10 @@ def load_bank(path: str | Path) -> Bank:
     try:
         arrays = _arrays(path)
         if int(version := arrays.get("version", np.array(1))) > VERSION:
-            raise ValueError(f"it is of version {int(version)}, and this package reads versions up to {VERSION}")
+            raise ValueError(f"it has version {int(version)}, but this package reads versions up to {VERSION}")
         frames, plate = arrays["frames"], arrays["plate"]
         if frames.ndim != 4 or plate.shape != frames.shape[1:] or {frames.dtype, plate.dtype} != {np.dtype(np.uint8)}:
-            raise ValueError("its photos are not (N, H, W, 3) uint8 beside a plate of their size")
+            raise ValueError("its photos are not (N, H, W, 3) uint8 with a plate of the same size")
         names = [key.removeprefix("pose.") for key in arrays if key.startswith("pose.")]
         entries = []
         for i, (frame, classes) in enumerate(zip(frames, arrays["classes"], strict=True)):
@@ -87,7 +87,9 @@ def load_bank(path: str | Path) -> Bank:
         return Bank(plate, tuple(entries), _bench(arrays), _moving(arrays))
     except (OSError, LookupError, TypeError, ValueError, AttributeError, EOFError, RuntimeError, zlib.error,
             zipfile.BadZipFile, SyntaxError, tokenize.TokenError) as error:  # fmt: skip
-        raise VisionError(f"{path} is no reference bank ({error}); make one with `embodiedreamer vis bank`.") from error
+        raise VisionError(
+            f"{path} is not a reference bank ({error}); make one with `embodiedreamer vis bank`."
+        ) from error
 
 
 def _arrays(path: str | Path) -> dict[str, Array]:

@@ -34,7 +34,7 @@ def make_bench(episodes: Sequence[Episode], elsewhere: Sequence[Episode] = ()) -
     Raises: VisionError without an episode, or where sizes differ.
     """
     if len({e.condition.size for e in (*episodes, *elsewhere)}) != 1 or not episodes:
-        raise VisionError("a bench is known from at least one episode, and from episodes of one size.")
+        raise VisionError("a bench needs at least one episode, and all episodes must have the same picture size.")
     frames, views, links = _photos(episodes)
     light = fit_light(frames, views)
     gallery = make_gallery([*episodes, *elsewhere]) if elsewhere else _gallery(frames, views, links)

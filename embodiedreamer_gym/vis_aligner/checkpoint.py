@@ -44,7 +44,7 @@ def load_lean(path: str | Path) -> tuple[Lean, int]:
         raise VisionError(
             f"aligner {path} does not exist; give 'lean', a file of `embodiedreamer vis train`, or a folder."
         )
-    damaged = VisionError(f"{path} is no lean model of this version: damaged, or another file.")
+    damaged = VisionError(f"{path} is not a lean model of this version; it is damaged or another kind of file.")
     data = read_state(path, damaged)
     try:
         config: dict[str, Any] = dict(data["config"])
@@ -87,7 +87,7 @@ def check_lean(svd: SvdSettings | None, name: str, kind: str = "lean") -> None:
     """Raises: VisionError where settings of a diffusers model are given for a model of another kind."""
     if svd is not None:
         raise VisionError(
-            f"bf16, gradient checkpointing and decode_chunk_size are for svd aligners, and {name} is {kind}; leave them out."
+            f"bf16, gradient checkpointing and decode_chunk_size are only for svd aligners, but {name} is {kind}; leave them out."
         )
 
 

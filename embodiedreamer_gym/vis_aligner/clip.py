@@ -73,15 +73,15 @@ class Bench:
 
     def __post_init__(self) -> None:
         if self.grain is not None and not 0 <= self.grain <= MOST_GRAIN:
-            raise VisionError(f"a sensor's grain is 0 to {MOST_GRAIN:.0f} of 255, not {self.grain:.4g}.")
+            raise VisionError(f"a sensor's grain must be from 0 to {MOST_GRAIN:.0f} of 255, not {self.grain:.4g}.")
         if self.light is not None and self.light.receivers.shape != self.seen.shape:
             raise VisionError(
                 f"a bench of {self.seen.shape} needs light of that size, not {self.light.receivers.shape}."
             )
         if self.picture.dtype != np.uint8 or self.picture.shape != (*self.seen.shape, 3):
             raise VisionError(
-                f"a bench's picture must be (H, W, 3) uint8 with (H, W) of where it is known, not {self.picture.shape} "
-                f"{self.picture.dtype} with {self.seen.shape}."
+                "a bench's picture must be (H, W, 3) uint8 with a mask (H, W) of its known pixels, not "
+                f"{self.picture.shape} {self.picture.dtype} with {self.seen.shape}."
             )
 
     def over(self, plate: Array, seen: Array) -> tuple[Array, Array]:
@@ -137,7 +137,7 @@ class References:
         if frame.shape != condition.rgb.shape[1:] or frame.dtype != np.uint8:
             width, height = condition.size
             raise VisionError(
-                f"the reference must be ({height}, {width}, 3) uint8 as the simulated frames, not {frame.shape} {frame.dtype}."
+                f"the reference must be ({height}, {width}, 3) uint8 like the simulated frames, not {frame.shape} {frame.dtype}."
             )
         free = condition.free[-1]
         first = condition.part(len(condition) - 1, len(condition))

@@ -46,7 +46,7 @@ class Condition:
         for name, array in (("classes", self.classes), ("depth", self.depth), ("parts", self.parts),
                             ("shade", self.shade)):  # fmt: skip
             if array is not None and array.shape != self.rgb.shape[:3]:
-                raise VisionError(f"{name} must be {self.rgb.shape[:3]} as the simulated frames, not {array.shape}.")
+                raise VisionError(f"{name} must be {self.rgb.shape[:3]} like the simulated frames, not {array.shape}.")
 
         if (self.parts is None) != (self.projections is None) or (self.parts is not None and self.depth is None):
             raise VisionError("rigid parts need their projections and depth; give all three, or depth alone, or none.")
@@ -59,7 +59,7 @@ class Condition:
             or len(self.hulls) != self.projections.shape[1]
         ):  # fmt: skip
             count = 0 if self.projections is None else self.projections.shape[1]
-            raise VisionError(f"hulls must be ({count}, P, 3), one of each rigid part, not {self.hulls.shape}.")
+            raise VisionError(f"hulls must be ({count}, P, 3), one for each rigid part, not {self.hulls.shape}.")
 
     def __len__(self) -> int:
         return len(self.rgb)

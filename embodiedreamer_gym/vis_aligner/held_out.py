@@ -52,7 +52,9 @@ def evaluate_aligner(
     k = aligner.chunk
     most = (len(episode) - 1) // k
     if most < 1:
-        raise VisionError(f"{episode.name} has {len(episode)} frames; a reference and one chunk are {k + 1}.")
+        raise VisionError(
+            f"{episode.name} has {len(episode)} frames; at least {k + 1} are needed (a reference and one chunk)."
+        )
     count = k * (most if chunks is None else min(chunks, most))
     episode = episode.lit(bench)
     part = episode.condition.part
@@ -77,7 +79,8 @@ def tables(results: Sequence[HeldOutResult], markdown: bool = False) -> str:
     drifting = {name: row for name, row in rows.items() if name in (AFTER_TRUE, CLOSED, "copy last")}
     shares = ", ".join(f"{j.episode.name} {j.unclassed_share:.1%}" for j in results[:MOST_NAMED])
     unclassed = (
-        f"moves and is neither robot nor object, share of the pixels: {shares}{', ...' * (len(results) > MOST_NAMED)}"
+        "share of pixels that show something moving that is neither robot nor object: "
+        f"{shares}{', ...' * (len(results) > MOST_NAMED)}"
     )
     return (
         f"{metrics.table(rows, markdown=markdown)}\n\n{metrics.drift_table(drifting, markdown=markdown)}\n\n{unclassed}"

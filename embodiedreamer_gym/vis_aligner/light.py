@@ -45,10 +45,10 @@ class Light:
         numbers = self.positions, self.strengths, self.plane.normal, np.array(self.plane.offset), self.matrix
         if not all(np.isfinite(x).all() for x in numbers) or abs(np.linalg.det(self.matrix)) < 1e-6:
             raise VisionError(
-                "a light's positions, strengths, plane and matrix must be finite numbers of a real camera."
+                "a light's positions, strengths, plane and matrix must be finite, and the matrix invertible."
             )
         if self.strengths.min() < 0 or self.strengths.sum() <= 0 or self.plane.heights(self.positions).min() <= 0:
-            raise VisionError("a light's strengths must not be negative, and its positions above the table.")
+            raise VisionError("a light's strengths must not be negative, and its positions must be above the table.")
 
     def __repr__(self) -> str:
         return f"Light({len(self.strengths)} points)"
@@ -70,7 +70,7 @@ class Light:
         """
         if condition.size != self.size or condition.hulls is None:
             raise VisionError(
-                f"the light is known of pictures of {self.size}, with hulls; the condition is {condition.size}."
+                f"the light needs a condition of size {self.size} with hulls; the condition has size {condition.size}."
             )
         points = hulls_before_camera(condition, self.matrix)
         shade = np.zeros(condition.classes.shape, np.float32)

@@ -28,10 +28,10 @@ def make_moving_bench(episodes: Sequence[Episode]) -> Bench:
     Raises: VisionError without an episode, where sizes differ, or where a camera does not move.
     """
     if len({e.condition.size for e in episodes}) != 1:
-        raise VisionError("a bench is known from at least one episode, and from episodes of one size.")
+        raise VisionError("a bench needs at least one episode, and all episodes must have the same picture size.")
     for episode in episodes:
         if not episode.condition.moving_camera:
-            raise VisionError(f"{episode.name}: the camera stands still, or the parts that it sees are not known.")
+            raise VisionError(f"{episode.name}: the camera does not move, or the parts that it sees are not known.")
     photos = [(e.frames[at], e.condition.part(at, at + 1)) for e in episodes for at in range(len(e))]
     nothing = np.zeros(episodes[0].frames.shape[1:], np.uint8)
     some = np.unique(np.linspace(0, len(photos) - 1, ALL).round().astype(int))

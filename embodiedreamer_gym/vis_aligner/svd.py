@@ -54,7 +54,7 @@ def load_svd(folder: str | Path, steps: int | None = None, seed: int = 0, device
     chunk = stored.get("chunk", 24) if isinstance(stored, dict) else None
     if type(chunk) is not int or not 1 <= chunk <= MOST_FRAMES:
         raise VisionError(
-            f"{folder / SETTINGS} must be a JSON object whose chunk is a whole number of 1 to {MOST_FRAMES}."
+            f"{folder / SETTINGS} must be a JSON object whose chunk is a whole number from 1 to {MOST_FRAMES}."
         )
     if stored.get("prediction") != PREDICTION:
         raise VisionError(
@@ -65,7 +65,7 @@ def load_svd(folder: str | Path, steps: int | None = None, seed: int = 0, device
     unet, vae = (_load_part(kind, folder / name).to(where) for kind, name in ((unet_kind, "unet"), (vae_kind, "vae")))
     if 2 ** (len(vae.config.down_block_types) - 1) != CELL:
         raise VisionError(
-            f"{folder / 'vae'} is no autoencoder of Stable Video Diffusion, whose latents are {CELL} pixels wide."
+            f"{folder / 'vae'} is not an autoencoder of Stable Video Diffusion, whose latents are {CELL} pixels wide."
         )
     return SvdAligner(unet, vae, chunk, STEPS if steps is None else steps, seed, folder.name, settings)
 
@@ -83,7 +83,7 @@ def _load_part(kind: Any, folder: Path) -> Any:
         with torch.device("meta"):  # takes no memory
             count = sum(weight.numel() for weight in kind.from_config(config).parameters())
         if count > sum(path.stat().st_size for path in folder.glob("*.safetensors")):  # a weight has a byte or more
-            raise ValueError(f"{folder.name}/config.json asks for {count} weights, its files are smaller")
+            raise ValueError(f"{folder.name}/config.json asks for {count} weights, but its files are smaller")
         options = {"use_safetensors": True, "torch_dtype": torch.float32, "low_cpu_mem_usage": False}
         return kind.from_pretrained(str(folder), local_files_only=True, **options)
     except (

@@ -77,8 +77,8 @@ class SvdAligner:
             widen(unet, wide)
         if unet.config.in_channels != wide:
             raise VisionError(
-                f"the U-Net takes {unet.config.in_channels} channels; for {latent} channels of a latent it must take {plain}, as "
-                f"Stable Video Diffusion, or {wide}, as an svd aligner."
+                f"the U-Net has {unet.config.in_channels} input channels; for latents of {latent} channels it needs "
+                f"{plain} (Stable Video Diffusion) or {wide} (svd aligner)."
             )
         self.network, self.vae = unet, vae.requires_grad_(False).eval()
         self.chunk, self.steps, self.seed, self.name = chunk, steps, seed, name
@@ -145,7 +145,7 @@ class SvdAligner:
         """
         check_batch(references, conditions)
         if any(n % CELL for n in conditions[0].size):
-            raise VisionError(f"the svd aligner takes sizes that are multiples of {CELL}, not {conditions[0].size}.")
+            raise VisionError(f"the svd aligner needs sizes that are multiples of {CELL}, not {conditions[0].size}.")
         clips, blank = [], []
         for reference, condition in zip(references, conditions, strict=True):
             lit = reference.lit(condition)

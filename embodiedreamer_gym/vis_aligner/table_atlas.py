@@ -41,8 +41,8 @@ class TableAtlas:
     def __post_init__(self) -> None:
         if self.picture.dtype != np.uint8 or self.picture.shape != (*self.seen.shape, 3) or self.corner.shape != (2,):
             raise VisionError(
-                f"an atlas is (h, w, 3) uint8 with (h, w) of where it is known and a corner (2,), not {self.picture.shape} "
-                f"{self.picture.dtype}, {self.seen.shape} and {self.corner.shape}."
+                "an atlas must be (h, w, 3) uint8 with a mask (h, w) of its known pixels and a corner (2,), not "
+                f"{self.picture.shape} {self.picture.dtype}, {self.seen.shape} and {self.corner.shape}."
             )
         if not (np.isfinite(self.corner).all() and np.isfinite(self.height)):
             raise VisionError("an atlas' corner and height must be finite numbers.")

@@ -160,7 +160,7 @@ class AlignerTraining(Training):
         """Restore the positions from `state`."""
         positions = [None if one is None else Position(**one) for one in state["positions"]]
         if len(positions) != self.config.batch:
-            raise ValueError("positions of another batch")
+            raise ValueError("positions belong to another batch")
         for one in positions:
             if one is not None:
                 episode = self.episodes[one.episode]
@@ -168,7 +168,7 @@ class AlignerTraining(Training):
                     x for x in (one.last, one.plate) if x is not None and x.numpy().shape != episode.frames.shape[1:]
                 ]
                 if wrong or not 0 <= one.at < len(episode) - self.aligner.chunk:
-                    raise ValueError("a position outside its episode")
+                    raise ValueError("a position is outside its episode")
         if self.processes.count == 1:
             self.positions = positions
 
@@ -203,7 +203,7 @@ def train(aligner: Trainable, episodes: Sequence[Episode], config: TrainingConfi
         try:
             Path(folder).mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise VisionError(f"{folder} cannot be made a folder: {error.strerror}; give another place.") from error
+            raise VisionError(f"the folder {folder} cannot be created: {error.strerror}; give another one.") from error
         if (Path(folder) / CHECKPOINT).is_file():
             training.load(Path(folder) / CHECKPOINT)
         train_in_folder(training, folder, report)

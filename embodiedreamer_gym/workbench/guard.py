@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 from embodiedreamer_gym.errors import EmbodieDreamerError
 
-REFUSED = "This address, or the page that asks, is not that of the workbench.\n"
+REFUSED = "Request refused: its Host or Origin header is not that of the workbench.\n"
 
 
 def is_loopback(host: str) -> bool:
@@ -65,7 +65,7 @@ def refusing_others(host: str) -> Iterator[None]:
     finally:
         server.serve = serve
     if not guards:
-        raise EmbodieDreamerError("this version of viser cannot be kept from answering other pages; install viser 1.1.")
+        raise EmbodieDreamerError("this version of viser cannot refuse requests from other pages; install viser 1.1.")
 
 
 def _websockets() -> Any:

@@ -53,7 +53,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
                 raise SimulationError(f"{text}, not {brief(count)}.")
         one = env.action_space
         if not isinstance(one, spaces.Box):
-            raise SimulationError(f"ActionChunk takes actions that are arrays, not a {type(one).__name__}.")
+            raise SimulationError(f"ActionChunk needs actions that are arrays, not a {type(one).__name__}.")
         self.k, self.every, self.cameras = int(k), int(every), _cameras(env, camera)
         inner = chunks_inside(env)
         self._chunked = inner is not None
@@ -82,9 +82,9 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         own, wanted = self.size or getattr(self.unwrapped, "image_size", None), _cameras(self.env, camera)
         if self.cameras and (self.cameras, own, every or self.every) != (wanted, tuple(size), self.every):
             raise SimulationError(
-                f"ActionChunk films {' and '.join(self.cameras)} at {_text(own)} after every {self.every}, and wanted is "
-                f"{' and '.join(wanted)} at {_text(size)} after every {every or self.every}; leave camera, size and every of "
-                "ActionChunk out."
+                f"ActionChunk already films {' and '.join(self.cameras)} at {_text(own)} after every {self.every} "
+                f"actions, but {' and '.join(wanted)} at {_text(size)} after every {every or self.every} actions is "
+                "requested; do not set camera, size and every of ActionChunk."
             )
         if not self.cameras:
             self.cameras, self.size, self.every = wanted, check_size("size", size), every or self.every

@@ -41,10 +41,10 @@ class CalibratedTracking(gym.Wrapper, gym.utils.RecordConstructorArgs):
                 f"CalibratedTracking reads the encoders of ALOHA environments, not of {type(aloha).__name__}."
             )
         if not isinstance(space, spaces.Box) or len(space.shape) != 1:
-            raise SimulationError("CalibratedTracking takes single actions; put ActionChunk around it, not inside.")
+            raise SimulationError("CalibratedTracking needs single actions; put ActionChunk around it, not inside.")
         loaded = _loaded(model)
         if loaded.joints != aloha.robot.joints:
-            raise ModelError(f"model {loaded.name} has other joints than the environment's {aloha.robot.name}.")
+            raise ModelError(f"model {loaded.name} has different joints than the environment's {aloha.robot.name}.")
         known = None if reference is None else _loaded(reference)
         self.tracker = Tracker(loaded, aloha.control_hz, mode, known)
         self._aloha, self._space = aloha, space

@@ -23,8 +23,9 @@ class FlattenCameras(gym.ObservationWrapper, gym.utils.RecordConstructorArgs):
         gym.ObservationWrapper.__init__(self, env)
         if not isinstance(env.observation_space, spaces.Dict):
             raise SimulationError(
-                f"FlattenCameras takes observations that are dictionaries, not a {type(env.observation_space).__name__}; "
-                "make the environment with several cameras, or leave the wrapper out."
+                "FlattenCameras needs observations that are dictionaries, not a "
+                f"{type(env.observation_space).__name__}; make the environment with several cameras, or leave the "
+                "wrapper out."
             )
         self.observation_space = spaces.Dict(_flat(env.observation_space))
 

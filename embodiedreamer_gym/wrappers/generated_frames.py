@@ -28,7 +28,7 @@ class GeneratedFrames:
         known = None if bank.bench is None else bank.bench.grain
         if grain and known is None:
             raise VisionError(
-                "the bank does not know its sensor's grain; make it again with `embodiedreamer vis bank`."
+                "the bank does not contain the grain of its sensor; make it again with `embodiedreamer vis bank`."
             )
         self._grain = float(known or 0.0) if grain else 0.0
         self._rngs = [np.random.default_rng() for _ in range(count)]

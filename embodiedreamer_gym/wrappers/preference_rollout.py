@@ -39,7 +39,7 @@ class _Rollouts:
         if not 0 <= noise < np.inf:
             raise SimulationError(f"noise is {noise}, but must be 0 or more, in the policy's normalised units.")
         if per not in NOISE_PER:
-            raise SimulationError(f"noise per '{per}' is none of {', '.join(NOISE_PER)}.")
+            raise SimulationError(f"noise per '{per}' is not one of {', '.join(NOISE_PER)}.")
         self.tries, self.noise, self.per, self.chunks, self.camera = tries, float(noise), per, chunks, camera
 
     def _batched(self) -> Any:
@@ -112,7 +112,7 @@ class _Rollouts:
                 return log.trajectories(jobs, ends)
             if over.any() and getattr(envs, "metadata", {}).get("autoreset_mode") == AutoresetMode.DISABLED:
                 raise SimulationError(
-                    "episodes differ in length, and the vector has autoreset_mode DISABLED; take another."
+                    "episodes differ in length, and the vector has autoreset_mode DISABLED; use another mode."
                 )
         raise SimulationError(
             f"an episode is not over after {limit} chunks; give the environment a time limit, or chunks."

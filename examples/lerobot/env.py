@@ -59,7 +59,7 @@ def make_env(
     """{suite: {task number: n_envs environments}}: all tasks, or the one that cfg.task names, at cfg.fps."""
     wanted = getattr(cfg, "task", None)
     if wanted not in (None, *NAMES):
-        raise ValueError(f"task {wanted!r} is none of {', '.join(NAMES)}.")
+        raise ValueError(f"task {wanted!r} is not one of {', '.join(NAMES)}.")
     kind = partial(gym.vector.AsyncVectorEnv, context="spawn") if use_async_envs else gym.vector.SyncVectorEnv
     same_step = gym.vector.AutoresetMode.SAME_STEP  # LeRobot reads info["final_info"]
     rate = int(getattr(cfg, "fps", 30))

@@ -39,17 +39,17 @@ def change(**fields):
 
 
 WRONG = {
-    "[]": "must be a JSON object", "{": "no JSON object", json.dumps(change(verdict="yes")): "verdict 'yes' is none of",
+    "[]": "must be a JSON object", "{": "not a JSON object", json.dumps(change(verdict="yes")): "verdict 'yes' must be null or one of",
     json.dumps(change(colour=1)): "the field 'colour'", json.dumps(change(case=1)): "case must be a text",
-    json.dumps(change(effects=[])): "needs effects", json.dumps(change(verdict="nothing_missing")): "no effects",
+    json.dumps(change(effects=[])): "needs effects", json.dumps(change(verdict="nothing_missing")): "must not name effects",
     json.dumps(change(effects=[{"name": "a"}, {"name": "a"}])): "twice",
-    json.dumps(change(effects=[{"name": "a", "probability": 2}])): "number of 0 to 1",
+    json.dumps(change(effects=[{"name": "a", "probability": 2}])): "number from 0 to 1",
     json.dumps(change(effects=[{"name": "a", "joints": "tip"}])): "must be a JSON list",
-    json.dumps(change(effects=[{"name": "a", "parameters": {"p": {"j": {"value": 1, "low": 0}}}}])): "both of low and high",
+    json.dumps(change(effects=[{"name": "a", "parameters": {"p": {"j": {"value": 1, "low": 0}}}}])): "both low and high",
     json.dumps(change(effects=[{"name": "a", "parameters": {"p": {"j": {"value": 1, "low": 2, "high": 1}}}}])): "above its high",
     json.dumps(change(predictions={"slow-1": "../truth.csv"})): "below the answers' folder",
     json.dumps(change(predictions={"slow-1": "/etc/passwd"})): "below the answers' folder",
-    json.dumps(change(seconds=float("nan"))): "number of 0", json.dumps(change(entry="a\nb")): "printable", "[" * 100_000: "no JSON object",
+    json.dumps(change(seconds=float("nan"))): "number from 0", json.dumps(change(entry="a\nb")): "printable", "[" * 100_000: "not a JSON object",
 }  # fmt: skip
 
 
@@ -65,7 +65,7 @@ def test_the_command_says_what_is_wrong(made, tmp_path, capsys):
     path = tmp_path / "a.jsonl"
     for text, said in {
         "{}\n": "entry must be",
-        answer_line(Answer("mine", "9999")): "'9999' is none",
+        answer_line(Answer("mine", "9999")): "'9999' is not one",
         "": "no answer",
     }.items():
         path.write_text(text)

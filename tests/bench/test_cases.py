@@ -86,7 +86,7 @@ def test_a_real_robot_counts_by_its_error_alone(tmp_path):
     assert 0 < row["nominal_rms"] < 0.1
 
 
-@pytest.mark.parametrize(("changes", "said"), [({"tiers": ["many"]}, "many"), ({"observations": [""]}, "none of")])
+@pytest.mark.parametrize(("changes", "said"), [({"tiers": ["many"]}, "many"), ({"observations": [""]}, "not one of")])
 def test_a_wrong_choice_is_one_sentence(tmp_path, changes, said):
     with pytest.raises(EmbodieDreamerError, match=said):
         make_cases(tmp_path / "a", tmp_path / "b", 1, **changes)
@@ -94,5 +94,5 @@ def test_a_wrong_choice_is_one_sentence(tmp_path, changes, said):
 
 
 def test_the_truth_may_not_lie_among_the_cases(tmp_path):
-    with pytest.raises(EmbodieDreamerError, match="apart"):
+    with pytest.raises(EmbodieDreamerError, match="must be separate"):
         make_cases(tmp_path / "a", tmp_path / "a" / "truth", 1)

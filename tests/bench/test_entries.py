@@ -105,7 +105,7 @@ def test_a_start_that_is_not_finite_names_its_file(made, tmp_path, capsys):
         main(["bench", "run", "ladder", "--cases", str(tmp_path / "cases"), "--out", str(tmp_path / "a"), "--quiet"])
         == 2
     )
-    assert f"{file} is no case of the benchmark: the start of" in capsys.readouterr().err
+    assert f"{file} is not a case of the benchmark: the start of" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -108,7 +108,7 @@ def test_shards_give_the_same_scores_to_the_byte(made, tmp_path, capsys):
     text = files[0].read_text().replace(made.digest, "0" * 64)
     files[0].write_text(text)
     assert main(["bench", "score", "--truth", str(made.truth), *answers]) == 2
-    assert f"is of another set of cases than {made.truth}" in capsys.readouterr().err
+    assert f"belongs to another set of cases than {made.truth}" in capsys.readouterr().err
     assert main(["bench", "run", "ladder", "--cases", str(made.cases), "--out", str(files[0]), "--quiet"]) == 2
     assert "truth_sha256 is '00000000" in capsys.readouterr().err and files[0].read_text() == text
 
@@ -118,7 +118,7 @@ def test_a_bad_shard_is_one_sentence(text, made, tmp_path, capsys):
     words = ["--cases", str(made.cases), "--out", str(tmp_path / "a.jsonl"), "--shard", text]
     assert main(["bench", "run", "ladder", *words]) == 2
     error = capsys.readouterr().err
-    assert error.startswith("error: argument --shard: ") and "is no shard; give I/N such as 1/4" in error
+    assert error.startswith("error: argument --shard: ") and "is not a shard; give I/N such as 1/4" in error
     assert error.count("\n") == 1 and not list(tmp_path.iterdir())
 
 

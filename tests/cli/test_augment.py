@@ -71,8 +71,8 @@ def test_one_edit_is_no_chain(run) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--copies", "0"], "--copies: 0 is not a whole number of 1 to"),
-        (["--seed", "-1"], "--seed: -1 is not a whole number of 0 to"),
+        (["--copies", "0"], "--copies: 0 is not a whole number from 1 to"),
+        (["--seed", "-1"], "--seed: -1 is not a whole number from 0 to"),
         (["--edit", "paint"], "--edit paint is none of recolour"),
         (["--edit", "inpaint"], "--edit inpaint is none of"),
         (["--edit", "paper:big"], "--edit paper:big is none of"),

@@ -88,7 +88,7 @@ def test_a_gain_belongs_to_the_files_that_are_named(work, logs, capsys) -> None:
         error.append(json.loads(Path("c.json").read_text())["error"]["of"]["soft"])
     assert error[1] == error[2] != error[0]
     wrong = {
-        "x=4": "none of the recordings has such a name",
+        "x=4": "no recording has a name that matches",
         "wave*": "is not PATTERN=X",
         "*=0": "0 is not a number above 0",
     }
@@ -194,7 +194,7 @@ BAD = {
     "xml": "URDF",
     "effect": "known effects: command_delay",
     "bounds": "outside its bounds",
-    "json": "no readable JSON",
+    "json": "not readable JSON",
     "glob": "matches no file",
     "model": "built-in robot",
 }

@@ -43,10 +43,10 @@ def test_what_is_asked_for_is_recorded(tmp_path: Path, monkeypatch: pytest.Monke
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--episodes", "0"), "--episodes: 0 is not a whole number of 1 to"),
+        (("--episodes", "0"), "--episodes: 0 is not a whole number from 1 to"),
         (("--jobs", "0"), "--jobs: 0 is not"),
-        (("--size", "big"), "--size big is no width and height"),
-        (("--cameras", "foot"), "camera 'foot' is none of"),
+        (("--size", "big"), "--size big is not a width and a height"),
+        (("--cameras", "foot"), "camera 'foot' is not one of"),
         (("--task", "Fly-v0"), "there is no task 'Fly'"),
     ],
 )

@@ -56,7 +56,7 @@ def test_a_lerobot_set_in_degrees_with_a_reversed_and_shifted_joint(
     assert main(["compare", "set", "--model", "two.json"]) == 2
     assert "give --units rad" in capsys.readouterr().err
     assert main(["compare", "set", *words[:-1], "elbow"]) == 2 and "elbow=1.57" in capsys.readouterr().err
-    assert main(["compare", "set", *words[:-1], "knee=1"]) == 2 and "none of the motors" in capsys.readouterr().err
+    assert main(["compare", "set", *words[:-1], "knee=1"]) == 2 and "not one of the motors" in capsys.readouterr().err
 
 
 def test_a_log_of_geared_motors_in_ticks(here: Path) -> None:

@@ -180,17 +180,17 @@ def test_temporal_ensembling_asks_at_each_step(still: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--task", "PutCupInSink"), "there is no task 'PutCupInSink'; there are GrabPaperCup"),
-        (("--task", "PutCupOnMat", "--execute", "31"), "of a chunk of 30; give 1 to 30"),
-        (("--task", "PutCupOnMat", "--size", "big"), "--size big is no width and height"),
+        (("--task", "PutCupInSink"), "there is no task 'PutCupInSink'; give one of GrabPaperCup"),
+        (("--task", "PutCupOnMat", "--execute", "31"), "from a chunk of 30; give 1 to 30"),
+        (("--task", "PutCupOnMat", "--size", "big"), "--size big is not a width and a height"),
         (("--task", "PutCupOnMat", "--json", "/no/such/folder/e.json"), "does not exist; make it first"),
         (("--task", "PutCupOnMat", "--json", "/"), "it is a folder; name a file"),
         (("--task", "PutCupOnMat", "--video", __file__), "cannot be written: .* is a file"),
-        (("--task", "PutCupOnMat", "--seed", "-1"), "--seed: -1 is not a whole number of 0 to"),
-        (("--task", "PutCupOnMat", "--policy", "nowhere"), "is no folder and no function"),
+        (("--task", "PutCupOnMat", "--seed", "-1"), "--seed: -1 is not a whole number from 0 to"),
+        (("--task", "PutCupOnMat", "--policy", "nowhere"), "is neither a folder nor a function"),
         (
             ("--task", "PutCupOnMat", "--vis-aligner"),
-            "needs head, left_wrist, and VisAligner generates the head camera only",
+            "needs head, left_wrist, but VisAligner generates only the head camera",
         ),
         (("--task", "PutCupOnMat", "--vis-aligner", "--ensemble", "0.01"), "leave out --ensemble and --size"),
         (("--task", "PutCupOnMat", "--vis-aligner", "--size", "64x48"), "leave out --ensemble and --size"),
@@ -203,7 +203,7 @@ def test_what_cannot_be_evaluated(still: Path, arguments: tuple[str, ...], said:
 
 def test_a_policy_of_another_robot(tmp_path: Path) -> None:
     config = ActConfig(14, 7, ("head",), (16, 12), chunk=2, widths=(8,), width=16, heads=2, feedforward=16, encoders=1)
-    with pytest.raises(PolicyError, match="actions of 7 numbers"):
+    with pytest.raises(PolicyError, match="actions have 7 values"):
         run("evaluate", "--policy", ActPolicy(Act(config)).save(tmp_path), "--task", "PutCupOnMat", "--quiet")
 
 

@@ -193,15 +193,15 @@ def test_the_paper_taken_literally_warns(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--variant", "dpo"], "'dpo' is none of"),
-        (["--fall", "-1"], "--fall: -1 is not a number of 0 to"),
+        (["--variant", "dpo"], "'dpo' is not one of"),
+        (["--fall", "-1"], "--fall: -1 is not a number from 0 to"),
         (["--task", "PutCup"], "there is no task 'PutCup'"),
         (["--json", "nowhere/rows.json"], "nowhere does not exist"),
-        (["--metric", "cup"], "metric 'cup' is none of distance, object_distance, remaining"),
-        (["--tries", "1"], "every start is tried once"),
-        (["--noise", "nan"], "--noise: nan is not a number of 0 to"),
-        (["--margin", "-1"], "--margin: -1 is not a number of 0 to"),
-        (["--seed", "-1"], "--seed: -1 is not a whole number of 0 to"),
+        (["--metric", "cup"], "metric 'cup' is not one of distance, object_distance, remaining"),
+        (["--tries", "1"], "every start is tried only once"),
+        (["--noise", "nan"], "--noise: nan is not a number from 0 to"),
+        (["--margin", "-1"], "--margin: -1 is not a number from 0 to"),
+        (["--seed", "-1"], "--seed: -1 is not a whole number from 0 to"),
         (["--out", f"{__file__}/study"], "py is a file"),
     ],
 )
@@ -216,7 +216,7 @@ def test_bad_options_write_nothing(tmp_path: Path, monkeypatch, words: list[str]
 def test_what_cannot_learn_is_refused(tmp_path: Path) -> None:
     with pytest.raises(PolicyError, match="has no network to fine-tune"):
         run(tmp_path / "study", spec="make_without_network")
-    with pytest.raises(PolicyError, match="gives actions of 3 numbers"):
+    with pytest.raises(PolicyError, match="the policy's actions have 3 values"):
         run(tmp_path / "study", spec="make_for_another_robot")
     assert not (tmp_path / "study").exists()
 
@@ -307,10 +307,10 @@ def test_the_environment_of_the_options(files, envs: int, aligner: str | None, k
     env.close()
     policy.cameras = ("head", "left_wrist")
     a.vis_aligner = files["aligner"]
-    with pytest.raises(PolicyError, match="VisAligner generates the head camera only"):
+    with pytest.raises(PolicyError, match="VisAligner generates only the head camera"):
         environment(a, policy)
     policy.cameras, a.execute = ("head",), CHUNK + 1
-    with pytest.raises(PolicyError, match="5 actions cannot be executed of a chunk of 4"):
+    with pytest.raises(PolicyError, match="5 actions cannot be executed from a chunk of 4"):
         environment(a, policy)
 
 

@@ -91,15 +91,15 @@ def test_a_log_beside_a_video(logs: Path, tmp_path: Path) -> None:
     [
         (["--model", "aloha", "blind.csv"], "blind: the recording has no frames; give --video FILE"),
         (["--model", "aloha", "shot.hdf5", "--camera", "wrist"], "there is no camera 'wrist'; it has head"),
-        (["--model", "aloha", "shot.hdf5", "--joints", "a"], "--joints is for a .urdf"),
+        (["--model", "aloha", "shot.hdf5", "--joints", "a"], "--joints is only for a .urdf"),
         (["--model", "arm.urdf", "shot.hdf5"], "arm.urdf is a URDF; name the logs' columns with --joints"),
         (["--model", "aloha", "shot.hdf5", "--masks", "."], r"holds 0 masks, but shot has 12 frames"),
         (["--model", "aloha", "shot.hdf5", "--video", "a.mp4", "b.mp4"], "2 videos for 1 recordings"),
-        (["--model", "aloha", "shot.hdf5", "--marks", "shot.hdf5"], "is no readable JSON"),
+        (["--model", "aloha", "shot.hdf5", "--marks", "shot.hdf5"], "is not readable JSON"),
         (["--model", "aloha", "shot.hdf5", "--marks", "guess.json"], r"must be {\"marks\""),
-        (["--model", "aloha", "shot.hdf5", "--start", "shot.hdf5"], "is no readable JSON"),
+        (["--model", "aloha", "shot.hdf5", "--start", "shot.hdf5"], "is not readable JSON"),
         (["--model", "aloha", "shot.hdf5", "--out", "none/c.json"], "folder .*none does not exist"),
-        (["--model", "aloha", "shot.hdf5", "--seed", "-1"], "--seed: -1 is not a whole number of 0 to"),
+        (["--model", "aloha", "shot.hdf5", "--seed", "-1"], "--seed: -1 is not a whole number from 0 to"),
         (["--model", "aloha", "missing.hdf5"], "missing.hdf5: there is no such file"),
     ],
 )
@@ -126,7 +126,7 @@ def test_mistakes_are_one_sentence(
         ({"sd": 10**30}, "number 0: sd must be 1 finite numbers"),
         ({"link": 10**30}, "number 0: link must be the name of a link, not 10000"),
         ({"link": "tail"}, "m.json, number 0: the robot has no visible link 'tail'"),
-        ({"recording": "none"}, "are of none of the recordings shot"),
+        ({"recording": "none"}, "belongs to one of the recordings shot"),
     ],
 )
 def test_marks_that_do_not_fit_are_named(logs: Path, tmp_path: Path, change: dict, sentence: str) -> None:

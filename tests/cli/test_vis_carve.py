@@ -26,8 +26,8 @@ TRIANGLE = np.eye(3), np.array([[0, 1, 2]])
         (["--link", "left_link6", "--camera", "nose"], "no camera is named 'nose'; give one of head"),
         (["--link", "left_link6", "--cameras", "c.json"], "no camera is named 'head' or 'head/still'; there are top"),
         (["--link", "left_link6", "--out", "robot.urdf"], "give a file name.json"),
-        (["--link", "left_link6", "--reach", "9"], "--reach: 9 is not a number of 0.05 to 0.5"),
-        (["--link", "left_link6", "--joints", "a"], "--joints is for a .urdf"),
+        (["--link", "left_link6", "--reach", "9"], "--reach: 9 is not a number from 0.05 to 0.5"),
+        (["--link", "left_link6", "--joints", "a"], "--joints is only for a .urdf"),
     ],
 )
 def test_bad_input_is_one_sentence(

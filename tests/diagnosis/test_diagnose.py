@@ -153,7 +153,7 @@ def test_add_effect_shows_before_and_after(friction, model) -> None:
 
 def test_held_out_recordings_are_needed(model) -> None:
     train, _ = logs(model)
-    with pytest.raises(CalibrationError, match="held out"):
+    with pytest.raises(CalibrationError, match="held-out recordings"):
         diagnose(model, train, Recordings([]))
 
 

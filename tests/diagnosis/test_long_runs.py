@@ -102,6 +102,6 @@ def test_what_is_no_refit_cache_is_refused(question, tmp_path) -> None:
     model, train, test, catalogue = question
     path = tmp_path / "notes.txt"
     path.write_text("shopping list\n")
-    with pytest.raises(CalibrationError, match="is no refit cache"):
+    with pytest.raises(CalibrationError, match="is not a refit cache"):
         diagnose(model, train, test, catalogue, refit_cache=path)
     assert path.read_text() == "shopping list\n"

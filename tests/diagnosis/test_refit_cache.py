@@ -37,7 +37,7 @@ def test_a_line_with_wrong_values_is_refused(change: dict, question, tmp_path) -
     RefitCache(path, *question).keep("fit", np.array([1.0]), None)
     row = json.loads(path.read_text()) | change
     path.write_text(json.dumps(row) + "\n")
-    with pytest.raises(CalibrationError, match="is no refit cache"):
+    with pytest.raises(CalibrationError, match="is not a refit cache"):
         RefitCache(path, *question)
 
 
@@ -45,7 +45,7 @@ def test_a_line_with_wrong_values_is_refused(change: dict, question, tmp_path) -
 def test_a_file_that_is_no_cache_is_refused_and_stays(data: bytes, question, tmp_path) -> None:
     path = tmp_path / "refits.jsonl"
     path.write_bytes(data)
-    with pytest.raises(CalibrationError, match="is no refit cache"):
+    with pytest.raises(CalibrationError, match="is not a refit cache"):
         RefitCache(path, *question)
     assert path.read_bytes() == data
 
@@ -59,7 +59,7 @@ def test_a_folder_in_its_place_is_one_sentence(question, tmp_path) -> None:
     "old", [{"rng": np.random.default_rng(0)}, {"journal": "refits.jsonl"}], ids=["rng", "journal"]
 )
 def test_former_arguments_work_with_a_warning(old: dict, question) -> None:
-    with pytest.warns(DeprecationWarning, match="is now"), pytest.raises(CalibrationError, match="held out"):
+    with pytest.warns(DeprecationWarning, match="is now"), pytest.raises(CalibrationError, match="held-out recordings"):
         diagnose(question[0], [], [], **old)
 
 

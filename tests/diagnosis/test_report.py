@@ -199,7 +199,7 @@ def test_a_page_of_a_diagnosis(arm, delayed, logs, tmp_path) -> None:
             ("command_delay", "payload"),
             "delay on shoulder or payload on shoulder; these recordings",
         ),
-        ("nothing_missing", (), "Nothing is missing"),
+        ("nothing_missing", (), "These recordings show no missing effect"),
         ("unknown", (), "no known effect explains"),
     ],
 )

@@ -41,7 +41,7 @@ def test_one_held_out_recording_is_learned_from_where_only_these_show_the_error(
     found = diagnose(arm, slow, fast, catalogue=KNOWN, jobs=1)
     assert found.effects == ("command_rate_limit",) and found.joints["command_rate_limit"] == ("shoulder",)
     assert found.parameters["command_rate_limit"]["shoulder"]["value"] == pytest.approx(1.2, rel=0.02)
-    assert any("wave_6 was learned from too" in note for note in found.notes)
+    assert any("wave_6 was moved to the training recordings" in note for note in found.notes)
     assert found.learned_from == ("wave_6",) and found.as_dict()["learned_from"] == ["wave_6"]
 
 
@@ -49,13 +49,13 @@ def test_the_parts_stay_where_the_training_motion_shows_the_error(arms) -> None:
     arm, limited = arms
     found = diagnose(arm, logs(limited, (1.2, 1.6)), logs(limited, (1.2, 1.6), first=5), catalogue=KNOWN, jobs=1)
     assert found.effects == ("command_rate_limit",)
-    assert not any("learned from too" in note for note in found.notes)
+    assert not any("moved to the training recordings" in note for note in found.notes)
 
 
 def test_the_only_held_out_recording_stays_held_out(arms) -> None:
     arm, limited = arms
     found = diagnose(arm, logs(limited, (0.2, 0.25)), logs(limited, (1.2,), first=5), catalogue=KNOWN, jobs=1)
-    assert not any("learned from too" in note for note in found.notes)
+    assert not any("moved to the training recordings" in note for note in found.notes)
 
 
 def test_what_no_search_can_find_is_not_searched_for(arms, monkeypatch) -> None:

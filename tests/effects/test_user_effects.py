@@ -145,21 +145,21 @@ BROKEN = {
     "mechanics, mass without inertia": ("mechanics", "add_point_mass", effect(
         "MechanicsChange", "change", " mechanics.mass[:, 0] += p.size[:, 0]",
         " mechanics.first_moment[:, 0] += p.size[:, :1] * np.array([0.3, 0.0, 0.0])")),
-    "a declaration without a name": ("declaration", "effect Mine has as its name None",
+    "a declaration without a name": ("declaration", "effect Mine has the name None",
                                      law("load", " return signal + p.size, memory").replace('name = "mine"', "")),
     "a name of two words": ("declaration", "plain word",
                             law("load", " return signal + p.size, memory").replace('"mine"', '"my own"')),
-    "no stage": ("declaration", "as its stage None", effect("SignalLaw", "law", " return signal + p.size, memory")),
+    "no stage": ("declaration", "has the stage None", effect("SignalLaw", "law", " return signal + p.size, memory")),
     "another stage": ("declaration", "one of command, servo", law("motor", " return signal + p.size, memory")),
     "no symptom": ("declaration", "has no symptom", law("load", "symptom = ''", " return signal, memory")),
     "no reveals": ("declaration", "has no reveals", law("load", "reveals = None", " return signal, memory")),
     "no parameters": ("declaration", "has no parameters", law("load", "parameters = ()", " return signal, memory")),
     "no tuple": ("declaration", "with its comma", law("load", "parameters = (SIZE)", " return signal, memory")),
     "twice": ("declaration", "'size' twice", law("load", "parameters = (SIZE, TOP)", " return signal, memory")),
-    "only shapes": ("declaration", "but shapes", law("load", "parameters = (SHAPE,)", " return signal, memory")),
-    "confused": ("declaration", "no tuple of names",
+    "only shapes": ("declaration", "only shape parameters", law("load", "parameters = (SHAPE,)", " return signal, memory")),
+    "confused": ("declaration", "not a tuple of names",
                  law("load", "confused_with = ('joint_spring')", " return signal, memory")),
-    "generalises": ("declaration", "generalises that is no tuple",
+    "generalises": ("declaration", "generalises that is not a tuple",
                     law("load", "generalises = ('torque_bias')", " return signal, memory")),
     "per arm": ("declaration", "per arm; on the stage 'load' values are per joint", law(
         "load", "parameters = (Parameter('x', 'm', 0.0, 0.0, 1.0, 0.1, per='arm'),)", " return signal, memory")),
@@ -167,7 +167,7 @@ BROKEN = {
                          law("sensor", "passive = True", " return signal + p.size, memory")),
     "no law": ("declaration", "defines no law", HEAD + "class A(Words, SignalLaw):\n    name = 'a'\n    stage = 'load'\n"),
     "no budget": ("declaration", "no friction and no drive", HEAD + "class A(Words, TorqueBudget):\n    name = 'a'\n"),
-    "no static method": ("declaration", "law that is no @staticmethod",
+    "no static method": ("declaration", "law that is not a @staticmethod",
                          law("load", " return signal, memory").replace("@staticmethod", "")),
 }  # fmt: skip
 
@@ -181,7 +181,7 @@ def test_a_broken_law_is_named(tmp_path: Path, case: str) -> None:
 
 PARAMETERS = {
     "'x', '', 0.0, 0.0, 1.0, 0.1": "without a unit",
-    "'my x', 'm', 0.0, 0.0, 1.0, 0.1": "no plain word",
+    "'my x', 'm', 0.0, 0.0, 1.0, 0.1": "not a plain word",
     "'name', 'm', 0.0, 0.0, 1.0, 0.1": "'name'",
     "'x', 'm', 0.0, 0.0, 0.0, 0.1": "the lower one must be less",
     "'x', 'm', 0.0, -1.0, 1.0, -0.1": "must be positive and inside",
@@ -189,7 +189,7 @@ PARAMETERS = {
     "'x', 'm', 0.5, 0.0, 1.0, 0.5": "at which it is off",
     "'x', 'm', float('inf'), 0.0, float('inf'), 0.5": "not finite",
     "'x', 'm', 0.0, 0.0, 1.0, 0.5, scale='mass'": "allowed are '', 'torque'",
-    "'x', 'm', 0.0, 0.0, 1.0, 0.5, starts=(0.5,)": "only a shape has them",
+    "'x', 'm', 0.0, 0.0, 1.0, 0.5, starts=(0.5,)": "only shape parameters may have starts",
 }
 
 

@@ -175,7 +175,7 @@ def test_links_touch_things_and_not_each_other(tmp_path: Path) -> None:
 
 def test_another_format_and_a_file_of_another_robot(tmp_path: Path, log: Recording) -> None:
     model = load_arm(tmp_path)
-    with pytest.raises(ModelError, match="'sdf' is none of mjcf, urdf"):
+    with pytest.raises(ModelError, match="'sdf' is not one of mjcf, urdf"):
         export_model(model, tmp_path / "arm.sdf", "sdf")
     (tmp_path / "no.xml").write_text("<mujoco><nothing/></mujoco>")
     with pytest.raises(ModelError, match="MuJoCo cannot read"):

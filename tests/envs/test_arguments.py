@@ -18,28 +18,28 @@ from embodiedreamer_gym.robot import RobotModel
 
 ID = "EmbodieDreamer/PutCupOnMat-v0"
 WRONG = [
-    ({"task": "Fly"}, "task 'Fly' is none of .*'PutCupOnMat'"),
-    ({"obs_type": "rgb"}, "obs_type 'rgb' is none of 'state', 'pixels', 'pixels_agent_pos'"),
-    ({"cameras": ("head", "nose")}, "camera 'nose' is none of 'head', 'left_wrist', 'right_wrist'"),
-    ({"cameras": ()}, r"camera \(\) is none of 'head'"),
+    ({"task": "Fly"}, "task 'Fly' is not one of .*'PutCupOnMat'"),
+    ({"obs_type": "rgb"}, "obs_type 'rgb' is not one of 'state', 'pixels', 'pixels_agent_pos'"),
+    ({"cameras": ("head", "nose")}, "camera 'nose' is not one of 'head', 'left_wrist', 'right_wrist'"),
+    ({"cameras": ()}, r"camera \(\) is not one of 'head'"),
     ({"cameras": ("head", "head")}, r"camera names must differ, not \['head', 'head'\]"),
-    ({"cameras": 3}, "camera 3 is none of 'head'"),
-    ({"cameras": "nose"}, "camera 'nose' is none of 'head'"),
-    ({"control_hz": 60}, "control_hz 60 is none of 50, 40, 30, 20"),
-    ({"control_hz": "30"}, "control_hz '30' is none of"),
-    ({"control_hz": [30]}, r"control_hz \[30\] is none of"),
-    ({"image_size": (640,)}, "no width and height from 8 to 4096"),
-    ({"image_size": (4, 4)}, "no width and height from 8 to 4096"),
-    ({"image_size": (64.5, 64)}, "no width and height from 8 to 4096"),
-    ({"image_size": "88"}, "no width and height from 8 to 4096"),
-    ({"renderer": "vulkan"}, "renderer 'vulkan' is none of 'auto', 'tiny', 'egl'"),
-    ({"randomize": "all"}, "randomize 'all' is none of None, 'calibration'"),
+    ({"cameras": 3}, "camera 3 is not one of 'head'"),
+    ({"cameras": "nose"}, "camera 'nose' is not one of 'head'"),
+    ({"control_hz": 60}, "control_hz 60 is not one of 50, 40, 30, 20"),
+    ({"control_hz": "30"}, "control_hz '30' is not one of"),
+    ({"control_hz": [30]}, r"control_hz \[30\] is not one of"),
+    ({"image_size": (640,)}, "not a width and height from 8 to 4096"),
+    ({"image_size": (4, 4)}, "not a width and height from 8 to 4096"),
+    ({"image_size": (64.5, 64)}, "not a width and height from 8 to 4096"),
+    ({"image_size": "88"}, "not a width and height from 8 to 4096"),
+    ({"renderer": "vulkan"}, "renderer 'vulkan' is not one of 'auto', 'tiny', 'egl'"),
+    ({"randomize": "all"}, "randomize 'all' is not one of None, 'calibration'"),
     ({"robot": "nobody"}, r"nobody is neither a file nor a built-in robot \(aloha, servo, so101\)"),
-    ({"robot": "so101"}, "so101 has 6 joints on 1 arms; the ALOHA environments take 14: 6 and a normalised gripper"),
+    ({"robot": "so101"}, "so101 has 6 joints on 1 arms; the ALOHA environments need 14: 6 and a normalised gripper"),
     ({"robot": 3}, "a built-in robot's name or a model file's path, not a int"),
-    ({"camera_file": 0.5}, "a camera file is named by its path, not by 0.5"),
-    ({"engine": np.zeros(2)}, "engine array.* is none of 'auto', 'bullet', 'mujoco'"),
-    ({"renderer": 3}, "renderer 3 is none of"),
+    ({"camera_file": 0.5}, "a camera file must be given as a path, not as 0.5"),
+    ({"engine": np.zeros(2)}, "engine array.* is not one of 'auto', 'bullet', 'mujoco'"),
+    ({"renderer": 3}, "renderer 3 is not one of"),
     ({"camera_file": "none.json"}, "camera file none.json cannot be read: No such file"),
 ]
 
@@ -60,12 +60,12 @@ def test_what_is_not_allowed_is_told_with_what_is(arguments: dict, says: str) ->
 
 @pytest.mark.filterwarnings("ignore:.*render_mode='ansi'")
 def test_another_render_mode_is_refused() -> None:
-    with pytest.raises(EmbodieDreamerError, match="render_mode 'ansi' is none of None, 'rgb_array'"):
+    with pytest.raises(EmbodieDreamerError, match="render_mode 'ansi' is not one of None, 'rgb_array'"):
         gym.make(ID, render_mode="ansi")
 
 
 def test_a_goal_environment_observes_states_only() -> None:
-    with pytest.raises(EmbodieDreamerError, match="'pixels' is none of 'state'") as error:
+    with pytest.raises(EmbodieDreamerError, match="'pixels' is not one of 'state'") as error:
         gym.make("EmbodieDreamer/PutCupOnMatGoal-v0", obs_type="pixels")
     sentence(error)
 
@@ -78,7 +78,7 @@ def test_a_robot_whose_grippers_come_first_is_refused(tmp_path: Path) -> None:
     data["robot"]["joints"] = [*joints[6::-1], *joints[:6:-1]]
     path.write_text(json.dumps(data))
     with pytest.raises(
-        EmbodieDreamerError, match="has 14 joints on 2 arms; the ALOHA environments take 14: 6 and"
+        EmbodieDreamerError, match="has 14 joints on 2 arms; the ALOHA environments need 14: 6 and"
     ) as error:
         AlohaEnv(robot=str(path), obs_type="state")
     sentence(error)
@@ -86,7 +86,7 @@ def test_a_robot_whose_grippers_come_first_is_refused(tmp_path: Path) -> None:
 
 def test_a_camera_on_a_link_that_the_robot_has_not_is_refused(tmp_path: Path) -> None:
     save_cameras([CAMERAS["head"].with_(link="forehead")], tmp_path / "c.json")
-    with pytest.raises(EmbodieDreamerError, match=r"link of camera head 'forehead' is none of .*'left_link6'"):
+    with pytest.raises(EmbodieDreamerError, match=r"link of camera head 'forehead' is not one of .*'left_link6'"):
         AlohaEnv(camera_file=str(tmp_path / "c.json"))
 
 
@@ -97,7 +97,7 @@ def test_cameras_of_a_file_are_those_that_see(tmp_path: Path) -> None:
     seen, other = env.reset(seed=0)[0], head.reset(seed=0)[0]
     np.testing.assert_array_equal(seen["pixels"], other["pixels"])
     assert env.render().shape == (480, 640, 3)
-    with pytest.raises(EmbodieDreamerError, match="camera 'head' is none of 'mast', 'left_wrist'"):
+    with pytest.raises(EmbodieDreamerError, match="camera 'head' is not one of 'mast', 'left_wrist'"):
         AlohaEnv(camera_file=str(tmp_path / "c.json"))
     env.close(), head.close()
 
@@ -118,8 +118,8 @@ def env():
     [
         (np.zeros(13), r"action needs 14 numbers, shape \(14,\), not shape \(13,\)"),
         (np.zeros((1, 14)), r"not shape \(1, 14\)"),
-        (np.full(14, np.nan), "action holds a number that is not finite"),
-        (np.full(14, np.inf), "action holds a number that is not finite"),
+        (np.full(14, np.nan), "action contains a number that is not finite"),
+        (np.full(14, np.inf), "action contains a number that is not finite"),
         ("move", "action needs 14 real numbers, not 'move'"),
         (["0.1"] * 14, "action needs 14 real numbers, not .'0.1', "),
         (np.zeros(14, complex), "action needs 14 real numbers, not array"),
@@ -140,9 +140,9 @@ def test_another_action_is_refused_and_changes_nothing(env: AlohaEnv, action, sa
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"pose": 1}, "reset option 'pose' is none of 'joint_positions', 'joint_velocities', 'command'"),
+        ({"pose": 1}, "reset option 'pose' is not one of 'joint_positions', 'joint_velocities', 'command'"),
         ({"joint_positions": [0.0]}, "joint_positions needs 14 numbers"),
-        ({"command": [np.nan] * 14}, "command holds a number that is not finite"),
+        ({"command": [np.nan] * 14}, "command contains a number that is not finite"),
         ({"joint_positions": np.full(14, 9.0)}, r"joint_positions\[0\] is 9, not within -3.118 .. 3.118"),
         ({"joint_velocities": np.full(14, 1e3)}, r"joint_velocities\[0\] is 1000, not within -100 .. 100"),
     ],
@@ -158,9 +158,9 @@ def test_another_start_is_refused_and_changes_nothing(env: AlohaEnv, options: di
 
 @pytest.mark.parametrize(
     ("poses", "says"),
-    [(5, "object_poses must be a dictionary, not 5"), ({"sun": [0] * 7}, "prop 'sun' is none of"),
+    [(5, "object_poses must be a dictionary, not 5"), ({"sun": [0] * 7}, "prop 'sun' is not one of"),
      ({"cup": ["0"] * 7}, "pose of cup needs 7 real numbers"),
-     ({"cup": [0.0] * 7}, "pose of cup: the last four numbers are no unit quaternion")],
+     ({"cup": [0.0] * 7}, "pose of cup: the last four numbers are not a unit quaternion")],
 )  # fmt: skip
 def test_another_pose_of_an_object_is_refused(env: AlohaEnv, poses, says: str) -> None:
     with pytest.raises(EmbodieDreamerError, match=says) as error:

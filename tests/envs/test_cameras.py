@@ -67,7 +67,7 @@ def test_a_camera_goes_where_its_link_goes() -> None:
     turned = np.array([[0.28, -0.96, 0.0], [0.96, 0.28, 0.0], [0.0, 0.0, 1.0]])
     np.testing.assert_allclose(position, [1.028, 2.096, 3.2])
     np.testing.assert_allclose(rotation[:, 2], turned[:, 0], atol=1e-12)
-    with pytest.raises(SimulationError, match="sits on hand"):
+    with pytest.raises(SimulationError, match="is mounted on hand"):
         camera.view()
 
 
@@ -99,7 +99,10 @@ def test_look_at_stands_the_picture_upright() -> None:
     [
         ({"position": (0.0, float("nan"), 0.0)}, "position needs 3 finite numbers"),
         ({"rotation": (0.0, 0.0, 0.0)}, "rotation needs 4 finite numbers"),
-        ({"rotation": (0.0, 0.0, 0.0, 2.0)}, "rotation has the length 2, not 1"),
+        (
+            {"rotation": (0.0, 0.0, 0.0, 2.0)},
+            "rotation must be a quaternion x, y, z, w of length 1, but its length is 2",
+        ),
         ({"fx": 0.0}, "fx is 0.0, not above 0"),
         ({"fy": float("nan")}, "fy is nan"),
         ({"cx": float("inf")}, "cx is inf, not a finite number"),

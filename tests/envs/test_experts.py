@@ -275,7 +275,7 @@ def test_a_grip_depends_on_what_can_be_seen(name: str) -> None:
 
 
 def test_an_expert_wants_an_aloha_environment_that_has_been_reset() -> None:
-    with pytest.raises(SimulationError, match="no ALOHA environment"):
+    with pytest.raises(SimulationError, match="not an ALOHA environment"):
         ScriptedExpert(gym.make("CartPole-v1"))
     env = AlohaEnv(obs_type="state")
     with pytest.raises(gym.error.ResetNeeded):

@@ -67,5 +67,5 @@ def test_another_rate_or_robot_is_refused() -> None:
     with pytest.raises(SimulationError, match="joints"):
         replay(env, log.with_(joints=tuple(f"other{i}" for i in range(14))))
     env.close()
-    with pytest.raises(SimulationError, match="no ALOHA environment"):
+    with pytest.raises(SimulationError, match="not an ALOHA environment"):
         replay(gym.make("CartPole-v1"), log)

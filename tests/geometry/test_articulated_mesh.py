@@ -55,9 +55,9 @@ def test_a_figure_has_levels_and_knows_what_is_loose() -> None:
         ({"vertices": np.zeros((3, 2))}, r"vertices .V, 3., faces .F, 3. and part .V,., not .3, 2."),
         ({"faces": np.zeros((0, 3))}, "at least one triangle"),
         ({"vertices": np.full((3, 3), np.nan)}, "finite vertices"),
-        ({"faces": [[0, 1, 3]]}, "faces must name its vertices"),
-        ({"part": [0, 0, 2]}, "part its parts"),
-        ({"names": tuple(map(str, range(255)))}, "255 parts has too many; 254"),
+        ({"faces": [[0, 1, 3]]}, "faces must contain indices of its vertices"),
+        ({"part": [0, 0, 2]}, "part indices of its parts"),
+        ({"names": tuple(map(str, range(255)))}, "255 parts has too many; at most 254"),
     ],
 )
 def test_what_is_no_body_is_refused(change: dict, sentence: str) -> None:

@@ -72,7 +72,7 @@ def test_every_case_is_in_one_shard_and_kinds_that_take_turns_are_spread(count: 
 
 @pytest.mark.parametrize("text", ["0/4", "5/4", "1", "1/0", "-1/4", "1/4/2", "a/b", "1.0/4", "", "1/100001", "٣/4"])
 def test_what_is_no_shard_is_one_sentence(text: str) -> None:
-    with pytest.raises(EmbodieDreamerError, match=r"is no shard; give I/N such as 1/4.*\.$"):
+    with pytest.raises(EmbodieDreamerError, match=r"is not a shard; give I/N such as 1/4.*\.$"):
         Shard.parse(text)
 
 
@@ -119,11 +119,13 @@ def test_rows_of_other_work_are_refused(tmp_path: Path) -> None:
     path, copy = tmp_path / "rows.jsonl", tmp_path / "copy.jsonl"
     all_of(CASES, path)
     copy.write_bytes(path.read_bytes())
-    with pytest.raises(EmbodieDreamerError, match=r"copy.jsonl holds the case .* again; leave one file out\.$"):
+    with pytest.raises(
+        EmbodieDreamerError, match=r"copy.jsonl contains the case .* a second time; leave one file out\.$"
+    ):
         CASES.read(path, copy)
     for settings, item, said in (
-        ({"seed": 8}, CASES.each[0], r"rows.jsonl: line 1 is of other cases: seed is 7, not 8; give another file\.$"),
-        ({"seed": 7}, {"episode": 0}, r"line 1 is no row of these cases: KeyError\('episode'\)\.$"),
+        ({"seed": 8}, CASES.each[0], r"rows.jsonl: line 1 has other settings: seed is 7, not 8; give another file\.$"),
+        ({"seed": 7}, {"episode": 0}, r"line 1 is not a row of these cases: KeyError\('episode'\)\.$"),
     ):
         other = Cases(settings, [item])
         with pytest.raises(EmbodieDreamerError, match=said):
@@ -149,7 +151,9 @@ def test_rows_of_other_work_are_refused(tmp_path: Path) -> None:
 def test_what_is_no_file_of_rows_is_one_sentence(text: bytes, tmp_path: Path) -> None:
     path = tmp_path / "rows.jsonl"
     path.write_bytes(text)
-    with pytest.raises(EmbodieDreamerError, match=r"rows.jsonl: line 1 is (no row of these|of other) cases: .*\.$"):
+    with pytest.raises(
+        EmbodieDreamerError, match=r"rows.jsonl: line 1 (is not a row of these cases|has other settings): .*\.$"
+    ):
         all_of(CASES, path)
     assert path.read_bytes() == text
     with pytest.raises(EmbodieDreamerError, match=r"none.jsonl cannot be read: No such file"):

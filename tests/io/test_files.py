@@ -128,7 +128,7 @@ def test_json_survives_the_round(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"{", "no readable JSON"),
+        (b"{", "not readable JSON"),
         (b"\xff\xfe\x00", "UTF-8"),
         (b'["\\ud800"]', "UTF-8"),
         (b"[" * 100_000, "nested"),
@@ -159,5 +159,5 @@ def test_json_has_a_size(tmp_path: Path) -> None:
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe.json"
     os.mkfifo(pipe)
-    with pytest.raises(EmbodieDreamerError, match="is no regular file"):
+    with pytest.raises(EmbodieDreamerError, match="is not a regular file"):
         read_json(pipe)

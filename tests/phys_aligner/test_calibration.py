@@ -62,7 +62,7 @@ def test_several_recordings_narrow_the_intervals(fit, start, record) -> None:
 def test_an_unknown_rule_between_commands_is_found(start, record, rule: str) -> None:
     found = calibrate(start, [record(3, rate=25.0, rule=rule, declared="unknown")])
     assert found.model.command_hold == rule
-    assert f"rule is: {rule}" in str(found)
+    assert f"rule between two commands: {rule}" in str(found)
 
 
 def test_gains_that_the_file_leaves_out_are_found(folder, truth, record) -> None:

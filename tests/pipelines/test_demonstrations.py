@@ -161,22 +161,22 @@ def test_a_folder_with_other_things(quick: list[int], tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="was made with seed 0, not 7; give another folder, or the same options"):
         record_demonstrations(Demonstrations("PutCupOnMat", 7, (32, 24)), 1, tmp_path)
     (tmp_path / "episode_0.hdf5").rename(tmp_path / "episode_3.hdf5")
-    with pytest.raises(RecordingError, match=r"has other episodes, without episode_0\.hdf5"):
+    with pytest.raises(RecordingError, match=r"has other episodes, but no episode_0\.hdf5"):
         record_demonstrations(QUICK, 1, tmp_path)
     h5py.File(tmp_path / "episode_0.hdf5", "w").close()
     (tmp_path / "episode_3.hdf5").unlink()
-    with pytest.raises(RecordingError, match="and is no demonstration"):
+    with pytest.raises(RecordingError, match="and is not a demonstration"):
         record_demonstrations(QUICK, 1, tmp_path)
-    with pytest.raises(RecordingError, match="cannot be made a folder"):
+    with pytest.raises(RecordingError, match="cannot be created"):
         record_demonstrations(QUICK, 1, tmp_path / "episode_0.hdf5")
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Demonstrations("Fly"), "there is no task 'Fly'; there are GrabPaperCup"),
+        (lambda: Demonstrations("Fly"), "there is no task 'Fly'; give one of GrabPaperCup"),
         (lambda: Demonstrations("PutCupOnMat", -1), "the seed is -1"),
-        (lambda: record_demonstrations(Demonstrations("PutCupOnMat", size=(4, 4)), 1, "x"), "no width and height"),
+        (lambda: record_demonstrations(Demonstrations("PutCupOnMat", size=(4, 4)), 1, "x"), "not a width and height"),
         (lambda: record_demonstrations(Demonstrations("PutCupOnMat", cameras=("foot",)), 1, "x"), "camera 'foot'"),
         (lambda: record_demonstrations(Demonstrations("PutCupOnMat", robot="r2d2"), 1, "x"), "r2d2"),
     ],
@@ -209,5 +209,5 @@ def test_a_lerobot_set(quick: list[int], tmp_path: Path, monkeypatch: pytest.Mon
     with pytest.raises(RecordingError, match="width and height must be even"):
         record_lerobot(Demonstrations("PutCupOnMat", size=(33, 24)), 1, tmp_path / "odd")
     (tmp_path / "full").mkdir()
-    with pytest.raises(RecordingError, match="and is no set of demonstrations"):
+    with pytest.raises(RecordingError, match="and is not a set of demonstrations"):
         record_lerobot(QUICK, 1, tmp_path / "full")

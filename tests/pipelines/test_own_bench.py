@@ -143,7 +143,7 @@ def test_every_step_takes_what_the_one_before_wrote(bench: Path, tmp_path: Path,
     one, pushed = (load_episode(tmp_path / "episodes" / f"{name}.hdf5").appearance for name in PLACES)
     assert one != pushed and one.startswith("top/") and pushed.startswith("top/")
     assert main(["vis", "bank", "episodes", "--out", "all.npz", "--quiet"]) == 2
-    assert "two places of the camera" in capsys.readouterr().err
+    assert "one bench from two camera places" in capsys.readouterr().err
     run("vis", "bank", "episodes/one.hdf5", "--more", "episodes/pushed.hdf5", "--out", "bank.npz")
     gallery = load_bank(tmp_path / "bank.npz").bench.gallery  # pyright: ignore[reportOptionalMemberAccess]
     assert gallery is not None and len(gallery) == 40

@@ -76,7 +76,7 @@ def test_what_does_not_fit_is_refused(log, tmp_path, capsys) -> None:
     recording, model, _ = log
     with pytest.raises(VisionError, match="no video of camera 'left'; it has head"):
         prepare(recording, model, CAMERAS["head"].with_(name="left"), SIZE)
-    with pytest.raises(SimulationError, match="stands still"):
+    with pytest.raises(SimulationError, match="a fixed camera"):
         prepare(recording.with_(frames={"left_wrist": recording.frames["head"]}), model, CAMERAS["left_wrist"], SIZE)
     save_recording(recording.with_(frames={}), tmp_path / "take_1.hdf5")
     arguments = ["vis", "prepare", str(tmp_path / "take_1.hdf5"), "--out", str(tmp_path / "out"), "--quiet"]

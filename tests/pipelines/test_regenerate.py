@@ -165,7 +165,9 @@ def test_another_episode_of_the_same_name_is_not_taken_for_done(demos: Path, sma
     before = (tmp_path / "out" / "episode_0_0.hdf5").read_bytes()
     with h5py.File(other, "r+") as file:
         file["action"][3, 2] += 1e-6
-    with pytest.raises(RecordingError, match=r"was made of another episode_0 than .*logs.*; give another folder"):
+    with pytest.raises(
+        RecordingError, match=r"was made from a different episode episode_0 than .*logs.*; give another folder"
+    ):
         regenerate(other, tmp_path / "out", small)
     assert (tmp_path / "out" / "episode_0_0.hdf5").read_bytes() == before
 
@@ -234,7 +236,7 @@ def test_damaged_episodes(demos: Path, small: str, tmp_path: Path, harm: str) ->
     }
     damage[harm]()
     given = [folder, demos] if harm == "twice" else folder
-    said = {"cut": "damaged, cut short", "other": "mine.hdf5 exists already", "twice": "two episodes are called",
+    said = {"cut": "damaged, cut short", "other": "mine.hdf5 exists already", "twice": "two episodes are named",
             "empty": "no HDF5 episode"}[harm]  # fmt: skip
     with pytest.raises(EmbodieDreamerError, match=said) as caught:
         regenerate(given, out, small)

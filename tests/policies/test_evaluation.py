@@ -98,7 +98,7 @@ def test_an_environment_that_takes_chunks_is_given_them() -> None:
     alone = evaluate(Goes(), Walk(length=10), [3]).episodes[0]
     assert (row.success, row.grasped, row.distance, row.steps) == (True, True, alone.distance, 10)
     assert (row.first, alone.first) == (5, 5) and seen == [4, 4, 2]
-    with pytest.raises(PolicyError, match=r"takes the shape \(4, 2\)"):
+    with pytest.raises(PolicyError, match=r"expects the shape \(4, 2\)"):
         policy = Goes()
         policy.action_size = 14
         evaluate(policy, env, [0])
@@ -146,17 +146,17 @@ def test_a_policy_may_say_that_it_needs_no_camera() -> None:
 def test_what_does_not_fit_is_said() -> None:
     policy = Goes()
     policy.action_size = 14
-    with pytest.raises(PolicyError, match="actions of 14 numbers"):
+    with pytest.raises(PolicyError, match="actions have 14 values"):
         evaluate(policy, Walk(), [0])
     policy = Goes()
     policy.cameras = ("wrist",)
-    with pytest.raises(PolicyError, match="needs the camera 'wrist', and Walk has head"):
+    with pytest.raises(PolicyError, match="needs the camera 'wrist', but Walk has head"):
         evaluate(policy, Walk(), [0])
     with pytest.raises(PolicyError, match="at least one episode"):
         evaluate(Goes(), Walk(), [])
     policy = Goes()
     policy.chunk = 5  # says more than it gives
-    with pytest.raises(PolicyError, match=r"Goes gives actions of shape \(1, 4, 2\), wanted are \(1, 5, 2\)"):
+    with pytest.raises(PolicyError, match=r"Goes returned actions of shape \(1, 4, 2\), but \(1, 5, 2\)"):
         evaluate(policy, Walk(), [0])
     policy = Goes(sign=[1, 2, 3])  # type: ignore[arg-type]
     with pytest.raises(PolicyError, match="the policy Goes fails: ValueError: operands"):

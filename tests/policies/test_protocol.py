@@ -79,18 +79,18 @@ def test_a_class_of_the_users_is_made(module: str) -> None:
 @pytest.mark.parametrize(
     ("spec", "said"),
     [
-        ("nowhere", "is no folder and no function"),
-        ("os:system('ls')", "is no folder and no function"),
-        ("a b:make", "is no folder and no function"),
+        ("nowhere", "is neither a folder nor a function"),
+        ("os:system('ls')", "is neither a folder nor a function"),
+        ("a b:make", "is neither a folder nor a function"),
         ("no_such_module_here:make", "cannot be imported"),
         ("{module}:missing", "cannot be imported"),
         ("{module}:broken", "must be a function without arguments"),
         ("{module}:Huge", "must be a function without arguments"),
         ("{module}:Words", "must be a function without arguments"),
         ("{module}:Cameras", "must be a function without arguments"),
-        ("{module}:leaves", "cannot be made: SystemExit"),
+        ("{module}:leaves", "cannot be created: SystemExit"),
         ("{module}:number", "must be a function without arguments"),
-        ("{module}:fails", "cannot be made: RuntimeError: no weights"),
+        ("{module}:fails", "cannot be created: RuntimeError: no weights"),
     ],
 )
 def test_what_is_no_policy(module: str, spec: str, said: str) -> None:

@@ -152,5 +152,5 @@ def test_settings_of_another_file_are_in_the_way(tmp_path: Path) -> None:
     path = log(tmp_path / "a.hdf5", lambda file: file.attrs.__setitem__("film", '{"size": 3}'))
     assert read_settings(path, "film", "filmed episode") == {"size": 3}
     for attribute in ("other", "rate"):
-        with pytest.raises(RecordingError, match=r"a\.hdf5 exists already and is no filmed episode"):
+        with pytest.raises(RecordingError, match=r"a\.hdf5 exists already and is not a filmed episode"):
             read_settings(path, attribute, "filmed episode")

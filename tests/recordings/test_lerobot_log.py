@@ -72,7 +72,7 @@ def test_older_sets_hold_the_same(folder: Path, version: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "message"), [("{", "line 2 is no JSON"), ("3", "line 2 is no object"), ("{}", "numbered from 0")]
+    ("line", "message"), [("{", "line 2 is not JSON"), ("3", "line 2 is not an object"), ("{}", "numbered from 0")]
 )
 def test_older_sets_that_are_damaged(folder: Path, line: str, message: str) -> None:
     path = as_v2(folder) / "meta/episodes.jsonl"
@@ -110,7 +110,7 @@ def test_what_is_no_choice_of_episodes(text: str) -> None:
 def test_joints_are_found_by_name_and_the_rest_is_left_out(folder: Path) -> None:
     one = load_recordings(f"{folder}:0", units="rad", joints=["elbow", "base"])[0]
     assert one.joints == ("elbow", "base") and one.notes == (
-        "shoulder, gripper of the log are no joints of the model and left out",
+        "shoulder, gripper of the log are not joints of the model and were left out",
     )
     with pytest.raises(RecordingError, match="asked for wrist; it has the joints base, shoulder, elbow, gripper"):
         load_recordings(f"{folder}:0", units="rad", joints=["wrist"])
@@ -228,7 +228,7 @@ def test_a_calibration_file_is_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("pattern", "message"),
-    [("{}:3", "there is no episode 3; it has 0 to 2"), ("{}/meta/info.json:0", "no LeRobot set")],
+    [("{}:3", "there is no episode 3; it has 0 to 2"), ("{}/meta/info.json:0", "not a LeRobot set")],
 )
 def test_episodes_that_there_are_not(folder: Path, pattern: str, message: str) -> None:
     with pytest.raises(RecordingError, match=message):

@@ -76,7 +76,7 @@ BAD = {
         {"header": "t,a.command,a.position"},
         "'t,a.command,a.position' does not fit the header time,",
     ),
-    "sage": ({"header": "type,timestamp,positions"}, "read by giving its folder"),
+    "sage": ({"header": "type,timestamp,positions"}, "to read a SAGE log, give its folder"),
     "signal": ({"header": "time,a.command,a.torque"}, "the column 'a.torque' does not fit"),
     "joint": ({"header": "time,.command,a.position"}, "the column '.command' does not fit"),
     "no joint": ({"header": "time"}, "does not fit the header"),
@@ -102,7 +102,7 @@ BAD = {
     "deep noise": ({"notes": f"# noise: {'[' * 9000}\n"}, "not a JSON list of numbers"),
     "huge": ({"extra": {4: f"0.08,1{'0' * 400},1"}}, "command of a is inf at row 4"),
     "long": ({"extra": {4: "1," * 600_000}}, "a line has 1000000 characters or more"),
-    "quote": ({"extra": {4: '0.08,"1' + "2" * 200_000}}, "it is no readable csv: field larger than"),
+    "quote": ({"extra": {4: '0.08,"1' + "2" * 200_000}}, "it is not a readable csv: field larger than"),
     "wide": (
         {"header": "time" + "".join(f",j{k}.position" for k in range(5000))},
         "the header has 5001 columns; at most",

@@ -134,7 +134,7 @@ def test_a_controllers_state_holds_both(write, log) -> None:
     (one,) = load_recordings(write({"/arm/state": rows}), joints=["elbow", "base"])
     assert np.array_equal(one.position, log.position[:, [2, 0]]) and np.array_equal(one.command, log.command[:, [2, 0]])
     assert one.velocity is not None and one.notes == (
-        "shoulder, gripper of the log are no joints of the model and left out",
+        "shoulder, gripper of the log are not joints of the model and were left out",
     )
 
 
@@ -154,7 +154,7 @@ def test_numbers_have_no_names_and_no_stamps(write, log) -> None:
 def test_clocks_that_differ_leave_the_times_of_arrival(write, log) -> None:
     commands = [(t + 5 * 10**9, numbers(u)) for t, u in zip(stamps(log), log.command, strict=True)]
     (one,) = load_recordings(write({"/joint_states": states(log, 5 * 10**9), "/c": commands}), joints=JOINTS)
-    assert np.array_equal(one.command, log.command) and "another clock" in " ".join(one.notes)
+    assert np.array_equal(one.command, log.command) and "a different clock" in " ".join(one.notes)
     (bare,) = load_recordings(write({"/joint_states": states(log, stamped=False)}, "bare"))
     assert np.array_equal(bare.time, log.time) and "carry no stamps" in bare.notes[0] and bare.command is None
 
@@ -195,8 +195,10 @@ def test_a_topic_is_asked_for_and_given(write, log) -> None:
 def test_what_does_not_fit_is_one_sentence(write, log, tmp_path: Path) -> None:
     cases = {
         "no topic has joint states": {"/c": [(START, numbers([1.0]))]},
-        "have not one position for each name": {"/joint_states": [(t, joint_state(t, [0.0])) for t in stamps(log)]},
-        "share no time": {
+        "the number of positions differs from the number of names": {
+            "/joint_states": [(t, joint_state(t, [0.0])) for t in stamps(log)]
+        },
+        "do not overlap in time": {
             "/joint_states": states(log),
             "/u": [(START + 10**12, joint_state(START + 10**12, [0.0] * 4))],
         },

@@ -118,7 +118,7 @@ def test_a_published_log_reads_like_its_conversion(shared_data):
         (b"type,timestamp,positions\nX,0,\xff\n", "it is not UTF-8 text"),
         (b"x" * 2_000_000, "a line has 1000000 characters or more"),
         (b"", "names 0 joints|no column timestamp"),
-        (b'"' + b"x" * 200_000, "no readable csv|names 1 joints|no column|for 1 joints"),
+        (b'"' + b"x" * 200_000, "not a readable csv|names 1 joints|no column|for 1 joints"),
     ],
 )
 def test_a_damaged_file_is_named(tmp_path, name, content, message):

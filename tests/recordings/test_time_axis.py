@@ -124,7 +124,7 @@ def test_no_plausible_reading_is_a_question(tmp_path: Path, form: str, step: flo
 def test_a_gap_of_months_is_refused(tmp_path: Path, form: str) -> None:
     scale = 1e6 if form == "sage" else 1.0
     time = np.arange(COUNT) / 50 + np.where(np.arange(COUNT) > 99, 1e7, 0.0)
-    with pytest.raises(RecordingError, match=r"a gap of 1e\+07 s after row 99 .*Cut the log there"):
+    with pytest.raises(RecordingError, match=r"a gap of 1e\+07 s after row 99 .*Split the log there"):
         load_recordings(write(form, tmp_path, (time * scale).tolist(), motion(50)))
 
 
@@ -172,7 +172,7 @@ def test_a_control_file_of_another_unit_is_refused(tmp_path: Path) -> None:
     text = (folder / "control.csv").read_text().splitlines()
     rows = [f'X,{2e3 + 0.02 * k},"[0, 0]"' for k in range(COUNT)]
     (folder / "control.csv").write_text("\n".join([text[0], *rows]))
-    with pytest.raises(RecordingError, match="share no time"):
+    with pytest.raises(RecordingError, match="do not overlap in time"):
         load_recordings(folder)
 
 

@@ -79,7 +79,7 @@ def test_what_is_missing_is_named() -> None:
         EndEffector(path, "hand")
     with pytest.raises(ModelError, match="does not exist"):
         EndEffector("nowhere.urdf", "lever")
-    with pytest.raises(ModelError, match="is no XML"):
+    with pytest.raises(ModelError, match="is not XML"):
         EndEffector("<robot>", "lever")
     tip = EndEffector(path, "lever_tip")
     with pytest.raises(ModelError, match=r"'servo' of .* moves 'lever_tip' but has no values; given are other"):

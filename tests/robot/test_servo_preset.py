@@ -49,5 +49,5 @@ def test_what_the_file_states_itself_stands_and_is_fitted(tmp_path) -> None:
 
 
 def test_an_unknown_preset_is_one_sentence(tmp_path) -> None:
-    with pytest.raises(ModelError, match=r"no servo.preset 'magic'; there are .*ur_servoj"):
+    with pytest.raises(ModelError, match=r"no servo.preset 'magic'; give one of .*ur_servoj"):
         so101(tmp_path, "magic")

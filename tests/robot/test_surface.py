@@ -131,7 +131,7 @@ def test_a_robot_without_shapes_cannot_be_seen(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("joints", "sentence"),
     [
-        (["turn", "twist"], "joint 'twist' is no movable joint of arm.urdf; movable: turn, slide, second"),
+        (["turn", "twist"], "joint 'twist' is not a movable joint of arm.urdf; movable: turn, slide, second"),
         (["turn", "turn"], "a joint is named twice"),
     ],
 )

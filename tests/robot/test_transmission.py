@@ -68,7 +68,7 @@ def test_zeros_and_signs_are_replaced_and_limits_turned() -> None:
     assert between.sign.tolist() == [-1, 1] and between.zero.tolist() == [0, 0.5]
     assert between.with_motors({"b": 0.1}, []).zero.tolist() == [0, 0.1]
     assert between.motor_limits([(-1, 2), (0, 1)]) == {"a": (-2, 1), "b": (0, 1)}
-    with pytest.raises(ModelError, match="'c' is none of the motors a, b"):
+    with pytest.raises(ModelError, match="'c' is not one of the motors a, b"):
         between.with_motors({"c": 1.0}, [])
 
 
@@ -78,7 +78,7 @@ def test_zeros_and_signs_are_replaced_and_limits_turned() -> None:
         ({"matrix": [[1, 2], [2, 4]]}, "has no inverse"), ({"matrix": [[1, 0], [0, 0]]}, "has no inverse"),
         ({"matrix": [[1, 0]]}, "2 motors and rows"), ({"matrix": [[1], [0]]}, "list of 2 finite numbers"),
         ({"motors": ["a", "a"]}, "2 different names"), ({"motors": ["a"]}, "2 motors and rows"),
-        ({"sign": {"elbow": 2}}, "a sign is 1 or -1"), ({"zero": {"wrist": 2}}, "names the motor 'wrist'"),
+        ({"sign": {"elbow": 2}}, "a sign must be 1 or -1"), ({"zero": {"wrist": 2}}, "names the motor 'wrist'"),
         ({"gear": 3}, "unknown key 'gear' in transmission"), (3, "transmission must be an object"),
     ],
 )  # fmt: skip

@@ -54,7 +54,7 @@ def test_what_looks_made_up_is_said_with_what_follows(tmp_path: Path, links: lis
     (note,) = urdf_notes(write(tmp_path, links))
     with pytest.raises(ValueError, match=message):
         raise ValueError(note)
-    assert note.startswith("chain.urdf: ") and "that is named may only make up for" in note and "\n" not in note
+    assert note.startswith("chain.urdf: ") and "rotor inertia may only compensate for" in note and "\n" not in note
 
 
 def test_missing_meshes_are_counted_and_left_out_of_clearance(tmp_path: Path) -> None:
@@ -63,7 +63,7 @@ def test_missing_meshes_are_counted_and_left_out_of_clearance(tmp_path: Path) ->
     urdf = write(tmp_path, GOOD[:3], shape.format("here") + shape.format("gone"))
     (note,) = urdf_notes(urdf)
     assert note.startswith(
-        "chain.urdf: 1 of 2 meshes are not found (package://arm/gone.stl): no verdict depends on them"
+        "chain.urdf: 1 of 2 meshes are not found (package://arm/gone.stl): results do not depend on them"
     )
     (tmp_path / "chain.json").write_text('{"robot": {"urdf": "chain.urdf", "joints": ["j0", "j1", "j2"]}}')
     room = clearance(RobotModel.load(tmp_path / "chain.json"), np.zeros((1, 3)), table=-0.15)

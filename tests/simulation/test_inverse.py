@@ -86,5 +86,5 @@ def test_a_log_needs_a_command_or_an_effort_and_all_the_same(arm: RobotModel) ->
     log = record(arm)
     with pytest.raises(SimulationError, match="neither a command nor an effort"):
         run_sets(arm, [log.with_(command=None, effort=None)])
-    with pytest.raises(SimulationError, match="others do"):
+    with pytest.raises(SimulationError, match="others have one"):
         run_sets(arm, [log, log.with_(command=None)])

@@ -58,7 +58,7 @@ def test_arms_differ_in_geometry():
 
 
 def test_an_unknown_arm_is_refused():
-    with pytest.raises(ModelError, match="no stand-in arm 'arm9'; there are arm6"):
+    with pytest.raises(ModelError, match="no stand-in arm 'arm9'; give one of arm6"):
         arm_urdf("arm9")
 
 

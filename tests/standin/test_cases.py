@@ -94,7 +94,7 @@ def test_motions_rate_and_signals_can_be_chosen(plain):
     assert log.hz == pytest.approx(50.0)
     assert np.ptp(case.test[1].position) < 0.3 < np.ptp(plain.train[0].position)
     assert draw_case(None, "pendulum1", rng(), seconds=SECONDS, with_effort=False).train[0].effort is None
-    with pytest.raises(ModelError, match="no motion 'dance'; there are multisine"):
+    with pytest.raises(ModelError, match="no motion 'dance'; give one of multisine"):
         draw_case(None, "pendulum1", rng(), learnt=("dance",))
 
 
@@ -149,7 +149,7 @@ def test_aloha_episodes_are_agilex_files_without_time_stamps(tmp_path):
 
 
 def test_wrong_names_are_refused():
-    with pytest.raises(EffectError, match="no cases of 'ghost'; there are command_delay"):
+    with pytest.raises(EffectError, match="no cases of 'ghost'; give one of command_delay"):
         draw_case("ghost", "pendulum1", rng())
     with pytest.raises(ModelError, match="no stand-in arm"):
         draw_case(None, "arm9", rng())

@@ -160,7 +160,7 @@ def test_faults_of_the_caller_are_named(build, moves, tmp_path):
         StandIn(arm_urdf("arm6"), ("elbow",), 1, 1, 1, 1)
     with pytest.raises(ModelError, match="does not exist"):
         StandIn(tmp_path / "none.urdf", ("a",), 1, 1, 1, 1)
-    with pytest.raises(ModelError, match="is no XML"):
+    with pytest.raises(ModelError, match="is not XML"):
         StandIn("<robot", ("a",), 1, 1, 1, 1)
     with pytest.raises(ModelError, match="its root is <sdf>, not <robot>"):
         StandIn("<sdf/>", ("a",), 1, 1, 1, 1)

@@ -93,7 +93,7 @@ def test_off_is_the_action_itself(rough: RobotModel, wanted: Recording) -> None:
 
 
 def test_what_cannot_be_is_refused(arm: RobotModel) -> None:
-    with pytest.raises(ModelError, match="mode 'on' is none of off, feed_forward"):
+    with pytest.raises(ModelError, match="mode 'on' is not one of off, feed_forward"):
         Tracker(arm, HZ, "on")
     with pytest.raises(ModelError, match="different joints"):
         Tracker(arm, HZ, reference=RobotModel.load("so101"))

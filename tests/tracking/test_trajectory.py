@@ -73,7 +73,7 @@ def test_the_written_commands_are_read_as_a_log(arm: RobotModel, wanted: Recordi
 
 
 def test_what_no_robot_can_do_is_refused(arm: RobotModel, wanted: Recording) -> None:
-    with pytest.raises(ModelError, match=r"elbow is wanted at .* outside its limits"):
+    with pytest.raises(ModelError, match=r"elbow should be at .* outside its limits"):
         track(arm, wanted.with_(position=wanted.position + np.array([0.0, 3.0])))
     with pytest.raises(SimulationError, match="2 joints"):
         track(RobotModel.load("so101"), wanted)

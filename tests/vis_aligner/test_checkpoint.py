@@ -30,7 +30,7 @@ def test_what_is_no_model_is_refused(tmp_path) -> None:
     (tmp_path / "notes.pt").write_text("shopping list")
     torch.save({"kind": "lean", "config": {"widths": [8, 8, 8, 16]}}, tmp_path / "half.pt")
     torch.save({"evil": torch.nn.Linear(2, 2)}, tmp_path / "code.pt")  # would run code when read as a pickle
-    for name, says in (("notes.pt", "no lean model"), ("half.pt", "no lean model"), ("code.pt", "no lean model"),
+    for name, says in (("notes.pt", "not a lean model"), ("half.pt", "not a lean model"), ("code.pt", "not a lean model"),
                        ("none.pt", "does not exist")):  # fmt: skip
         with pytest.raises(VisionError, match=says):
             load_aligner(tmp_path / name)

@@ -64,5 +64,5 @@ def test_the_shipped_model_makes_the_same_frames_there(batch) -> None:
 def test_a_device_that_is_not_there_and_settings_of_svd_are_refused() -> None:
     with pytest.raises(VisionError, match="device 'cuda:97' is not available here"):
         load_aligner("lean", device="cuda:97")
-    with pytest.raises(VisionError, match="for svd aligners, and lean is lean"):
+    with pytest.raises(VisionError, match="for svd aligners, but lean is lean"):
         load_aligner("lean", svd=SvdSettings(bf16=True))

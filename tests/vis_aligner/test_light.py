@@ -139,7 +139,7 @@ def test_shadows_move_in_generated_frames(bench) -> None:
         ({"positions": np.zeros((2, 2))}, "positions"),
         ({"strengths": np.array([-1.0, 1.0])}, "negative"),
         ({"positions": -LAMPS}, "above the table"),
-        ({"matrix": np.zeros((3, 3))}, "real camera"),
+        ({"matrix": np.zeros((3, 3))}, "matrix invertible"),
         ({"strengths": np.array([np.nan, 1.0])}, "finite"),
     ],
 )

@@ -139,7 +139,7 @@ def test_cameras_that_stand_are_refused(bench: Bench) -> None:
     still = replace(
         film, condition=replace(film.condition, parts=np.where(film.condition.classes < ROBOT, 0, film.condition.parts))
     )
-    with pytest.raises(VisionError, match="stands still"):
+    with pytest.raises(VisionError, match="does not move"):
         make_moving_bench([still])
     with pytest.raises(VisionError, match="at least one"):
         make_moving_bench([])

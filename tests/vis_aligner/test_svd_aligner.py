@@ -121,7 +121,7 @@ def test_latents_used_longest_ago_are_dropped() -> None:
 def test_networks_of_other_channels_and_settings_are_refused() -> None:
     odd = FewConvolutions()
     odd.config = SimpleNamespace(in_channels=7, cross_attention_dim=4)
-    with pytest.raises(VisionError, match="takes 7 channels"):
+    with pytest.raises(VisionError, match="has 7 input channels"):
         SvdAligner(odd, BlockMeans())
     with pytest.raises(VisionError, match="decode_chunk_size is 0"):
         SvdSettings(decode_chunk_size=0)

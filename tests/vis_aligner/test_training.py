@@ -141,5 +141,5 @@ def test_episodes_must_be_longer_than_a_chunk() -> None:
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path) -> None:
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(VisionError, match="cannot be made a folder"):
+    with pytest.raises(VisionError, match="cannot be created"):
         train(fresh(), [episode()], CONFIG, tmp_path / "file" / "model")

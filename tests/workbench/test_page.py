@@ -151,7 +151,7 @@ def test_what_fails_in_an_environment_is_a_sentence(page, monkeypatch) -> None:
     page.actions.do("accept")  # a model of two joints, which no environment takes
     assert page.actions.wait(60) and share._open.visible
     share._start()
-    until(lambda: "the ALOHA environments take 14" in page._said.content and share._open.visible)
+    until(lambda: "the ALOHA environments need 14" in page._said.content and share._open.visible)
     assert not share._close.visible
 
 

@@ -77,7 +77,7 @@ def test_grippers_get_the_action(rough: str) -> None:
 def test_what_cannot_be_wrapped_is_refused(rough: str) -> None:
     with pytest.raises(SimulationError, match="put ActionChunk around it"):
         CalibratedTracking(ActionChunk(make(rough), 4), rough)
-    with pytest.raises(ModelError, match="other joints"):
+    with pytest.raises(ModelError, match="different joints"):
         CalibratedTracking(make(rough), "so101")
     with pytest.raises(SimulationError, match="encoders of ALOHA"):
         CalibratedTracking(gym.make("Pendulum-v1"), rough)

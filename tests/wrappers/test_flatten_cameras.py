@@ -48,7 +48,7 @@ def test_what_is_flat_stays_as_it_is() -> None:
 
 def test_observations_that_are_no_dictionary_are_refused() -> None:
     inner = gym.make(ID, obs_type="state")
-    with pytest.raises(SimulationError, match="takes observations that are dictionaries, not a Box; make the"):
+    with pytest.raises(SimulationError, match="needs observations that are dictionaries, not a Box; make the"):
         FlattenCameras(inner)
     inner.close()
 

@@ -116,7 +116,7 @@ def test_a_vector_plays_what_one_environment_plays(count: int, mode: AutoresetMo
 
 
 def test_without_autoreset_episodes_end_together() -> None:
-    with pytest.raises(SimulationError, match="autoreset_mode DISABLED; take another"):
+    with pytest.raises(SimulationError, match="autoreset_mode DISABLED; use another"):
         list(wrapped(2, AutoresetMode.DISABLED, tries=1).rollouts(Half(), [5, 6], SPREAD))
 
 
@@ -185,7 +185,7 @@ def test_observations_as_policies_take_them() -> None:
         ({"chunks": 0}, "1 chunk"),
         ({"noise": -0.1}, "noise is -0.1"),
         ({"noise": float("nan")}, "noise is nan"),
-        ({"per": "episode"}, "'episode' is none of chunk, step"),
+        ({"per": "episode"}, "'episode' is not one of chunk, step"),
     ],
 )
 def test_options_are_checked(options, message: str) -> None:
@@ -204,5 +204,5 @@ def test_what_cannot_be_rolled_out_is_one_sentence(monkeypatch: pytest.MonkeyPat
     with pytest.raises(SimulationError, match="not over after 20 chunks"):
         list(PreferenceRolloutWrapper(Walk(ends=False), chunk=K).rollouts(Half(), [1], SPREAD))
     for policy in (Half(size=3), Half(chunk=2)):
-        with pytest.raises(PolicyError, match=r"wanted are \(1, 3, 2\) or longer"):
+        with pytest.raises(PolicyError, match=r"but \(1, 3, 2\) or a longer"):
             list(wrapped().rollouts(policy, [1], SPREAD))

@@ -25,5 +25,5 @@ def load_entry(name: str) -> Callable[[Task], Finding]:
     Raises: EmbodieDreamerError for an unknown name, MissingExtraError if it needs a package that is not installed.
     """
     if name not in ENTRIES:
-        raise EmbodieDreamerError(f"there is no entry '{name}'; there are {', '.join(ENTRIES)}.")
+        raise EmbodieDreamerError(f"there is no entry '{name}'; give one of {', '.join(ENTRIES)}.")
     return importlib.import_module(f"embodiedreamer_gym.bench.entries.{ENTRIES[name]}").answer

@@ -213,5 +213,5 @@ def _toolbox() -> Any:
     except ImportError as error:
         reason = error
     raise MissingExtraError(
-        "the entry mujoco-sysid needs mujoco.sysid, which is not installed whole; run: pip install 'embodiedreamer-gym[bench]'"
+        "the entry mujoco-sysid needs mujoco.sysid, which is not completely installed; run: pip install 'embodiedreamer-gym[bench]'"
     ) from reason

@@ -72,8 +72,8 @@ def verdict_sentence(data: Mapping[str, Any]) -> str:
         named = f"{listed([texts[e] for e in sure])}, and also " if sure else ""
         return f"The model lacks {named}{listed([texts[e] for e in texts if e not in sure], 'or')}; these recordings do not tell which."
     if data["verdict"] == "nothing_missing":
-        return f"Nothing is missing that these recordings could show: {calibrated} off, {floor}."
-    return f"Something is missing that no known effect explains: {calibrated} off, {floor}."
+        return f"These recordings show no missing effect: the error is {calibrated}, {floor}."
+    return f"An effect is missing, but no known effect explains it: the error is {calibrated}, {floor}."
 
 
 def _is_inexact(data: Mapping[str, Any]) -> bool:

@@ -67,7 +67,7 @@ class EglContext:
                 self._plugin = client.loadPlugin(path, ENTRY)
         if self._plugin < 0:
             raise SimulationError(
-                f"renderer 'egl' cannot be loaded here; install the Debian packages {PACKAGES}, or take 'tiny'."
+                f"renderer 'egl' cannot be loaded here; install the Debian packages {PACKAGES}, or use 'tiny'."
             )
         self._egl = _library()
         self._handles = (
@@ -81,7 +81,7 @@ class EglContext:
         Raises: SimulationError when it is closed, or in use by another thread.
         """
         if self._plugin < 0:
-            raise SimulationError("renderer 'egl' is closed; make another, for another world.")
+            raise SimulationError("renderer 'egl' is closed; make a new one for a new world.")
         if not self._egl.eglMakeCurrent(*self._handles):
             raise SimulationError("renderer 'egl' is in use by another thread; make one environment for each thread.")
 

@@ -51,7 +51,7 @@ class Renderer:
 
     def __init__(self, client: BulletClient, choice: str = "auto", size: tuple[int, int] = (128, 96)) -> None:
         if not isinstance(choice, str) or choice not in CHOICES:
-            raise SimulationError(f"renderer {brief(choice)} is none of {', '.join(map(repr, CHOICES))}.")
+            raise SimulationError(f"renderer {brief(choice)} is not one of {', '.join(map(repr, CHOICES))}.")
         width, height = whole_size(size)
         wanted = choice == "egl"
         if choice == "auto" and width * height > SMALL and egl.fits((width, height)):
@@ -140,8 +140,8 @@ class Renderer:
         if self._context is not None:
             if not egl.fits(size):
                 raise SimulationError(
-                    f"renderer 'egl' draws pictures of up to {egl.LARGEST[0]} x {egl.LARGEST[1]} pixels, "
-                    f"not {size[0]} x {size[1]}; take 'tiny'."
+                    f"renderer 'egl' draws pictures of up to {egl.LARGEST[0]} x {egl.LARGEST[1]} pixels, not "
+                    f"{size[0]} x {size[1]}; use 'tiny'."
                 )
             self._context.make_current()
         _, _, rgba, buffer, bodies = self._client.getCameraImage(

@@ -35,13 +35,13 @@ def export_model(
     """
     path = Path(path)
     if to not in FORMATS:
-        raise ModelError(f"format {brief(to)} is none of {', '.join(FORMATS)}.")
+        raise ModelError(f"format {brief(to)} is not one of {', '.join(FORMATS)}.")
     if to == "urdf" and (timestep is not None or recordings):
         raise ModelError(
             "a URDF has neither a time step nor a controller to replay recordings with; export to mjcf for both."
         )
     if os.path.exists(path) and os.path.samefile(path, model.urdf):
-        raise ModelError(f"{path} is the model's own URDF, which an export reads; name another file.")
+        raise ModelError(f"{path} is the model's own URDF, which the export reads; give another file.")
     if to == "urdf":
         from embodiedreamer_gym.engines.export.urdf import write_urdf
 

@@ -40,4 +40,4 @@ def copy_meshes(names: Iterable[str], folder: Path, path: Path) -> dict[str, str
 def mesh_notes(copied: Mapping[str, str], missing: Iterable[str], path: Path) -> list[str]:
     """Notes for the user on copied and missing meshes."""
     notes = [f"Meshes are copied into {path.stem}_meshes beside this file; keep both together."] if copied else []
-    return [*notes, *(f"The mesh {name} is missing, or of a format that MuJoCo does not read." for name in missing)]
+    return [*notes, *(f"The mesh {name} is missing, or has a format that MuJoCo cannot read." for name in missing)]

@@ -53,10 +53,10 @@ def write_mjcf(model: RobotModel, path: Path, timestep: float | None = None) -> 
     for mesh in root.iter("mesh"):
         mesh.set("file", copied[str(mesh.get("file"))])
     notes = (
-        f"The time step is {1e3 * dt:g} ms" + (f", {reason}." if timestep is None else " as asked for."),
+        f"The time step is {1e3 * dt:g} ms" + (f", {reason}." if timestep is None else " as requested."),
         *_step_notes(parts.joints, dt),
         *mesh_notes(copied, missing, path),
-        "Links of the robot do not touch each other, and the URDF's effort limits do not count, as in `compare`.",
+        "Links of the robot do not touch each other, and the URDF's effort limits are not applied, as in `compare`.",
         *joint_notes(model),
     )
     written = (Line("servo", "actuator: gainprm, biasprm"), Line("rotor inertia", "joint: armature"),
@@ -138,15 +138,16 @@ def _polynomial(*coefficients: float) -> Any:
 def _step_notes(joints: Joints, dt: float) -> list[str]:
     """Notes on values that depend on the time step and are wrong at another one."""
     half = 0.5 * dt * (joints.damping + joints.viscous_friction)
-    notes = ["The armature is the rotor inertia less half a step of damping, since the integrator adds a whole step of it; with "
-             "another time step, export again."]  # fmt: skip
+    notes = ["The armature is the rotor inertia minus half a step of damping, since the integrator adds a whole step "
+             "of it; with another time step, export again."]  # fmt: skip
     if np.any(half > joints.rotor_inertia * (1 + 1e-9)):
         notes.append(
             "Half a step of damping is more than the rotor inertia of a joint, which moves as if it were heavier."
         )
     if joints.lowpass.any():
         notes.append(
-            "dynprm is the time constant at which a command that is held for a step lags as the controller's filter does."
+            "dynprm is a time constant, chosen so that a command that is held for a step lags as much as in the "
+            "controller's filter."
         )
     if np.any((joints.delay > 0) & (joints.delay < dt)):
         notes.append("A delay that is shorter than the time step is left out.")

@@ -51,7 +51,10 @@ def parts_of(model: RobotModel, table: Mapping[str, Entry], places: Mapping[str,
     joints, written, lost = plain_joints(model), [], []
     if model.gravity_compensation.any():
         lost.append(
-            Line("gravity_compensation", "the servo carries the weight of the links by itself, without an error")
+            Line(
+                "gravity_compensation",
+                "the servo compensates for the weight of the links, which the format cannot express",
+            )
         )
     for effect in model.effects:
         place, loss = _apply(effect, model, joints, table, places, library)
@@ -76,7 +79,7 @@ def _apply(
 ) -> tuple[str, str]:
     """Apply an effect to the joints' numbers; returns its place in the file, and what is lost."""
     if isinstance(effect, SignalLaw) and effect.stage in OF_THE_LOG:
-        return "", "a property of the log, which the robot does not feel: nothing is lost"
+        return "", "affects only the log, not the robot: nothing is lost"
     if isinstance(effect, MechanicsChange):
         fields = changed_fields(effect, model)
         kept = dict.fromkeys(places[name] for name in fields if name in places)

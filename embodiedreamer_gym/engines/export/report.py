@@ -33,8 +33,8 @@ class Agreement:
     def __str__(self) -> str:
         r, j = np.unravel_index(np.argmax(self.largest), self.largest.shape)
         return (
-            f"replay in MuJoCo from the file, against the rollouts of `compare`: {1e3 * self.largest[r, j]:.3f} mrad at most "
-            f"({self.joints[j]}, {self.recordings[r]}), {1e3 * self.mean.mean():.3f} mrad in the mean"
+            f"replay in MuJoCo from the file, against the rollouts of `compare`: {1e3 * self.largest[r, j]:.3f} mrad "
+            f"at most ({self.joints[j]}, {self.recordings[r]}), {1e3 * self.mean.mean():.3f} mrad on average"
         )
 
     def as_dict(self) -> dict[str, Any]:

@@ -26,7 +26,7 @@ def choose_timestep(joints: Joints) -> tuple[float, str]:
     """The longest of STEPS that the joints allow, s, and the reason."""
     bounds = [(STEPS[1], "half a step of `compare`: MuJoCo takes Coriolis forces at the speed of half a step ago")]
     if np.isfinite(joints.rate).any():
-        bounds = [(STEPS[0], "that of `compare`, whose ramps turn at its steps")]
+        bounds = [(STEPS[0], "the step of `compare`, because its command ramps change slope at its steps")]
     for name, bound in NEEDS.items():
         values = getattr(joints, name)
         if np.any(np.isfinite(values) & (values > 0)):

@@ -34,9 +34,9 @@ def write_urdf(model: RobotModel, path: Path) -> Export:
     notes = (*mesh_notes(copied, (), path), *joint_notes(model))
     written = (Line("viscous friction", "dynamics: damping"), *parts.written)
     controller = (
-        Line("servo", "a controller's gains are no part of a URDF; stiffness, N m/rad: "
+        Line("servo", "a controller's gains are not part of a URDF; stiffness, N m/rad: "
              f"{_by_joint(model, joints.stiffness)}; damping, N m s/rad: {_by_joint(model, joints.damping)}"),
-        Line("rotor inertia", f"links alone have an inertia; at the joint, kg m^2: {_by_joint(model, joints.rotor_inertia)}"),
+        Line("rotor inertia", f"only links have an inertia; at the joint, kg m^2: {_by_joint(model, joints.rotor_inertia)}"),
     )  # fmt: skip
     export = Export(model.name, "urdf", path, written, (*controller, *parts.lost), notes)
     write_xml(root, export.comment, path)

@@ -32,7 +32,7 @@ def check_renderer(choice: str) -> str:
     """
     if not isinstance(choice, str) or choice not in RENDERERS:
         raise SimulationError(
-            f"renderer {brief(choice)} is none of {', '.join(map(repr, RENDERERS))} of engine 'mujoco'."
+            f"renderer {brief(choice)} is not one of {', '.join(map(repr, RENDERERS))} of engine 'mujoco'."
         )
     return choice
 
@@ -134,7 +134,7 @@ class Renderer:
     def _prepare(self, data: Any, camera: Camera, size: tuple[int, int], mount: Pose | None) -> None:
         """Update the scene from MuJoCo's data and set the camera."""
         if self._gl is None:
-            raise SimulationError("the renderer is closed; make another environment.")
+            raise SimulationError("the renderer is closed; make a new environment.")
         if size[0] > LARGEST[0] or size[1] > LARGEST[1]:
             raise SimulationError(
                 f"engine 'mujoco' draws pictures of up to {LARGEST[0]} x {LARGEST[1]} pixels, not {size[0]} x {size[1]}."

@@ -36,7 +36,9 @@ class ScriptedExpert:
     def __init__(self, env: gym.Env) -> None:
         aloha = env.unwrapped
         if not isinstance(aloha, AlohaEnv):
-            raise SimulationError(f"{env} is no ALOHA environment, the only kind that the scripted expert plays.")
+            raise SimulationError(
+                f"{env} is not an ALOHA environment, the only kind that the scripted expert can play."
+            )
         robot, side = aloha.robot, SIDES.index(aloha.side)
         self._env = aloha
         self._arm = Kinematics(robot, robot.arms[side])

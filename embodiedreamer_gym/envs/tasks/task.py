@@ -134,7 +134,7 @@ def placed(
     for name, value in check_mapping("object_poses", wanted).items():
         pose = vector(f"pose of {check_choice('prop', name, found)}", value, 7)
         if not 0.9 < np.linalg.norm(pose[3:]) < 1.1:
-            raise SimulationError(f"pose of {name}: the last four numbers are no unit quaternion xyzw.")
+            raise SimulationError(f"pose of {name}: the last four numbers are not a unit quaternion xyzw.")
         found[name] = Pose(pose[:3], pose[3:])
     if thing in (wanted or ()):
         side = SIDES[int(found[thing].position[1] < 0)]

@@ -73,28 +73,30 @@ class ActConfig:
                 _at_least(field.name, getattr(self, field.name), 0 if field.name in ("latent", "keypoints") else 1)
         for names in (self.cameras, self.objects):
             if not isinstance(names, tuple) or not all(isinstance(name, str) for name in names):
-                raise PolicyError(f"cameras and objects are names, not {names!r}.")
+                raise PolicyError(f"cameras and objects must be names, not {names!r}.")
         for sizes in (self.image_size, self.source_size or (), self.widths):
             if not isinstance(sizes, tuple):
-                raise PolicyError(f"image_size, source_size and widths are whole numbers, not {sizes!r}.")
+                raise PolicyError(f"image_size, source_size and widths must be whole numbers, not {sizes!r}.")
             for value in sizes:
                 _at_least("one of image_size, source_size and widths", value, 1)
         if len(self.image_size) != 2 or len(self.source_size or (1, 1)) != 2 or not self.widths:
-            raise PolicyError("image_size is a width and a height, and widths names at least one stage.")
+            raise PolicyError("image_size must be a width and a height, and widths must have at least one stage.")
         if not 1 <= len(set(self.cameras)) == len(self.cameras) <= MOST_CAMERAS:
-            raise PolicyError(f"ACT takes one to {MOST_CAMERAS} cameras of different names, not {list(self.cameras)}.")
+            raise PolicyError(
+                f"ACT needs one to {MOST_CAMERAS} cameras with different names, not {list(self.cameras)}."
+            )
         if self.width % self.heads or self.width % 4:
             raise PolicyError(f"width {self.width} must be a multiple of 4 and of the {self.heads} heads.")
         if self.norm not in NORMS:
-            raise PolicyError(f"norm '{self.norm}' is none of {', '.join(NORMS)}.")
+            raise PolicyError(f"norm '{self.norm}' is not one of {', '.join(NORMS)}.")
         if self.norm == "group" and any(one % 8 for one in self.widths):
             raise PolicyError(f"widths {list(self.widths)} must be multiples of 8, the channels of a group.")
         if not isinstance(self.dropout, int | float) or not 0 <= self.dropout < 1:
-            raise PolicyError(f"dropout {self.dropout!r} is no share between 0 and 1.")
+            raise PolicyError(f"dropout {self.dropout!r} is not a share between 0 and 1.")
         if self.numbers > MOST_NUMBERS or self.encoders + self.decoders + self.latent_encoders > MOST_LAYERS:
             raise PolicyError(
-                f"an ACT network of these sizes has {self.numbers:.2g} numbers; {MOST_NUMBERS:.2g} and {MOST_LAYERS} "
-                "layers are the most."
+                f"an ACT network of these sizes has {self.numbers:.2g} numbers; at most {MOST_NUMBERS:.2g} numbers "
+                f"and {MOST_LAYERS} layers are allowed."
             )
 
     @property
@@ -155,7 +157,9 @@ class ActConfig:
             values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data.items()}
             return ActConfig(**values)
         except TypeError as error:
-            raise PolicyError(f"the ACT configuration is incomplete or of other types: {error}.") from error
+            raise PolicyError(
+                f"the ACT configuration is incomplete or has values of the wrong type: {error}."
+            ) from error
 
 
 def _at_least(name: str, value: Any, least: int) -> None:

@@ -13,7 +13,7 @@ from embodiedreamer_gym.io.files import atomic_file
 CSV = "curves.csv"
 EVENTS = "tensorboard"
 COLUMNS = {name: name for name in ("step", "loss", "l1", "kl", "gradient")} | {"learning_rate": "rate"}  # heading
-HINT = "no TensorBoard curves: `pip install 'embodiedreamer-gym[tensorboard]'` brings them; curves.csv has the same numbers"
+HINT = "no TensorBoard curves: install them with `pip install 'embodiedreamer-gym[tensorboard]'`; curves.csv has the same numbers"
 
 
 class Curves:

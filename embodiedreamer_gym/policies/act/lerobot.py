@@ -71,7 +71,9 @@ def load_lerobot(folder: str | Path) -> ActPolicy:
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         if isinstance(error, PolicyError):
             raise
-        raise PolicyError(f"{folder / 'config.json'} is incomplete or of other types: {error}.") from error
+        raise PolicyError(
+            f"{folder / 'config.json'} is incomplete or has values of the wrong type: {error}."
+        ) from error
     weights = read_safetensors(folder / MODEL)
     renamed = {_renamed(name): value.float() for name, value in weights.items() if name.startswith("model.")}
     renamed.pop("", None)
@@ -84,7 +86,7 @@ def load_lerobot(folder: str | Path) -> ActPolicy:
     unfit += [name for name in renamed if tuple(renamed[name].shape) != expected.get(name)]
     if unfit:
         raise PolicyError(
-            f"{folder / MODEL} does not fit its config.json: '{unfit[0]}' is missing, unexpected or of another size."
+            f"{folder / MODEL} does not fit its config.json: '{unfit[0]}' is missing, unexpected or has another size."
         )
     network.load_state_dict(renamed, strict=False)
     return ActPolicy(network)
@@ -107,7 +109,7 @@ def _config(data: Mapping[str, Any], folder: Path) -> tuple[ActConfig, list[str]
     where = folder / "config.json"
     for key, value in FIXED.items():
         if data.get(key, value) != value:
-            raise PolicyError(f"{where}: {key} is {data[key]!r}, and only {value!r} can be built here.")
+            raise PolicyError(f"{where}: {key} is {data[key]!r}, but only {value!r} is supported.")
     if not isinstance(data.get("normalization_mapping") or {}, Mapping):
         raise PolicyError(f"{where}: normalization_mapping must be an object.")
     inputs, outputs = data.get("input_features") or {}, data.get("output_features") or {}
@@ -120,7 +122,7 @@ def _config(data: Mapping[str, Any], folder: Path) -> tuple[ActConfig, list[str]
     shapes = {tuple(inputs[name]["shape"]) for name in pictures}
     if len(shapes) > 1:
         raise PolicyError(
-            f"{where}: the cameras' pictures are of different sizes, and one is needed: {sorted(shapes)}."
+            f"{where}: the pictures of the cameras have different sizes, but one size is needed: {sorted(shapes)}."
         )
     _, height, width = shapes.pop()
     sizes = {ours: data[theirs] for theirs, ours in SIZES.items() if theirs in data}
@@ -156,7 +158,7 @@ def _statistics(
                 first, second = (source[f"{name}.{part}"].flatten().float() for part in (one, two))
                 return (first, second + 1e-8) if one == "mean" else ((first + second) / 2, (second - first + 1e-8) / 2)
         raise PolicyError(
-            f"{folder}: there are no statistics of {feature} for the normalisation {mode}; MEAN_STD or MIN_MAX."
+            f"{folder}: there are no statistics of {feature} for the normalisation {mode}; MEAN_STD and MIN_MAX are supported."
         )
 
     state, action = pair("STATE", STATE, OLD[STATE]), pair("ACTION", ACTION, OLD[ACTION])
@@ -176,7 +178,7 @@ def _processor_state(folder: Path) -> dict[str, torch.Tensor]:
             s["state_file"] for s in steps if s.get("registry_name") == "normalizer_processor" and s.get("state_file")
         ]
     except (LookupError, TypeError, AttributeError) as error:
-        raise PolicyError(f"{path} is no preprocessor of LeRobot: {error}.") from error
+        raise PolicyError(f"{path} is not a LeRobot preprocessor: {error}.") from error
     found: dict[str, torch.Tensor] = {}
     for name in files:
         found |= read_safetensors(folder / Path(str(name)).name)

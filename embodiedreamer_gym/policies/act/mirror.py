@@ -24,14 +24,18 @@ class MirroredEpisodes(EpisodeSet):
         self._index, self._sign = np.abs(signed) - 1, np.sign(signed).astype(np.float32)
         count = np.arange(len(signed))
         if sorted(self._index) != list(count) or (self._index[self._index] != count).any():
-            raise PolicyError(f"{list(numbers)} is no mirror: each joint is the image of its own image.")
+            raise PolicyError(
+                f"{list(numbers)} does not describe a mirror: mirroring a joint twice must give the same joint."
+            )
         if not len(signed) == episodes.state_size == episodes.action_size:
-            raise PolicyError(f"the mirror is of {len(signed)} joints, and the episodes have states of "
-                              f"{episodes.state_size} numbers, actions of {episodes.action_size}.")  # fmt: skip
+            raise PolicyError(f"the mirror has {len(signed)} joints, but the episodes have states of "
+                              f"{episodes.state_size} numbers and actions of {episodes.action_size}.")  # fmt: skip
         self._other = {name: _counterpart(name) for name in cameras}
         for name, other in self._other.items():
             if other not in cameras:
-                raise PolicyError(f"the camera '{name}' cannot be mirrored without '{other}'; take both, or no mirror.")
+                raise PolicyError(
+                    f"the camera '{name}' cannot be mirrored without '{other}'; use both cameras, or no mirror."
+                )
         self._episodes, self.cameras = episodes, tuple(cameras)
         self.state_size, self.action_size = episodes.state_size, episodes.action_size
         self.lengths = tuple(episodes.lengths) * 2

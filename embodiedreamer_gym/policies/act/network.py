@@ -167,11 +167,13 @@ class Act(nn.Module):
     def _state(self, batch: Batch) -> torch.Tensor:
         """Normalised states (B, n)."""
         if "agent_pos" not in batch:
-            raise PolicyError(f"this policy takes states, agent_pos, and there are only: {', '.join(batch) or 'none'}.")
+            raise PolicyError(
+                f"this policy needs the state (agent_pos), but the batch contains only: {', '.join(batch) or 'none'}."
+            )
         state = torch.as_tensor(batch["agent_pos"], dtype=torch.float32, device=self.device)
         if state.dim() != 2 or state.shape[1] != self.config.state_size:
             raise PolicyError(
-                f"this policy takes states of {self.config.state_size} numbers, not of the shape {tuple(state.shape)}."
+                f"this policy needs states of {self.config.state_size} numbers, not of the shape {tuple(state.shape)}."
             )
         if not bool(torch.isfinite(state).all()):
             raise PolicyError("a state, agent_pos, is not finite.")
@@ -185,11 +187,11 @@ class Act(nn.Module):
             if pixels is None:
                 names = ", ".join(pictures) or "none"
                 raise PolicyError(
-                    f"this policy needs pictures of the camera '{name}', and was given only those of: {names}."
+                    f"this policy needs pictures of the camera '{name}', but was given only pictures of: {names}."
                 )
             if len(pixels.shape) != 4 or pixels.shape[3] != 3 or str(pixels.dtype).removeprefix("torch.") != "uint8":
                 raise PolicyError(
-                    f"this policy takes pictures (B, H, W, 3) uint8, not {tuple(pixels.shape)} {pixels.dtype} of '{name}'."
+                    f"this policy needs pictures (B, H, W, 3) uint8, not {tuple(pixels.shape)} {pixels.dtype} of '{name}'."
                 )
             if pixels.shape[1:3] != (height, width):
                 pixels = scaled(np.asarray(pixels), (width, height))

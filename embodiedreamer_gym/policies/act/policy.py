@@ -65,10 +65,12 @@ class ActPolicy:
         data = read_config(folder)
         if data.get("type") != KIND:
             raise PolicyError(
-                f"{folder / CONFIG} is not of an ACT policy of this package; its type is {data.get('type')!r}."
+                f"{folder / CONFIG} does not belong to an ACT policy of this package; its type is {data.get('type')!r}."
             )
         config = ActConfig.of(data.get("config") or {})
-        damaged = PolicyError(f"{folder / WEIGHTS} holds no weights that fit {CONFIG}: damaged, or of another policy.")
+        damaged = PolicyError(
+            f"{folder / WEIGHTS} holds no weights that fit {CONFIG}; it is damaged or belongs to another policy."
+        )
         state = read_state(folder / WEIGHTS, damaged)
         network = Act(config, Statistics.of(state))
         try:
@@ -84,9 +86,9 @@ def read_config(folder: Path) -> dict[str, Any]:
     Raises: PolicyError if it is missing or no JSON object.
     """
     if not folder.is_dir():
-        raise PolicyError(f"policy {folder} is no folder; give one that `embodiedreamer policy train` wrote.")
+        raise PolicyError(f"policy {folder} is not a folder; give one that `embodiedreamer policy train` wrote.")
     if not (folder / CONFIG).is_file():
-        raise PolicyError(f"{folder} is no policy: its {CONFIG} is missing.")
+        raise PolicyError(f"{folder} is not a policy: its {CONFIG} is missing.")
     data = read_json(folder / CONFIG, PolicyError, "configuration")
     if not isinstance(data, dict):
         raise PolicyError(f"{folder / CONFIG} must be a JSON object with the key 'type'.")

@@ -176,8 +176,8 @@ class Samples:
         name = self._episodes.names[i]
         if values.shape != (self._episodes.lengths[i], size):
             raise PolicyError(
-                f"episode {name}: {what}s have the shape {values.shape}, but the policy takes {size} numbers in each of "
-                f"{self._episodes.lengths[i]} steps."
+                f"episode {name}: {what}s have the shape {values.shape}, but the policy needs {size} numbers in each "
+                f"of {self._episodes.lengths[i]} steps."
             )
         bad = np.flatnonzero(~np.isfinite(values).all(1))
         if len(bad):

@@ -51,7 +51,7 @@ class Statistics:
         for name in NAMES:
             value = getattr(self, name).detach().clone().float()
             if not bool(torch.isfinite(value).all()) or ("scale" in name and not bool((value > 0).all())):
-                raise PolicyError(f"{name} of the policy's statistics must be finite, and a scale positive.")
+                raise PolicyError(f"{name} of the policy's statistics must be finite, and scales must be positive.")
             module.register_buffer(name, value)
 
     @staticmethod
@@ -62,7 +62,7 @@ class Statistics:
         """
         for name in NAMES:
             if not isinstance(state.get(name), torch.Tensor):
-                raise PolicyError(f"the weights have no '{name}'; they are no ACT policy's of this package.")
+                raise PolicyError(f"the weights have no '{name}'; they do not belong to an ACT policy of this package.")
         return Statistics(**{name: state[name] for name in NAMES})
 
 

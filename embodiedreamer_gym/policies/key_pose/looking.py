@@ -47,7 +47,7 @@ class Looker:
         areas: Mapping[str, Area] | None = None, shapes: Mapping[str, Array] | None = None,
     ) -> None:  # fmt: skip
         if camera.link is not None:
-            raise PolicyError(f"key poses need a camera that stands still; {camera.name} sits on {camera.link}.")
+            raise PolicyError(f"key poses need a fixed camera; {camera.name} is mounted on {camera.link}.")
         self.head, self.things, self.camera, self.heights = head, tuple(things), camera, dict(heights)
         self.areas, self.shapes = dict(areas or {}), dict(shapes or {})
 
@@ -160,7 +160,7 @@ def taught(episodes: EpisodeSet, camera: str, seed: int, progress: ProgressCallb
     """
     if not episodes.objects or camera not in episodes.cameras:
         raise PolicyError(
-            f"{episodes.source} has no masks of objects for the camera {camera}, which key poses are learnt from."
+            f"{episodes.source} has no masks of objects for the camera {camera}; key poses are learned from them."
         )
     numbers = np.zeros(256, np.uint8)
     numbers[list(episodes.objects.values())] = np.arange(1, len(episodes.objects) + 1)

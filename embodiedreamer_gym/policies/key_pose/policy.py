@@ -51,7 +51,7 @@ class KeyPosePolicy:
         states = np.asarray(batch["agent_pos"], float)
         if states.ndim != 2 or states.shape[1] != self.action_size:
             raise PolicyError(
-                f"key poses of {self.action_size} joints cannot follow observations of shape {states.shape}."
+                f"the key poses have {self.action_size} joints, but the observations have the shape {states.shape}."
             )
         if len(self._plans) != len(states):
             pictures = [{name: x[i] for name, x in batch.get("pixels", {}).items()} for i in range(len(states))]

@@ -122,9 +122,9 @@ class Skill:
             good = keys and all(k.positions.shape == (count, 3) and k.rotations.shape == (count, 3, 3) for k in keys)
             skill = Skill(keys, scenes, str(data["side"]), float(data["opening"]))  # pyright: ignore[reportArgumentType]
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise PolicyError(f"these are no key poses: {error!r}.") from error
+            raise PolicyError(f"invalid key poses: {error!r}.") from error
         if not good:
-            raise PolicyError("these are no key poses: the numbers of demonstrations differ.")
+            raise PolicyError("invalid key poses: the numbers of demonstrations differ.")
         skill._check()
         return skill
 
@@ -136,17 +136,15 @@ class Skill:
         things = set(self.scenes[0]) if self.scenes else set[str]()
         whole = all(set(scene) == things and all(len(one) == 3 for one in scene.values()) for scene in self.scenes)
         if not things or not whole:
-            raise PolicyError(
-                "these are no key poses: the scenes must have the same things, each with x, y and an angle."
-            )
+            raise PolicyError("invalid key poses: the scenes must have the same objects, each with x, y and an angle.")
         places = np.array([list(scene.values()) for scene in self.scenes])
         for number, key in enumerate(self.keys):
             arrays = [places, *(np.asarray(getattr(key, name), float) for name in (*NUMBERS, *ARRAYS))]
             turned = np.abs(np.linalg.det(key.rotations) - 1.0).max() < 1e-3
             if not turned or any((np.abs(one) <= LARGEST).sum() < one.size for one in arrays):
-                raise PolicyError(f"these are no key poses: number {number} has numbers that no pose has.")
+                raise PolicyError(f"invalid key poses: key pose {number} has values out of range.")
             if {thing(key.frame), self.side} - things or key.posture.ndim != 1 or key.speed < SLOWEST:
-                raise PolicyError(f"these are no key poses: number {number} has an unknown frame, posture or speed.")
+                raise PolicyError(f"invalid key poses: key pose {number} has an unknown frame, posture or speed.")
 
     def __str__(self) -> str:
         lines = [f"{len(self.scenes)} demonstrations; the arm on the side of the {self.side} acts"]
@@ -168,7 +166,7 @@ def learn(demonstrations: Sequence[Demonstration], arms: Arms) -> Skill:
     Raises: PolicyError if fewer than three are left, or there is no object on the table.
     """
     if not demonstrations or not all(one.scene for one in demonstrations):
-        raise PolicyError("key poses need demonstrations with things on the table.")
+        raise PolicyError("key poses need demonstrations with objects on the table.")
     sides = [arms.acting(one.states) for one in demonstrations]
     cuts = [_cut(one, side, arms) for one, side in zip(demonstrations, sides, strict=True)]
     forms = Counter(tuple(key.event for key in keys) for keys in cuts)

@@ -41,7 +41,9 @@ def train_key_poses(episodes: EpisodeSet, robot: str | Path, camera: Camera, fol
     """
     model = RobotModel.load(robot)
     if episodes.state_size != model.n or episodes.action_size != model.n:
-        raise PolicyError(f"{episodes.source} has {episodes.state_size} joints, and the robot {model.name} {model.n}.")
+        raise PolicyError(
+            f"{episodes.source} has {episodes.state_size} joints, but the robot {model.name} has {model.n}."
+        )
     head = taught(episodes, camera.name, seed, progress)
     return learnt_with(head, episodes, model, str(robot), camera, Path(folder))
 
@@ -118,7 +120,7 @@ def load_key_poses(folder: str | Path) -> KeyPosePolicy:
     """
     folder = Path(folder)
     data = read_config(folder)
-    damaged = PolicyError(f"{folder} holds no key poses: damaged, or of another policy.")
+    damaged = PolicyError(f"{folder} holds no valid key poses; it is damaged or belongs to another policy.")
     try:
         things = tuple(str(name) for name in data["things"])
         camera = Camera(**data["camera"])

@@ -58,7 +58,7 @@ def clone(
     chunks = Chunks.of(trajectories, network)
     share = torch.as_tensor(np.ones(len(trajectories)) if weights is None else np.asarray(weights, float)).float()
     if share.shape != (len(trajectories),) or not bool((share >= 0).all()) or not bool(share.sum() > 0):
-        raise PolicyError(f"cloning needs {len(trajectories)} weights of at least 0, one of them above it.")
+        raise PolicyError(f"cloning needs {len(trajectories)} weights of at least 0, at least one of them above 0.")
     share = (share / share.mean())[chunks.owner]
     size = chunks.played.sum().float() * chunks.actions.shape[2] / len(chunks)  # mean number of values in a chunk
 

@@ -50,7 +50,7 @@ def load_trajectories(path: str | Path) -> tuple[list[Trajectory], dict[str, Any
     except RecordingError as error:  # whatever a damaged or foreign file raises
         if isinstance(error.__cause__, PolicyError):
             raise PolicyError(str(error)) from error
-        raise PolicyError(f"{path} holds no trajectories: damaged, or another file.") from error
+        raise PolicyError(f"{path} holds no trajectories; it is damaged or another kind of file.") from error
 
 
 def _write(one: Trajectory, group: h5py.Group) -> None:
@@ -70,7 +70,7 @@ def _read(file: Hdf5File, name: str) -> Trajectory:
     group: Any = file.file[name]
     datasets: list[str] = []
     if not isinstance(group["observations"], h5py.Group):
-        raise PolicyError(f"/{name}/observations is no group of arrays.")
+        raise PolicyError(f"/{name}/observations is not a group of arrays.")
     group["observations"].visititems(lambda key, node: datasets.append(key) if isinstance(node, h5py.Dataset) else None)
     observations = {key: file.read(f"{name}/observations/{key}") for key in datasets}
     outcome = {k.removeprefix("outcome."): float(v) for k, v in group.attrs.items() if k.startswith("outcome.")}

@@ -67,8 +67,8 @@ class Chunks:
             k, m = network.mean(first).shape[1:]
         if m != actions.shape[2] or k < actions.shape[1]:
             raise PolicyError(
-                f"the policy predicts chunks of {k} actions of size {m}, and the trajectories hold {actions.shape[1]} of "
-                f"size {actions.shape[2]}; roll this policy out itself."
+                f"the policy predicts chunks of {k} actions of size {m}, but the trajectories contain "
+                f"{actions.shape[1]} of size {actions.shape[2]}; use rollouts of this policy."
             )
         return Chunks(
             _observations(trajectories, network),

@@ -31,7 +31,7 @@ class LossConfig:
 
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:
-            raise PolicyError(f"loss variant '{self.variant}' is none of {', '.join(VARIANTS)}.")
+            raise PolicyError(f"loss variant '{self.variant}' is not one of {', '.join(VARIANTS)}.")
         for name in ("beta", "penalty", "imitation", "clip"):
             if not getattr(self, name) > 0:
                 raise PolicyError(f"{name} of the loss is {getattr(self, name)}, but must be above 0.")

@@ -29,13 +29,15 @@ def pair(
     Raises: PolicyError if no pair is left, or the arguments do not fit each other.
     """
     if pairing not in PAIRINGS:
-        raise PolicyError(f"pairing '{pairing}' is none of {', '.join(PAIRINGS)}.")
+        raise PolicyError(f"pairing '{pairing}' is not one of {', '.join(PAIRINGS)}.")
     if top is not None and top < 1:
         raise PolicyError(f"top is {top}, but a set needs at least 1 pair.")
     if not np.isfinite(margin) or margin < 0:
         raise PolicyError(f"margin is {margin}, but must be 0 or more.")
     if len(starts) != len(scores) or not len(starts):
-        raise PolicyError(f"there are {len(starts)} starts and {len(scores)} scores; give one each, at least 2.")
+        raise PolicyError(
+            f"there are {len(starts)} starts and {len(scores)} scores; give one score for each start, and at least 2."
+        )
     values = np.asarray(scores, float)
     pairs = _same_start(np.asarray(starts), values, top) if pairing == PAIRINGS[0] else _global(values, top or TOP)
     kept = [(w, l) for w, l in pairs if values[l] - values[w] > 0 and values[l] - values[w] >= margin]

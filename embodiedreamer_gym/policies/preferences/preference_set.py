@@ -91,4 +91,4 @@ class PreferenceSet:
         except PolicyError as error:
             raise PolicyError(f"{path}: {error}") from error
         except (TypeError, ValueError, OverflowError) as error:
-            raise PolicyError(f"{path} holds no preference set: its gaps are no list of numbers.") from error
+            raise PolicyError(f"{path} holds no preference set: its gaps are not a list of numbers.") from error

@@ -79,7 +79,9 @@ class Trajectory:
             )
         value = float(self.outcome[metric] if isinstance(metric, str) else metric(self))
         if not np.isfinite(value):
-            raise PolicyError(f"the metric of {self!r} is {value}; it must be a finite number, less is better.")
+            raise PolicyError(
+                f"the metric of {self!r} is {value}; it must be a finite number, and less must be better."
+            )
         return value
 
 

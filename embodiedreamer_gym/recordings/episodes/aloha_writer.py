@@ -33,7 +33,7 @@ class AlohaWriter:
 
     def __init__(self, folder: str | Path, hz: float, images: str = "raw", **attributes: Any) -> None:
         if images not in PACKING:
-            raise RecordingError(f"images {images!r} is none of {', '.join(PACKING)}")
+            raise RecordingError(f"images {images!r} is not one of {', '.join(PACKING)}")
         self.folder, self.hz, self.images, self.attributes = Path(folder), hz, images, attributes
         self._count = 0
         try:

@@ -74,8 +74,8 @@ def _agree(first: EpisodeSet, other: EpisodeSet, cameras: tuple[str, ...], stric
     missing = [camera for camera in cameras if camera not in other.cameras]
     if missing or (strict and set(cameras) != set(other.cameras)):
         raise RecordingError(
-            f"{other.source} has the cameras {', '.join(other.cameras) or 'none'}, wanted are {', '.join(cameras) or 'none'}; "
-            "name those that all sets have"
+            f"{other.source} has the cameras {', '.join(other.cameras) or 'none'}, but needed are "
+            f"{', '.join(cameras) or 'none'}; name those that all sets have"
         )
     for camera in cameras:
         a, b = ("{} x {}".format(*one.frame_size(camera)) for one in (first, other))

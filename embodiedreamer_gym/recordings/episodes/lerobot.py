@@ -56,7 +56,9 @@ class LeRobotEpisode(Episode):
                 f"{table}: episode {self.number} has {len(column)} steps, but {self.length} in meta/episodes"
             )
         if len(flat) != width * self.length or (nested and set(_sizes(column)) != {width}):
-            raise RecordingError(f"{table}: {key} has not {width} numbers a step, as meta/info.json states")
+            raise RecordingError(
+                f"{table}: {key} does not have the {width} numbers per step that meta/info.json states"
+            )
         values = flat.to_numpy(zero_copy_only=False).reshape(self.length, width)
         return check_numbers(values, f"{table}: {key} of episode {self.number}")
 
@@ -78,7 +80,7 @@ class LeRobotEpisodes(EpisodeSet):
         super().__init__(str(folder), names, episodes, info.state_size, info.action_size, sizes, info.hz)
         if sum(self.lengths) != info.frames:
             raise RecordingError(
-                f"{self.source}: the episodes have {sum(self.lengths)} steps, meta/info.json states {info.frames}"
+                f"{self.source}: the episodes have {sum(self.lengths)} steps, but meta/info.json states {info.frames}"
             )
 
 
@@ -130,10 +132,10 @@ def _v2_rows(path: Path, info: Info, chunk: int) -> list[dict[str, Any]]:
             try:
                 row = json.loads(line)
             except (ValueError, RecursionError) as error:
-                raise RecordingError(f"{path}: line {number} is no JSON") from error
+                raise RecordingError(f"{path}: line {number} is not JSON") from error
             if not isinstance(row, dict) or len(rows) == info.episodes:
                 raise RecordingError(
-                    f"{path}: line {number} is no object, or one more than the {info.episodes} of meta/info.json"
+                    f"{path}: line {number} is not an object, or is one more than the {info.episodes} of meta/info.json"
                 )
             rows.append({key: row.get(key) for key in ("episode_index", "length", "tasks")})
     _check_numbering(path.parent.parent, [row["episode_index"] for row in rows], info)
@@ -165,7 +167,7 @@ def _episode(row: dict[str, Any], folder: Path, info: Info, reader: VideoReader 
         videos[camera] = (path, float(row[f"{at}/from_timestamp"]))
     for path in (table, *(path for path, _ in videos.values())):
         if not path.is_file():
-            raise RecordingError(f"{path} is missing, which holds episode {number}; copy the whole set again")
+            raise RecordingError(f"{path}, which holds episode {number}, is missing; copy the whole set again")
     tasks = row["tasks"]
     task = tasks[0] if isinstance(tasks, list) and tasks else tasks
     return LeRobotEpisode(number, int(row["length"]), str(task or ""), table, videos, info, reader)

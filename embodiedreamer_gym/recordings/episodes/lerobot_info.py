@@ -101,7 +101,7 @@ def inside(folder: Path, template: str, chunk: int, file: int, key: str = "") ->
 def _count(path: Path, data: dict[str, Any], key: str) -> int:
     value = data.get(key)
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MAX_NUMBERS:
-        raise RecordingError(f"{path}: {key} must be a whole number of 1 to {MAX_NUMBERS}, not {brief(value)}")
+        raise RecordingError(f"{path}: {key} must be a whole number from 1 to {MAX_NUMBERS}, not {brief(value)}")
     return value
 
 
@@ -138,7 +138,9 @@ def _cameras(path: Path, features: dict[str, dict[str, Any]]) -> dict[str, tuple
     cameras = {}
     for key, feature in features.items():
         if feature.get("dtype") == "image":
-            raise RecordingError(f"{path}: the frames of {key} lie in the tables as images; videos are read")
+            raise RecordingError(
+                f"{path}: the frames of {key} are stored in the tables as images; only videos can be read"
+            )
         if feature.get("dtype") != "video":
             continue
         shape, names = _shape(path, key, feature, 3), feature.get("names")

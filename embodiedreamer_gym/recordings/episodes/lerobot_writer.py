@@ -48,10 +48,10 @@ class LeRobotWriter:
         self.folder = Path(folder)
         if self.folder.exists():
             raise RecordingError(
-                f"{self.folder} exists already; a LeRobot set is written as a whole, give another folder"
+                f"{self.folder} exists already; a LeRobot set is written as a whole, so give another folder"
             )
         if not 0 < hz < 1e6 or hz != int(hz):
-            raise RecordingError(f"a LeRobot set runs at a whole number of Hz, not at {hz:g}")
+            raise RecordingError(f"a LeRobot set needs a whole number of Hz, not {hz:g}")
         check_video((2, 2), codec)
         self.hz, self._joints, self._codec, self._robot = int(hz), list(joints), codec, robot_type
         self._part = self.folder.with_name(f".{self.folder.name}.part")

@@ -36,7 +36,7 @@ def check_video(size: tuple[int, int], codec: str = "libx264") -> None:
     for name in ("av", "pyarrow"):
         load_extra(name)
     if codec not in CODECS:
-        raise RecordingError(f"codec {codec!r} is none of {', '.join(CODECS)}")
+        raise RecordingError(f"codec {codec!r} is not one of {', '.join(CODECS)}")
     if size[0] % 2 or size[1] % 2:
         raise RecordingError(f"frames of {size[0]} x {size[1]} cannot be a video: width and height must be even")
 

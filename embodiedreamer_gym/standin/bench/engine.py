@@ -57,7 +57,7 @@ class StandInEngine(MujocoWorld):
     def __init__(self, settings: EngineSettings, world: StandInWorld) -> None:
         super().__init__(settings)
         if not callable(world.pictures) and world.pictures not in PICTURES:
-            raise SimulationError(f"pictures {world.pictures!r} is none of {', '.join(map(repr, PICTURES))}.")
+            raise SimulationError(f"pictures {world.pictures!r} is not one of {', '.join(map(repr, PICTURES))}.")
         self._period = 1.0 / settings.control_hz
         self._steps = int(np.ceil(self._period / LONGEST_STEP - 1e-9))
         joints = self.finger_joints()
@@ -87,7 +87,10 @@ class StandInEngine(MujocoWorld):
             self._noise = rng.spawn(1)[0]  # spawning does not change later draws
         rest = self.settle(command)
         if velocity.any() or np.abs(position - rest).max() > REST or sets is not None:
-            raise SimulationError("the stand-in world begins at rest under its command; leave other states out.")
+            raise SimulationError(
+                "the stand-in world always starts at rest at its first command; do not pass "
+                "another position, velocity or parameter set."
+            )
         self._commands = [command]
         for prop in self.settings.props:
             self.state.place(prop, poses[prop.name])
@@ -136,7 +139,7 @@ class StandInEngine(MujocoWorld):
         picture = np.asarray(self._pictures(self.poses()))
         if picture.shape != (height, width, 3) or picture.dtype != np.uint8:
             raise SimulationError(
-                f"pictures must give uint8 of shape {(height, width, 3)}, not {picture.dtype} of {picture.shape}."
+                f"pictures must return uint8 of shape {(height, width, 3)}, not {picture.dtype} of {picture.shape}."
             )
         return picture
 

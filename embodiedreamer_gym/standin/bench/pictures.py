@@ -33,7 +33,7 @@ class PathTraced:
     def __init__(self, robot: RobotModel, props: Sequence[Prop], appearance: str, size: tuple[int, int],
                  blender: str | None = None) -> None:  # fmt: skip
         if appearance == "many":
-            raise VisionError("a bench has one appearance; give lab, or a whole number that draws one.")
+            raise VisionError("a bench has one appearance; give lab, or a whole number that selects a random one.")
         check_size(size)
         self._appearance = find_appearance(appearance, 0)
         self._blender = find_blender(blender)

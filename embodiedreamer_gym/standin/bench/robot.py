@@ -67,7 +67,7 @@ def logs(
     Raises: ModelError for an unknown motion; EffectError; MissingExtraError without MuJoCo.
     """
     if kind not in MOTIONS:
-        raise ModelError(f"there is no motion '{kind}'; there are {', '.join(MOTIONS)}.")
+        raise ModelError(f"there is no motion '{kind}'; give one of {', '.join(MOTIONS)}.")
     robot, model = build_robot(effects, seed_of_robot), load_nominal()
     span = span_of(model.urdf, model.joints, np.array(ALOHA_HOME * 2), REACH, SPEED, model.normalised)
     gripper = np.array([unit == "1" for unit in model.units])

@@ -34,7 +34,7 @@ def find_appearance(text: str, seed: int) -> Appearance:
         return draw_appearance(seed)
     if text.isdecimal():
         return draw_appearance(int(text))
-    raise VisionError(f"there is no appearance '{text}'; give lab, many, or a whole number that draws one.")
+    raise VisionError(f"there is no appearance '{text}'; give lab, many, or a whole number that selects a random one.")
 
 
 def draw_appearance(seed: int) -> Appearance:

@@ -60,7 +60,7 @@ def _probe(python: str) -> tuple[str, bool]:
         answer = subprocess.run([python, "-c", PROBE], capture_output=True, text=True, timeout=60, env=_environment())
         major, minor, has_bpy = answer.stdout.split()
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
-        raise SimulationError(f"{python} is no Python; give the path of one that has bpy.") from error
+        raise SimulationError(f"{python} is not a Python interpreter; give the path of one that has bpy.") from error
     return f"{major}.{minor}", has_bpy == "True"
 
 

@@ -34,7 +34,7 @@ def film_episodes(films: Sequence[FilmSettings], episodes: int, folder: str | Pa
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise RecordingError(f"{folder} cannot be made a folder: {error.strerror}; give another place.") from error
+        raise RecordingError(f"the folder {folder} cannot be created: {error.strerror}; give another one.") from error
     wanted = (shard or Shard()).of([(film, number) for film in films for number in range(episodes)])
     missing = [(film, n) for film, n in wanted if not is_filmed(film.path(folder, n), film.as_dict(n))]
     total = sum(len(film.cameras) * min(film.frames or TYPICAL, TYPICAL // film.every) for film, _ in missing)

@@ -54,12 +54,12 @@ class FilmSettings:
 
     def __post_init__(self) -> None:
         if self.task not in TASKS:
-            raise SimulationError(f"there is no task '{self.task}'; there are {', '.join(TASKS)}.")
+            raise SimulationError(f"there is no task '{self.task}'; give one of {', '.join(TASKS)}.")
         find_appearance(self.appearance, 0)
         check_size(self.size)
         for name in self.cameras:
             if name not in CAMERAS:
-                raise SimulationError(f"there is no camera '{name}'; there are {', '.join(CAMERAS)}.")
+                raise SimulationError(f"there is no camera '{name}'; give one of {', '.join(CAMERAS)}.")
         if len(set(self.cameras)) != len(self.cameras) or not self.cameras:
             raise SimulationError("name at least one camera, and each once.")
         for name, smallest in MINIMUM.items():
@@ -68,7 +68,7 @@ class FilmSettings:
                 raise VisionError(f"{name} is {value}, but must be at least {smallest}.")
         if self.every > MAX_EVERY:
             raise VisionError(
-                f"every is {self.every}, but at most {MAX_EVERY} leaves the {MIN_FRAMES} pictures of a recording."
+                f"every is {self.every}, but must be at most {MAX_EVERY}, so that {MIN_FRAMES} pictures of a recording are left."
             )
 
     def as_dict(self, number: int) -> dict[str, Any]:

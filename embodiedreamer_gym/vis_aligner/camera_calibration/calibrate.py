@@ -69,7 +69,9 @@ def calibrate_camera(
     stations = [scenes] if fixed else [[scene] for scene in scenes]
     if marks is not None:
         if len(marks) and marks.station.max() >= len(stations):
-            raise VisionError(f"a mark is of station {marks.station.max()}, but stations are 0 .. {len(stations) - 1}.")
+            raise VisionError(
+                f"a mark belongs to station {marks.station.max()}, but stations are 0 .. {len(stations) - 1}."
+            )
         marks = marks.scaled(size, scenes[0].size)
     task = _Calibration(levels, stations, middle, radius, chosen, marks, np.random.default_rng(seed), report)
     state = task.solve(None if start is None else View.from_camera(start, scenes[0].size))
@@ -99,7 +101,9 @@ def fit_keypoints(
         raise VisionError("marks alone do not show a delay; leave it out of what is fitted.")
     stations = int(marks.station.max()) + 1 if len(marks) else 0
     if not stations or (names is not None and len(names) != stations):
-        raise VisionError(f"marks are of {stations} stations; give at least four marks of each, and one name each.")
+        raise VisionError(
+            f"the marks belong to {stations} stations; give at least four marks of each, and one name each."
+        )
     views = initial_views(marks, stations, size) if start is None else [View.from_camera(start, size)] * stations
     none = Body(np.zeros((3, 3)), np.array([[0, 1, 2]]), np.zeros(3), ("nothing",))
     levels = DetailLevels(none, none, none, np.zeros(1, bool), 0.0)

@@ -69,7 +69,7 @@ def _masks(folder: Path, name: str, recordings: int, rows: int) -> list[np.ndarr
     masks = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths]
     for path, mask in zip(paths, masks, strict=True):
         if mask is None:
-            raise VisionError(f"mask {path} is no picture that can be read.")
+            raise VisionError(f"mask {path} is not a readable image.")
     return [mask for mask in masks if mask is not None]
 
 
@@ -79,7 +79,9 @@ def first_guess(cameras: Mapping[str, Camera], path: Path) -> Camera:
     Raises: VisionError where there are several.
     """
     if len(cameras) != 1:
-        raise VisionError(f"{path} holds {len(cameras)} cameras ({', '.join(cameras)}); a first guess is one.")
+        raise VisionError(
+            f"{path} holds {len(cameras)} cameras ({', '.join(cameras)}); a first guess needs exactly one."
+        )
     return next(iter(cameras.values()))
 
 
@@ -111,7 +113,7 @@ def read_marks(path: Path, logs: Sequence[Recording], surface: Any, fixed: bool)
         sd.append(_numbers([entry.get("sd", 1.0)], 1, f"{where}: sd")[0])
         stand.append(0 if fixed else log)
     if not stand:
-        raise VisionError(f"marks {path} are of none of the recordings {', '.join(names)}.")
+        raise VisionError(f"no mark in {path} belongs to one of the recordings {', '.join(names)}.")
     return Keypoints(np.array(stand), np.array(point), np.array(pixel), np.array(sd))
 
 

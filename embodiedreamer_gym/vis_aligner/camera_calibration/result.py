@@ -81,7 +81,7 @@ class CameraFit:
         """
         if len(self.stations) != 1:
             names = ", ".join(one.camera.name for one in self.stations)
-            raise VisionError(f"the camera stood in {len(self.stations)} places ({names}); take one of fit.cameras.")
+            raise VisionError(f"the camera stood in {len(self.stations)} places ({names}); use one of fit.cameras.")
         return self.stations[0].camera
 
     @property

@@ -39,7 +39,7 @@ class Background:
     def __post_init__(self) -> None:
         for name in self.where:
             if name not in SCENE[:2]:
-                raise VisionError(f"the background is {' and '.join(SCENE[:2])}, not '{name}'.")
+                raise VisionError(f"the background must be {' or '.join(SCENE[:2])}, not '{name}'.")
         if self.pictures is not None:
             self._files()
 
@@ -88,7 +88,7 @@ class Background:
         path = Path(str(self.pictures)) / drawn["picture"]
         picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if picture is None:
-            raise VisionError(f"{path} is no picture that can be read; take it out of the folder.")
+            raise VisionError(f"{path} is not a readable image; remove it from the folder.")
         height, width = image.shape[:2]
         factor = max(height / picture.shape[0], width / picture.shape[1])
         size = max(width, round(picture.shape[1] * factor)), max(height, round(picture.shape[0] * factor))

@@ -36,7 +36,9 @@ class PaperSheet:
 
     def __post_init__(self) -> None:
         if self.camera.link is not None:
-            raise VisionError(f"camera {self.camera.name} sits on {self.camera.link}; a sheet needs one that stands.")
+            raise VisionError(
+                f"camera {self.camera.name} is mounted on {self.camera.link}; a sheet needs a fixed camera."
+            )
 
     def __repr__(self) -> str:
         return f"PaperSheet(camera={self.camera.name!r}, height={self.height}, area={self.area}, pose={self.pose})"
@@ -69,7 +71,7 @@ class PaperSheet:
         position, axes = self.camera.pose()
         points = (np.column_stack([flat, np.full(4, self.height)]) - position) @ axes
         if (points[:, 2] < self.camera.near).any():
-            raise VisionError(f"camera {self.camera.name} does not see a sheet at ({x:.2f}, {y:.2f}) m before it.")
+            raise VisionError(f"camera {self.camera.name} does not see a sheet at ({x:.2f}, {y:.2f}) m in front of it.")
         pixels = points @ self.camera.matrix((image.shape[1], image.shape[0])).T
         return pixels[:, :2] / pixels[:, 2:]
 

@@ -25,7 +25,8 @@ def check_pair(generated: Any, truth: Any) -> tuple[np.ndarray, np.ndarray]:
     generated, truth = check_frames(generated, "generated frames"), check_frames(truth, "true frames")
     if generated.shape != truth.shape:
         raise VisionError(
-            f"the generated frames are {clip_size(generated)}, the true ones {clip_size(truth)}; make them alike."
+            f"the generated frames are {clip_size(generated)}, the true ones {clip_size(truth)}; they must have the "
+            "same length and size."
         )
     return generated, truth
 

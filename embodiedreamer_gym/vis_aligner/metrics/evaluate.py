@@ -27,7 +27,7 @@ from embodiedreamer_gym.vis_aligner.metrics.segmenter import overlaps
 from embodiedreamer_gym.vis_aligner.metrics.video_features import NO_I3D, I3d, random_features
 
 BASELINES = ("raw simulation", "copy first", "copy last")
-OF_MANY = "a Frechet distance is of the clips of several episodes: see summarise"
+OF_MANY = "a Frechet distance needs the clips of several episodes; see summarise"
 UNITS = {
     "psnr": "dB", "ssim": "1", "gradient_psnr": "dB", "temporal_error": "1/255", "colour_shift": "1/255",
     "colour_shift_rgb": "1/255", "lpips": "1", "iou": "1", "iou_ceiling": "1", "rfvd": "(1/255)^2", "fvd": "1",
@@ -66,7 +66,7 @@ class Measures:
     def __getitem__(self, measure: str) -> float | None:
         """Value of a measure. Raises: VisionError for an unknown measure; the message lists the known ones."""
         if measure not in self.values:
-            raise VisionError(f"there is no measure {measure!r}; there are {', '.join(self.values)}.")
+            raise VisionError(f"there is no measure {measure!r}; give one of {', '.join(self.values)}.")
         return self.values[measure]
 
     def __repr__(self) -> str:
@@ -156,7 +156,7 @@ def _overlaps(generated: np.ndarray, truth: GroundTruth, chunk: int, values: dic
     for name, numbers in truth.numbers.items():
         values[f"iou.{name}"], values[f"iou_ceiling.{name}"] = truth.iou(segmented, numbers), truth.ceiling[name]
         if values[f"iou.{name}"] is None:
-            reasons |= {f"{key}.{name}": f"no true pixel is of {name}" for key in ("iou", "iou_ceiling")}
+            reasons |= {f"{key}.{name}": f"no true pixel belongs to {name}" for key in ("iou", "iou_ceiling")}
             continue
         curves = [_share_curve(*overlaps(segmented, truth.classes, number), chunk) for number in truth.seen(numbers)]
         seen = np.isfinite(curves).sum(axis=0)

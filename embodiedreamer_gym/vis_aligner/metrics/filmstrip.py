@@ -47,7 +47,7 @@ def _chosen(columns: int | Sequence[int], count: int) -> list[int]:
     else:
         chosen = [int(k) for k in columns]
     if not chosen or not all(0 <= k < count for k in chosen):
-        raise VisionError(f"frames {chosen} were asked for; some of 0 .. {count - 1} are expected.")
+        raise VisionError(f"frames {chosen} are requested; give one or more of 0 .. {count - 1}.")
     return chosen
 
 

@@ -74,7 +74,7 @@ class Lpips:
         Raises: VisionError for a missing file, a file that is not a state dict, other layers, or an unknown net.
         """
         if net not in TRUNKS:
-            raise VisionError(f"net {net!r} is none of {', '.join(TRUNKS)}.")
+            raise VisionError(f"net {net!r} is not one of {', '.join(TRUNKS)}.")
         make, taps, _ = TRUNKS[net]
         network, weights, linear = make(), _state(trunk), _state(heads)
         own = network.state_dict()
@@ -131,9 +131,11 @@ def _state(path: str | Path) -> dict[str, Any]:
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises many kinds of errors for other files
-        raise VisionError(f"{path}: this is no state dict of tensors alone ({type(error).__name__}).") from error
+        raise VisionError(
+            f"{path}: this is not a state dict that contains only tensors ({type(error).__name__})."
+        ) from error
     if not isinstance(state, dict):
-        raise VisionError(f"{path}: this holds a {type(state).__name__}, a state dict is expected.")
+        raise VisionError(f"{path}: this holds a {type(state).__name__}, but a state dict is expected.")
     return state
 
 

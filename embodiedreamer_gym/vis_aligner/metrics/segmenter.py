@@ -85,12 +85,12 @@ class Segmenter:
         if frames.shape[1:3] != self.known.shape:
             height, width = self.known.shape
             raise VisionError(
-                f"the frames are {clip_size(frames)}, the segmenter learnt {width}x{height}; give that size."
+                f"the frames are {clip_size(frames)}, the segmenter was trained on {width}x{height}; give that size."
             )
         areas = search_areas(classes, more)
         if unlearnt := sorted(set(areas) - set(self.numbers)):
             raise VisionError(
-                f"classes {unlearnt} were not in what the segmenter learnt, only {list(self.numbers)} were."
+                f"classes {unlearnt} are unknown to the segmenter; it was trained only on {list(self.numbers)}."
             )
         labels = np.array([0, *areas, UNKNOWN], np.uint8)
         segmented = np.empty(classes.shape, np.uint8)
@@ -158,7 +158,7 @@ def mask_iou(segmented: np.ndarray, classes: np.ndarray, number: int) -> float:
     """
     both, either = overlaps(segmented, classes, number)
     if not either.any():
-        raise VisionError(f"no pixel is of class {number}; leave it out.")
+        raise VisionError(f"no pixel has class {number}; leave it out.")
     return float(both.sum() / either.sum())
 
 

@@ -48,7 +48,7 @@ class Summary:
             return self.distances[measure]
         if measure not in self.figures:
             raise VisionError(
-                f"there is no measure {measure!r}; there are {', '.join([*self.figures, *self.distances])}."
+                f"there is no measure {measure!r}; give one of {', '.join([*self.figures, *self.distances])}."
             )
         figure = self.figures[measure]
         return None if figure is None else figure.mean
@@ -116,8 +116,9 @@ def _distance(name: str, episodes: Sequence[Measures], reasons: dict[str, str], 
     generated, truth = (np.concatenate([getattr(f, part) for f in features]) for part in ("generated", "truth"))
     if count <= truth.shape[1]:
         warnings.append(
-            f"{name} from {count} clips in {truth.shape[1]} dimensions: not more clips than dimensions, "
-            "so the covariances are singular and it comes out too large; compare it only at this number of clips"
+            f"{name} from {count} clips in {truth.shape[1]} dimensions: there are not more clips than dimensions, so "
+            "the covariances are singular and the distance is too large; compare it only with distances of the same "
+            "number of clips"
         )
     return frechet_distance(generated, truth)
 

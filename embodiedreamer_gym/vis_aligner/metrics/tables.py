@@ -33,7 +33,7 @@ def table(rows: Rows, columns: Sequence[str] = SHOWN, markdown: bool = False) ->
     if not rows:
         raise VisionError("there is no row to show; give at least one, name -> Measures or Summary.")
     if unknown := [name for name in columns if name not in COLUMNS and not any(name in _all(r) for r in rows.values())]:
-        raise VisionError(f"columns {unknown} are no measures; there are {', '.join(COLUMNS)} and those by class.")
+        raise VisionError(f"columns {unknown} are not measures; choose from {', '.join(COLUMNS)} and those by class.")
     shown = [name for name in columns if any(_all(row).get(name) is not None for row in rows.values())]
     heads = ["", *(_column(name)[0] for name in shown)]
     cells = {sd: [[label, *(_cell(row, n, sd) for n in shown)] for label, row in rows.items()] for sd in (True, False)}

@@ -58,7 +58,7 @@ class I3d:
                 warnings.simplefilter("ignore", DeprecationWarning)
                 return I3d(torch.jit.load(str(path), map_location=device).eval(), str(path), device)
         except (RuntimeError, ValueError) as error:
-            raise VisionError(f"{path}: this is no TorchScript file; i3d_torchscript.pt is expected.") from error
+            raise VisionError(f"{path}: this is not a TorchScript file; i3d_torchscript.pt is expected.") from error
 
     @torch.inference_mode()
     def features(self, frames: np.ndarray) -> np.ndarray:
@@ -72,9 +72,9 @@ class I3d:
             try:
                 row = self.network(video, rescale=True, resize=True, return_features=True)
             except RuntimeError as error:
-                raise VisionError(f"{self.path}: it does not take a clip as i3d_torchscript.pt does.") from error
+                raise VisionError(f"{self.path}: it does not accept a clip as i3d_torchscript.pt does.") from error
             if row.ndim != 2 or len(row) != 1:
-                raise VisionError(f"{self.path}: it gives {tuple(row.shape)} for one clip; (1, D) is expected.")
+                raise VisionError(f"{self.path}: it returns {tuple(row.shape)} for one clip; (1, D) is expected.")
             rows.append(row.cpu().numpy().astype(np.float64))
         return np.concatenate(rows) if rows else np.zeros((0, 0))
 

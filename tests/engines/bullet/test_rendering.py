@@ -136,7 +136,7 @@ def test_a_camera_on_a_link_sees_what_one_standing_there_sees(world: World) -> N
     seen = world.renderer.rgb(riding, SIZES[1], (standing.position, standing.rotation))
     np.testing.assert_array_equal(seen, world.renderer.rgb(standing, SIZES[1]))
     assert (seen != world.renderer.rgb(CAMERA, SIZES[1])).any()
-    with pytest.raises(SimulationError, match="camera eye sits on hand; give the pose"):
+    with pytest.raises(SimulationError, match="camera eye is mounted on hand; give the pose"):
         world.renderer.rgb(riding, SIZES[1])
 
 
@@ -215,7 +215,7 @@ def test_auto_takes_opengl_for_pictures_that_it_draws_faster(size: tuple[int, in
 def test_without_a_driver_auto_is_tiny_and_egl_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(egl, "is_available", lambda: False)
     assert World("auto", size=(640, 480)).renderer.name == "tiny"
-    with pytest.raises(SimulationError, match="libegl1 libegl-mesa0 libgl1-mesa-dri, or take 'tiny'"):
+    with pytest.raises(SimulationError, match="libegl1 libegl-mesa0 libgl1-mesa-dri, or use 'tiny'"):
         World("egl")
 
 
@@ -252,7 +252,7 @@ def test_opengl_says_nothing(capfd: pytest.CaptureFixture) -> None:
 
 
 def test_other_mistakes_are_named(world: World) -> None:
-    with pytest.raises(SimulationError, match="renderer 'vulkan' is none of 'auto', 'tiny', 'egl'"):
+    with pytest.raises(SimulationError, match="renderer 'vulkan' is not one of 'auto', 'tiny', 'egl'"):
         Renderer(world.client, "vulkan")
     with pytest.raises(SimulationError, match=r"class 256 of body 0 is not one of 0 \.\. 255"):
         world.renderer.capture(CAMERAS["head"], (64, 48), None, {0: 256})

@@ -200,8 +200,8 @@ def test_a_context_that_fails_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"engine": "ode"}, "engine 'ode' is none of 'auto', 'bullet', 'mujoco'"),
-        ({"engine": "mujoco", "renderer": "tiny"}, "renderer 'tiny' is none of 'auto', 'egl', 'osmesa'"),
+        ({"engine": "ode"}, "engine 'ode' is not one of 'auto', 'bullet', 'mujoco'"),
+        ({"engine": "mujoco", "renderer": "tiny"}, "renderer 'tiny' is not one of 'auto', 'egl', 'osmesa'"),
     ],
 )
 def test_what_there_is_not_is_one_sentence(arguments: dict[str, Any], sentence: str) -> None:

@@ -133,7 +133,7 @@ def test_min_max(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"vision_backbone": "resnet50"}, "vision_backbone is 'resnet50', and only 'resnet18'"),
+        ({"vision_backbone": "resnet50"}, "vision_backbone is 'resnet50', but only 'resnet18'"),
         ({"feedforward_activation": "gelu"}, "feedforward_activation"),
         ({"dim_model": 32}, "does not fit its config"),
         ({"n_decoder_layers": 2}, "does not fit its config.*'decoder.layers.1"),
@@ -150,7 +150,7 @@ def test_damaged_checkpoints(tmp_path: Path) -> None:
     folder = checkpoint(tmp_path)
     assert is_lerobot(folder)
     (folder / "policy_preprocessor.json").write_text("[]")
-    with pytest.raises(PolicyError, match="no preprocessor"):
+    with pytest.raises(PolicyError, match="not a LeRobot preprocessor"):
         load_lerobot(folder)
     weights = their_weights(Act(OURS))
     for broken in (

@@ -60,12 +60,12 @@ def test_twice_is_once() -> None:
 
 @pytest.mark.parametrize("numbers", [(2, 3, 1), (1, 1), (0, 2), (5, 1)])
 def test_what_is_no_mirror(numbers: tuple[int, ...]) -> None:
-    with pytest.raises(PolicyError, match="is no mirror"):
+    with pytest.raises(PolicyError, match="does not describe a mirror"):
         MirroredEpisodes(TwoArms(), numbers, ("head",))
 
 
 def test_a_mirror_of_other_joints() -> None:
-    with pytest.raises(PolicyError, match="the mirror is of 2 joints, and the episodes have states of 4 numbers"):
+    with pytest.raises(PolicyError, match="the mirror has 2 joints, but the episodes have states of 4 numbers"):
         MirroredEpisodes(TwoArms(), (-1, 2), ("head",))
 
 

@@ -102,13 +102,13 @@ def test_pictures_of_another_size_are_scaled() -> None:
 
 
 def test_what_does_not_fit_is_said() -> None:
-    with pytest.raises(PolicyError, match="camera 'head', and was given only those of: wrist"):
+    with pytest.raises(PolicyError, match="camera 'head', but was given only pictures of: wrist"):
         a_network().mean(a_batch(cameras=("wrist",)))
     with pytest.raises(PolicyError, match="states of 3 numbers"):
         a_network().mean({**a_batch(), "agent_pos": np.zeros((2, 14), np.float32)})
     for batch, said in (
-        ({"pixels": {}}, "takes states, agent_pos, and there are only: pixels"),
-        ({"agent_pos": a_batch()["agent_pos"]}, "only those of: none"),
+        ({"pixels": {}}, r"needs the state \(agent_pos\), but the batch contains only: pixels"),
+        ({"agent_pos": a_batch()["agent_pos"]}, "only pictures of: none"),
         ({**a_batch(), "agent_pos": np.full((2, 3), np.nan, np.float32)}, "not finite"),
         (
             {**a_batch(), "pixels": {"head": np.zeros((24, 32, 3), np.uint8)}},

@@ -43,7 +43,7 @@ def test_actions_are_in_the_environments_units() -> None:
 
 
 def test_what_is_no_policy_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(PolicyError, match="is no folder"):
+    with pytest.raises(PolicyError, match="is not a folder"):
         ActPolicy.load(tmp_path / "nowhere")
     with pytest.raises(PolicyError, match=r"its config\.json is missing"):
         ActPolicy.load(tmp_path)

@@ -77,5 +77,5 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 def test_a_pipe_is_no_file_of_weights(tmp_path: Path) -> None:
     """It is refused without being opened, which would block."""
     os.mkfifo(tmp_path / "model.safetensors")
-    with pytest.raises(PolicyError, match="is no regular file"):
+    with pytest.raises(PolicyError, match="is not a regular file"):
         read_safetensors(tmp_path / "model.safetensors")

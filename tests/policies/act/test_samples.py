@@ -76,7 +76,7 @@ def test_what_is_refused() -> None:
         Samples(Tiny(lengths=()), CONFIG)
     with pytest.raises(PolicyError, match="no pictures of the camera 'wrist'; cameras: head"):
         Samples(Tiny(), CONFIG.with_(cameras=("wrist",)))
-    with pytest.raises(PolicyError, match=r"episode_0: actions have the shape \(7, 2\), but the policy takes 14"):
+    with pytest.raises(PolicyError, match=r"episode_0: actions have the shape \(7, 2\), but the policy needs 14"):
         Samples(Tiny(), CONFIG.with_(action_size=14))
     episodes = Tiny()
     episodes.missing = 2

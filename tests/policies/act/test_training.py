@@ -141,7 +141,7 @@ def test_a_checkpoint_of_another_training_is_refused(tmp_path: Path, what: str) 
 
 def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
     (tmp_path / "checkpoint.pt").write_bytes(b"no checkpoint")
-    with pytest.raises(PolicyError, match="damaged, or another file"):
+    with pytest.raises(PolicyError, match="damaged or another kind of file"):
         train(Tiny(), CONFIG, SHORT, tmp_path)
 
 
@@ -184,5 +184,5 @@ def test_half_of_the_starts_are_mirrored(tmp_path, monkeypatch: pytest.MonkeyPat
     column = np.where(mirrored, SIZE[0] - 4 - bright, bright)
     assert np.abs(column - np.floor(np.abs(actions[:, 0, 0].numpy()) * (SIZE[0] - 4))).max() <= 1
     assert 16 < mirrored.sum() < 48
-    with pytest.raises(PolicyError, match="the mirror is of 2 joints, and the episodes have states of 3 numbers"):
+    with pytest.raises(PolicyError, match="the mirror has 2 joints, but the episodes have states of 3 numbers"):
         train(Tiny(), CONFIG, replace(SHORT, mirror=(-1, 2)), tmp_path / "b")

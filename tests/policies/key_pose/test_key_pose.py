@@ -89,7 +89,7 @@ def test_json_brings_it_back(skill: Skill) -> None:
     scene = skill.scenes[0]
     for a, b in zip(skill.poses(scene, np.zeros(3)), again.poses(scene, np.zeros(3)), strict=True):
         assert np.allclose(a.position, b.position) and np.allclose(a.quaternion, b.quaternion)
-    with pytest.raises(PolicyError, match="these are no key poses"):
+    with pytest.raises(PolicyError, match="invalid key poses"):
         Skill.of({"keys": [{}]})
 
 
@@ -99,7 +99,7 @@ def test_episodes_of_another_form_are_left_out(demonstrations: list[Demonstratio
     assert len(learn([*demonstrations[:5], idle], arms).scenes) == 5
     with pytest.raises(PolicyError, match="only 1 of 2 demonstrations"):
         learn([odd, idle], arms)
-    with pytest.raises(PolicyError, match="things on the table"):
+    with pytest.raises(PolicyError, match="objects on the table"):
         learn([Demonstration(odd.states, odd.actions, HZ, {})], arms)
 
 
@@ -120,7 +120,7 @@ def test_an_axis_has_no_direction() -> None:
 def test_a_damaged_key_pose_is_one_sentence(skill: Skill, name: str, value) -> None:
     data = json.loads(json.dumps(skill.as_dict()))
     data["keys"][1][name] = value
-    with pytest.raises(PolicyError, match="these are no key poses"):
+    with pytest.raises(PolicyError, match="invalid key poses"):
         Skill.of(data)
 
 
@@ -128,5 +128,5 @@ def test_a_damaged_key_pose_is_one_sentence(skill: Skill, name: str, value) -> N
 def test_a_damaged_scene_is_one_sentence(skill: Skill, scene: dict) -> None:
     data = json.loads(json.dumps(skill.as_dict()))
     data["scenes"][1] = scene
-    with pytest.raises(PolicyError, match="these are no key poses"):
+    with pytest.raises(PolicyError, match="invalid key poses"):
         Skill.of(data)

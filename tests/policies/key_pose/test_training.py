@@ -146,9 +146,9 @@ def test_large_pictures_are_learnt_from_in_parts() -> None:
 
 def test_what_cannot_be_learnt_from_is_refused(folder: Path, tmp_path: Path) -> None:
     episodes = open_episodes(folder)
-    with pytest.raises(PolicyError, match="14 joints, and the robot"):
+    with pytest.raises(PolicyError, match="14 joints, but the robot"):
         train_key_poses(episodes, "so101", CAMERA, tmp_path)
     with pytest.raises(PolicyError, match="no masks of objects for the camera side"):
         train_key_poses(episodes, "aloha", CAMERA.with_(name="side"), tmp_path)
-    with pytest.raises(PolicyError, match="stands still"):
+    with pytest.raises(PolicyError, match="a fixed camera"):
         Looker(None, ("bar",), CAMERA.with_(link="left_link6"), {})  # pyright: ignore[reportArgumentType]

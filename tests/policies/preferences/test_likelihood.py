@@ -74,11 +74,11 @@ def test_a_network_precomputes_once(network, roll) -> None:
 def test_another_policys_trajectories_are_refused(network, roll) -> None:
     other = roll(0)
     other = replace(other, actions=other.actions[..., :1], means=other.means[..., :1])
-    with pytest.raises(PolicyError, match="chunks of 3 actions of size 2, and the trajectories hold 3 of size 1"):
+    with pytest.raises(PolicyError, match="chunks of 3 actions of size 2, but the trajectories contain 3 of size 1"):
         Chunks.of([other], network)
     longer = roll(0)
     longer = replace(longer, actions=np.tile(longer.actions, (1, 2, 1)), means=np.tile(longer.means, (1, 2, 1)))
-    with pytest.raises(PolicyError, match="the trajectories hold 6 of size 2"):
+    with pytest.raises(PolicyError, match="the trajectories contain 6 of size 2"):
         Chunks.of([longer], network)
 
 

@@ -78,7 +78,7 @@ def test_every_variant_prefers_the_winner(variant: str) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"variant": "dpo"}, "'dpo' is none of paper, ipo, nll, dpop, clipped, clipped"),
+        ({"variant": "dpo"}, "'dpo' is not one of paper, ipo, nll, dpop, clipped, clipped"),
         ({"beta": 0.0}, "beta of the loss is 0.0"),
         ({"clip": -1.0}, "clip of the loss is -1.0"),
         ({"penalty": float("nan")}, "penalty of the loss is nan"),

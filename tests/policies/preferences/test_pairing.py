@@ -49,7 +49,7 @@ def test_ties_everywhere_are_no_pairs(pairing: str) -> None:
     ("arguments", "message"),
     [
         (([1, 2, 3], [0.1, 0.2, 0.3]), "every start was tried once"),
-        (([1, 1], [0.1, 0.2], "best"), "'best' is none of same_start, global_rank"),
+        (([1, 1], [0.1, 0.2], "best"), "'best' is not one of same_start, global_rank"),
         (([1, 1], [0.1, 0.2], "same_start", 0), "at least 1 pair"),
         (([1, 1], [0.1, 0.2], "same_start", None, -1.0), "margin is -1.0"),
         (([1], [0.1, 0.2]), "1 starts and 2 scores"),

@@ -66,7 +66,7 @@ def test_a_damaged_file_is_one_sentence(roll, tmp_path: Path) -> None:
     with pytest.raises(PolicyError, match="does not exist"):
         PreferenceSet.load(tmp_path / "none.hdf5")
     (tmp_path / "text.hdf5").write_text("no HDF5")
-    with pytest.raises(PolicyError, match="damaged, or another file"):
+    with pytest.raises(PolicyError, match="damaged or another kind of file"):
         PreferenceSet.load(tmp_path / "text.hdf5")
     with h5py.File(tmp_path / "other.hdf5", "w") as file:
         file["action"] = np.zeros(3)
@@ -76,10 +76,10 @@ def test_a_damaged_file_is_one_sentence(roll, tmp_path: Path) -> None:
     with h5py.File(path, "a") as file:
         del file["000001"]["observations"]
         file["000001"]["observations"] = np.zeros(3)
-    with pytest.raises(PolicyError, match=r"flat\.hdf5: /000001/observations is no group"):
+    with pytest.raises(PolicyError, match=r"flat\.hdf5: /000001/observations is not a group"):
         load_trajectories(path)
     path = save_trajectories([roll(0)], tmp_path / "gaps.hdf5", {"metric": "distance", "pairing": "p", "gaps": None})
-    with pytest.raises(PolicyError, match=r"gaps\.hdf5 holds no preference set: its gaps are no list of numbers"):
+    with pytest.raises(PolicyError, match=r"gaps\.hdf5 holds no preference set: its gaps are not a list of numbers"):
         PreferenceSet.load(path)
     pairs = {"metric": "distance", "pairing": "p", "gaps": [0.1]}
     path = save_trajectories([roll(0), roll(1, k=2)], tmp_path / "two.hdf5", pairs)
@@ -88,7 +88,7 @@ def test_a_damaged_file_is_one_sentence(roll, tmp_path: Path) -> None:
     path = save_trajectories([roll(0), roll(1)], tmp_path / "cut.hdf5")
     with h5py.File(path, "a") as file:
         del file["000001"]["means"]
-    with pytest.raises(PolicyError, match="damaged, or another file"):
+    with pytest.raises(PolicyError, match="damaged or another kind of file"):
         load_trajectories(path)
 
 
@@ -98,7 +98,7 @@ def test_a_file_that_claims_more_than_fits_into_memory_is_refused(roll, tmp_path
         with h5py.File(path, "a") as file:
             del file["000000"][name]
             file["000000"].create_dataset(name, (10**9, 14), "f4", chunks=(64, 14))  # a few kB
-        with pytest.raises(PolicyError, match="damaged, or another file") as caught:
+        with pytest.raises(PolicyError, match="damaged or another kind of file") as caught:
             load_trajectories(path)
         assert f"{name} claims" in str(caught.value.__cause__)
 

@@ -83,7 +83,7 @@ def test_frames_are_taken_in_turn(tmp_path: Path, numbers) -> None:
 
 
 def test_what_cannot_be(tmp_path: Path, numbers) -> None:
-    with pytest.raises(RecordingError, match="images 'png' is none of raw, gzip, jpeg"):
+    with pytest.raises(RecordingError, match="images 'png' is not one of raw, gzip, jpeg"):
         AlohaWriter(tmp_path, 30, "png")
     states, actions = numbers(4)
     with pytest.raises(RecordingError, match="/action has 4 steps for 3 states"):

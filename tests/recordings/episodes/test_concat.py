@@ -51,9 +51,9 @@ def write(folder: Path, numbers, hz: float = 30, size: tuple[int, int] = (16, 12
 
 def test_cameras_that_not_all_have(aloha: Callable[..., Path], tmp_path: Path, numbers) -> None:
     two, one = open_episodes(aloha((5,), "a")), open_episodes(write(tmp_path / "b", numbers))
-    with pytest.raises(RecordingError, match="has the cameras head, wanted are head, left_wrist"):
+    with pytest.raises(RecordingError, match="has the cameras head, but needed are head, left_wrist"):
         mixed(two, one)
-    with pytest.raises(RecordingError, match="has the cameras head, left_wrist, wanted are head"):
+    with pytest.raises(RecordingError, match="has the cameras head, left_wrist, but needed are head"):
         mixed(one, two)
     joined = mixed(two, one, cameras=("head",))
     assert joined.cameras == ("head",) and joined.lengths == (5, 3)

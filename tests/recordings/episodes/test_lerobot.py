@@ -82,7 +82,7 @@ def hole(rows: list[list[float]]) -> list[list[float]]:
 OPENING = {
     "version 'v1.6'; v2.0, v2.1 and v3 are read": setting("codebase_version", value="v1.6"),
     "meta/info.json is missing": gone("meta/info.json"),
-    "is no readable JSON": lambda folder: (folder / "meta/info.json").write_text("{"),
+    "is not readable JSON": lambda folder: (folder / "meta/info.json").write_text("{"),
     "features must be an object": setting("features", value=3),
     "fps must be a number above 0, not 0": setting("fps", value=0),
     "total_episodes must be a whole number": setting("total_episodes", value="2"),
@@ -92,7 +92,7 @@ OPENING = {
     "the shape of action must be 1 whole numbers": setting("features", "action", "shape", value=[2, 7]),
     "claims 1000000000 numbers": setting("features", "action", "shape", value=[10**9]),
     f"{HEAD} claims 90000 x 48": setting("features", HEAD, "shape", value=[48, 90000, 3]),
-    "lie in the tables as images": setting("features", HEAD, "dtype", value="image"),
+    "are stored in the tables as images": setting("features", HEAD, "dtype", value="image"),
     "outside the set": setting("data_path", value="../{chunk_index}/{file_index}.parquet"),
     "names the file /etc/passwd": setting("data_path", value="/etc/passwd"),
     "names the file a/../../b": setting("video_path", value="a/../../b"),
@@ -109,16 +109,20 @@ OPENING = {
         EPISODES, f"videos/{HEAD}/from_timestamp", lambda rows: [0.0, float("nan")]
     ),
     "not a parquet table": cut(EPISODES),
-    f"{FILM} is missing": gone(FILM),
-    f"{DATA} is missing": gone(DATA),
+    f"{FILM}, which holds episode 0, is missing": gone(FILM),
+    f"{DATA}, which holds episode 0, is missing": gone(DATA),
 }
 READING = {
     "episode 1 has 7 steps, but 8": lambda folder: parquet.write_table(
         parquet.read_table(folder / DATA).slice(0, 13), folder / DATA
     ),
-    "observation.state has not 4 numbers a step": setting("features", "observation.state", "shape", value=[4]),
+    "observation.state does not have the 4 numbers per step": setting(
+        "features", "observation.state", "shape", value=[4]
+    ),
     "not finite at step 1, column 1": column(DATA, "observation.state", hole),
-    "has not 3 numbers": column(DATA, "observation.state", lambda rows: [[1.0] * (2 + 2 * (k % 2)) for k in range(14)]),
+    "does not have the 3 numbers": column(
+        DATA, "observation.state", lambda rows: [[1.0] * (2 + 2 * (k % 2)) for k in range(14)]
+    ),
     "has gaps": column(DATA, "observation.state", lambda rows: [*rows[:9], None, *rows[10:]]),
     "numbers of shape": column(DATA, "observation.state", lambda rows: [["a"] * 3] * 14),
     "the column observation.state is missing": lambda folder: parquet.write_table(
@@ -186,5 +190,5 @@ def test_a_pipe_is_no_table(tmp_path) -> None:
     """It is refused without being opened, which would block."""
     pytest.importorskip("pyarrow")
     os.mkfifo(tmp_path / "file.parquet")
-    with pytest.raises(RecordingError, match="is no regular file"):
+    with pytest.raises(RecordingError, match="is not a regular file"):
         lerobot._read_table(tmp_path / "file.parquet", [])

@@ -141,9 +141,9 @@ def test_nothing_half_written_is_left(tmp_path: Path, numbers, shots, frames, me
 
 
 def test_what_cannot_be(tmp_path: Path, numbers) -> None:
-    with pytest.raises(RecordingError, match=r"a whole number of Hz, not at 29\.97"):
+    with pytest.raises(RecordingError, match=r"a whole number of Hz, not 29\.97"):
         LeRobotWriter(tmp_path / "set", 29.97)
-    with pytest.raises(RecordingError, match="codec 'hevc' is none of"):
+    with pytest.raises(RecordingError, match="codec 'hevc' is not one of"):
         LeRobotWriter(tmp_path / "set", 30, codec="hevc")
     with pytest.raises(RecordingError, match="exists already"):
         LeRobotWriter(tmp_path, 30)

@@ -105,7 +105,7 @@ def test_what_is_no_such_video(film: Path, tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_encoded() -> None:
-    with pytest.raises(RecordingError, match="codec 'x' is none of libx264, libsvtav1"):
+    with pytest.raises(RecordingError, match="codec 'x' is not one of libx264, libsvtav1"):
         video.check_video((64, 48), "x")
     with pytest.raises(RecordingError, match="63 x 48 cannot be a video: width and height must be even"):
         video.check_video((63, 48))

@@ -148,11 +148,11 @@ def test_a_prop_can_be_placed(bench: ActionChunk) -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"task": "PutCup"}, "there is no task 'PutCup'; there are GrabPaperCup"),
+        ({"task": "PutCup"}, "there is no task 'PutCup'; give one of GrabPaperCup"),
         ({"chunk": 0}, "a chunk has k = 1 or more actions, not 0"),
-        ({"control_hz": 25}, "control_hz 25 is none of 50, 40, 30, 20"),
-        ({"size": (4, 4)}, "is no width and height from 8 to 4096"),
-        ({"pictures": "painted"}, "pictures 'painted' is none of 'traced', 'none'"),
+        ({"control_hz": 25}, "control_hz 25 is not one of 50, 40, 30, 20"),
+        ({"size": (4, 4)}, "is not a width and height from 8 to 4096"),
+        ({"pictures": "painted"}, "pictures 'painted' is not one of 'traced', 'none'"),
         ({"effects": {"rust": {}}}, "the stand-in has no effect 'rust'"),
     ],
 )
@@ -165,10 +165,10 @@ def test_what_comes_before_a_reset_or_begins_elsewhere_is_refused() -> None:
     env = make_stand_in(pictures=lambda poses: np.zeros((2, 2, 3), np.uint8), chunk=1)
     with pytest.raises(gym.error.ResetNeeded, match="call reset"):
         env.step(np.zeros((1, 14)))
-    with pytest.raises(SimulationError, match="begins at rest under its command"):
+    with pytest.raises(SimulationError, match="starts at rest at its first command"):
         env.reset(seed=0, options={"joint_positions": home(env.unwrapped.robot) + 0.01})
     with pytest.raises(
-        SimulationError, match=r"pictures must give uint8 of shape \(96, 128, 3\), not uint8 of \(2, 2, 3\)"
+        SimulationError, match=r"pictures must return uint8 of shape \(96, 128, 3\), not uint8 of \(2, 2, 3\)"
     ):
         env.reset(seed=0)
     with pytest.raises(SimulationError, match="pictures without depth and classes"):

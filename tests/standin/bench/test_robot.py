@@ -56,7 +56,7 @@ def test_a_robot_without_a_seed_is_the_nominal_one() -> None:
 
 
 def test_what_it_cannot_do_is_named() -> None:
-    with pytest.raises(ModelError, match="there is no motion 'dance'; there are multisine"):
+    with pytest.raises(ModelError, match="there is no motion 'dance'; give one of multisine"):
         logs(kind="dance")
     with pytest.raises(EffectError, match="the stand-in has no effect 'rust'"):
         logs({"rust": {"depth": 1.0}})

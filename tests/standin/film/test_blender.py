@@ -46,7 +46,7 @@ def test_another_version_of_python_hears_that_there_are_wheels_for_one_only(tmp_
 def test_what_is_no_python_is_named(tmp_path: Path, name: str) -> None:
     if name == "silent":
         fake_python(tmp_path / "silent", "")
-    with pytest.raises(SimulationError, match=f"{name} is no Python"):
+    with pytest.raises(SimulationError, match=f"{name} is not a Python interpreter"):
         find_blender(str(tmp_path / name))
 
 
@@ -58,7 +58,7 @@ def test_an_interpreter_without_bpy_takes_the_one_of_the_environment_variable(tm
     other = fake_blender(tmp_path / "other")
     assert find_blender(other) == other
     monkeypatch.setenv(VARIABLE, str(tmp_path / "nowhere"))
-    with pytest.raises(SimulationError, match="nowhere is no Python"):
+    with pytest.raises(SimulationError, match="nowhere is not a Python interpreter"):
         find_blender()
 
 

@@ -152,15 +152,15 @@ def test_processes_film_the_same_and_say_how_far_they_are(filmed: Path, tmp_path
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--task", "PutCup-v0"], "no task 'PutCup'; there are GrabPaperCup"),
-        (["--size", "128"], "--size 128 is no width and height; give two numbers such as 128x96"),
+        (["--task", "PutCup-v0"], "no task 'PutCup'; give one of GrabPaperCup"),
+        (["--size", "128"], "--size 128 is not a width and a height; give two numbers such as 128x96"),
         (["--size", "4x4"], "4 x 4 pixels; each may be 16 to 2048"),
-        (["--episodes", "-1"], "--episodes: -1 is not a whole number of 1 to"),
-        (["--shard", "3/2"], "--shard: 3/2 is no shard; give I/N such as 1/4"),
-        (["--jobs", "0"], "--jobs: 0 is not a whole number of 1 to"),
+        (["--episodes", "-1"], "--episodes: -1 is not a whole number from 1 to"),
+        (["--shard", "3/2"], "--shard: 3/2 is not a shard; give I/N such as 1/4"),
+        (["--jobs", "0"], "--jobs: 0 is not a whole number from 1 to"),
         (["--frames", "3"], "frames is 3, but must be at least 10"),
         (["--appearance", "mine"], "no appearance 'mine'"),
-        (["--blender", "/nowhere/python"], "/nowhere/python is no Python"),
+        (["--blender", "/nowhere/python"], "/nowhere/python is not a Python interpreter"),
         (["--every", "two"], "--every: two is not a whole number"),
     ],
 )

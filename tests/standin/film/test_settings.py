@@ -18,14 +18,14 @@ TASK = "PutCupOnMat"
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"task": "PutCup"}, "no task 'PutCup'; there are GrabPaperCup, PutPenInCup, PutRemoteInBox, PutCupOnMat"),
+        ({"task": "PutCup"}, "no task 'PutCup'; give one of GrabPaperCup, PutPenInCup, PutRemoteInBox, PutCupOnMat"),
         ({"appearance": "blue"}, "no appearance 'blue'; give lab, many"),
         ({"size": (8, 96)}, "8 x 96 pixels; each may be 16 to 2048"),
         ({"size": (128, 4000)}, "128 x 4000 pixels"),
         ({"seed": -1}, "seed is -1, but must be at least 0"),
         ({"frames": 9}, "frames is 9, but must be at least 10"),
         ({"every": 0}, "every is 0, but must be at least 1"),
-        ({"every": 34}, "every is 34, but at most 33"),
+        ({"every": 34}, "every is 34, but must be at most 33"),
         ({"samples": 0}, "samples is 0"),
     ],
 )

@@ -107,7 +107,7 @@ def test_what_is_there_is_the_same_or_in_the_way(tmp_path: Path) -> None:
         is_filmed(path, {**SETTINGS, "samples": 4})
     for name, data in (("text.hdf5", b"no HDF5"), ("half.hdf5", path.read_bytes()[:3000])):
         (tmp_path / name).write_bytes(data)
-        with pytest.raises(RecordingError, match=f"{name} exists already and is no filmed episode"):
+        with pytest.raises(RecordingError, match=f"{name} exists already and is not a filmed episode"):
             is_filmed(tmp_path / name, SETTINGS)
     with h5py.File(tmp_path / "log.hdf5", "w") as file:
         file["action"] = np.zeros((3, 14))

@@ -116,7 +116,7 @@ def test_wrong_arguments_are_named(bench: Bench, near: Camera) -> None:
         calibrate_camera(body, [footage], loose=("hand",))
     marks = marks_of(TRUTH, bench.angles, 4)
     marks.station[:] = 1
-    with pytest.raises(VisionError, match=r"a mark is of station 1, but stations are 0 .. 0"):
+    with pytest.raises(VisionError, match=r"a mark belongs to station 1, but stations are 0 .. 0"):
         calibrate_camera(body, [footage], marks=marks)
     with pytest.raises(VisionError, match=r"poses must be .T, 27, 4, 4.|poses must be"):
         calibrate_camera(body, [bench.footage(poses=footage.poses[:, :3])])

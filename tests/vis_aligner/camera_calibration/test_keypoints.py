@@ -54,7 +54,7 @@ def test_two_stands_share_a_lens() -> None:
     assert [camera.name for camera in fit.cameras] == ["c/one", "c/two"]
     assert fit.cameras[0].fx == fit.cameras[1].fx
     np.testing.assert_allclose(fit.cameras[1].position, other.position, atol=3e-3)
-    with pytest.raises(VisionError, match=r"stood in 2 places .c/one, c/two.; take one of fit.cameras"):
+    with pytest.raises(VisionError, match=r"stood in 2 places .c/one, c/two.; use one of fit.cameras"):
         _ = fit.camera
 
 
@@ -99,7 +99,7 @@ def test_too_few_marks_and_wrong_choices_are_named() -> None:
         fit_keypoints(marks, SIZE, free=("fx",))
     with pytest.raises(VisionError, match="marks alone do not show a delay"):
         fit_keypoints(marks, SIZE, free=("delay",))
-    with pytest.raises(VisionError, match="marks are of 0 stations"):
+    with pytest.raises(VisionError, match="marks belong to 0 stations"):
         fit_keypoints(marks.of(np.zeros(3, bool)), SIZE)
     line = Keypoints(np.zeros(5), np.zeros((5, 3)), np.zeros((5, 2)), np.ones(5))
     with pytest.raises(VisionError, match="no camera sees the marks like this"):

@@ -65,7 +65,7 @@ def test_a_picture_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     save_picture(picture, tmp_path / "a.png")
     assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a.png"))[..., ::-1], picture)
-    with pytest.raises(VisionError, match=r"'.nonsense' is no format of pictures; take .png"):
+    with pytest.raises(VisionError, match=r"'.nonsense' is not an image format; use .png"):
         save_picture(picture, tmp_path / "a.nonsense")
     with pytest.raises(VisionError, match="cannot be written: No such file"):
         save_picture(picture, tmp_path / "none" / "a.png")

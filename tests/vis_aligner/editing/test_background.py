@@ -53,12 +53,12 @@ def test_a_users_pictures(tmp_path: Path) -> None:
     table = done[masks()["table"]].astype(float)
     assert (table[:, 2] > 5 * table[:, 0]).all() and draws_of(editor, masks(), 0)["table"]["picture"] == "blue.png"
     (tmp_path / "blue.png").write_bytes(b"no picture")
-    with pytest.raises(VisionError, match=r"blue\.png is no picture that can be read"):
+    with pytest.raises(VisionError, match=r"blue\.png is not a readable image"):
         apply(editor, IMAGE, masks(), 0)
 
 
 def test_what_cannot_be(tmp_path: Path) -> None:
     with pytest.raises(VisionError, match="holds no pictures for a background"):
         Background(pictures=tmp_path)
-    with pytest.raises(VisionError, match="background is background and table, not 'robot'"):
+    with pytest.raises(VisionError, match="background must be background or table, not 'robot'"):
         Background(("robot",))

@@ -80,7 +80,7 @@ def test_it_is_in_the_tables_light() -> None:
 
 
 def test_what_cannot_be() -> None:
-    with pytest.raises(VisionError, match="sits on left_link6"):
+    with pytest.raises(VisionError, match="is mounted on left_link6"):
         PaperSheet(CAMERAS["left_wrist"])
     with pytest.raises(VisionError, match="does not see a sheet"):
         apply(PaperSheet(ABOVE, height=2.0), BROWN, scene(), 0)

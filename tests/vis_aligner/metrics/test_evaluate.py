@@ -127,7 +127,7 @@ def test_what_does_not_fit_is_refused(bench, truth: GroundTruth, rows: dict[str,
         replace(truth, class_names=truth.class_names[:4])
     with pytest.raises(VisionError, match="classes of the reference are 1 x 48x72"):
         replace(truth, reference_classes=truth.reference_classes[:, ::2])
-    with pytest.raises(VisionError, match=r"no measure 'fid'; there are psnr, ssim"):
+    with pytest.raises(VisionError, match=r"no measure 'fid'; give one of psnr, ssim"):
         rows["copy last"]["fid"]
     with pytest.raises(VisionError, match="chunks of 0"):
         evaluate(bench.clean[1:], truth, chunk=0)

@@ -43,7 +43,7 @@ def test_what_does_not_fit_is_refused(bench) -> None:
     with pytest.raises(VisionError, match="a 17 x 96x72, b 16 x 96x72"):
         strip({"a": bench.frames, "b": bench.frames[1:]})
     for columns in (0, [17], [-1]):
-        with pytest.raises(VisionError, match=r"some of 0 \.\. 16"):
+        with pytest.raises(VisionError, match=r"one or more of 0 \.\. 16"):
             strip({"a": bench.frames}, columns)
     with pytest.raises(VisionError, match="zoom is 0"):
         strip({"a": bench.frames}, zoom=0)

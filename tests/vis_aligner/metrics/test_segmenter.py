@@ -94,12 +94,12 @@ def test_a_class_is_looked_for_where_it_has_been() -> None:
 
 
 def test_what_it_cannot_do_is_refused(segmenter: Segmenter, bench) -> None:
-    with pytest.raises(VisionError, match="learnt 96x72"):
+    with pytest.raises(VisionError, match="trained on 96x72"):
         segmenter.segment(bench.frames[:, ::2], bench.classes[:, ::2])
-    with pytest.raises(VisionError, match=r"classes \[7\] were not in"):
+    with pytest.raises(VisionError, match=r"classes \[7\] are unknown"):
         segmenter.segment(bench.frames, np.where(bench.classes == 3, 7, bench.classes).astype(np.uint8))
     with pytest.raises(VisionError, match="no pixel of the classes is background"):
         Segmenter.learn(bench.frames[:1], np.full_like(bench.classes[:1], 2))
-    with pytest.raises(VisionError, match="no pixel is of class 9"):
+    with pytest.raises(VisionError, match="no pixel has class 9"):
         mask_iou(bench.classes, bench.classes, 9)
     assert repr(segmenter) == "Segmenter(classes 0, 2, 3, 4, 96x72)"

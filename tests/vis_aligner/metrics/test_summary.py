@@ -66,5 +66,5 @@ def test_what_does_not_fit_is_refused() -> None:
         summarise([])
     with pytest.raises(VisionError, match=r"chunks \[4, 8\]"):
         summarise([one, replace(one, chunk=4)])
-    with pytest.raises(VisionError, match=r"no measure 'ssim'; there are psnr, psnr\.pen, rfvd, fvd"):
+    with pytest.raises(VisionError, match=r"no measure 'ssim'; give one of psnr, psnr\.pen, rfvd, fvd"):
         summarise([one])["ssim"]

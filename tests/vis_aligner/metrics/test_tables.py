@@ -36,7 +36,7 @@ def test_a_table_has_a_row_each_and_says_what_is_absent(rows: dict[str, Summary]
 def test_a_single_episode_has_no_spread(bench) -> None:
     text = table(evaluate_all({}, bench.truth, bench.simulated[1:]))
     assert "±" not in text and "copy last" in text
-    assert "rfvd: none; a Frechet distance is of the clips of several episodes" in text
+    assert "rfvd: none; a Frechet distance needs the clips of several episodes" in text
 
 
 def test_a_wide_table_drops_the_spread_and_wraps_names() -> None:
@@ -55,7 +55,7 @@ def test_markdown_has_as_many_cells_in_each_line(rows: dict[str, Summary]) -> No
 def test_columns_can_be_chosen_also_by_class(rows: dict[str, Summary]) -> None:
     head = table(rows, ["iou.cup", "psnr.cup", "gradient_psnr"]).splitlines()[0]
     assert head.split() == ["iou.cup", "psnr.cup", "gradient", "dB"]
-    with pytest.raises(VisionError, match=r"columns \['fid'\] are no measures; there are psnr, "):
+    with pytest.raises(VisionError, match=r"columns \['fid'\] are not measures; choose from psnr, "):
         table(rows, ["psnr", "fid"])
     with pytest.raises(VisionError, match="no row"):
         table({})

@@ -100,11 +100,11 @@ def test_another_network_is_refused(tmp_path: Path, network: Path, clips: np.nda
         I3d.load(tmp_path / "absent.pt")
     text = tmp_path / "text.pt"
     text.write_text("no network")
-    with pytest.raises(VisionError, match="no TorchScript file"):
+    with pytest.raises(VisionError, match="not a TorchScript file"):
         I3d.load(text)
     other = tmp_path / "other.pt"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.jit.script(torch.nn.ReLU()).save(str(other))
-    with pytest.raises(VisionError, match=r"does not take a clip as i3d_torchscript\.pt does"):
+    with pytest.raises(VisionError, match=r"does not accept a clip as i3d_torchscript\.pt does"):
         I3d.load(other).features(clips)
