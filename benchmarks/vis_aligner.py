@@ -36,6 +36,7 @@ FILMS: dict[str, Mapping[str, Any]] = {
     "cup_test": {"task": CUP, "appearance": "lab", "episodes": 10, "frames": 81, "seed": 900},
     "cup_full": {"task": CUP, "appearance": "lab", "episodes": 4, "seed": 950},
     "looks_test": {"task": CUP, "appearance": "many", "episodes": 8, "frames": 49, "seed": 7000},
+    "all_test": {"task": "all", "appearance": "lab", "episodes": 2, "frames": 81, "seed": 971},
 }
 LEARNT = ("cup_train", "looks", "looks_all")
 STEPS = 5000
@@ -63,6 +64,8 @@ def figures(out: Path, names: Sequence[str], aligner: str, bank: str, strips: Pa
         ("the same, bench unknown", "cup_test", None),
         ("appearances outside the training set, no fine-tuning, bench unknown", "looks_test", None),
         ("whole episodes of the lab, there and back", "cup_full", bench),
+        ("held-out episodes of all tasks", "all_test", bench),
+        ("the same, no photos of the objects", "all_test", bench and replace(bench, things={})),
     ):
         if name not in names:
             continue
@@ -70,7 +73,7 @@ def figures(out: Path, names: Sequence[str], aligner: str, bank: str, strips: Pa
         if name == "cup_full":
             episodes = [there_and_back(e) for e in episodes]
         judged = report(title, episodes, model, behind)
-        if strips is not None and (behind is None) == (name == "looks_test"):
+        if strips is not None and behind is (None if name == "looks_test" else bench):
             write_strips(judged, strips, name)
         if name == "cup_full":
             drift(judged)

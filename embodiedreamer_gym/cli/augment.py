@@ -21,6 +21,9 @@ EDITS = "recolour[:NAME,...], background[:FOLDER], table[:FOLDER], paper, inpain
         "photos from which the first frame is composed: lab, a file, or none for the episode's own first frame",
         "lab",
     ),
+    o.option(
+        "--cameras", "NAMES", "cameras whose frames are generated, separated by commas; several without --edit", "head"
+    ),
     o.SEED,
     o.option("--task", "TASK", "task of files that do not name it, such as PutCupOnMat-v0"),
     o.option("--robot", "M", f"robot for the replay: {o.MODELS} (default: the recorded one)"),
@@ -39,7 +42,7 @@ def run(a, progress):
     made = regenerate(
         a.data, a.out, a.aligner, None if a.bank == "none" else a.bank,
         None if not edits else edits[0] if len(edits) == 1 else Chain(edits), a.copies, a.seed, progress,
-        prompt=a.prompt, task=None if a.task is None else task_name(a.task), robot=a.robot, jobs=a.jobs,
+        prompt=a.prompt, task=None if a.task is None else task_name(a.task), robot=a.robot, jobs=a.jobs, cameras=tuple(a.cameras.split(",")),
     )  # fmt: skip
     text = f"{made.written + made.kept} episodes in {a.out}, {made.kept} of them from an earlier run"
     if made.failed:

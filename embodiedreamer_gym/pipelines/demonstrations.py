@@ -1,4 +1,4 @@
-"""Demonstrations: the scripted expert plays episodes of a task, and those that succeed are saved."""
+"""Demonstrations: an expert plays episodes of a task, and those that succeed are saved."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Protocol
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from embodiedreamer_gym.io.files import read_json
 from embodiedreamer_gym.io.fingerprint import check_settings
 from embodiedreamer_gym.io.parallel import each
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
+from embodiedreamer_gym.pipelines.retargeting import RetargetedExpert, digest, skill_of
 from embodiedreamer_gym.recordings.episodes import LeRobotWriter, copy_episodes, open_episodes, write_aloha_episode
 from embodiedreamer_gym.recordings.episodes.lerobot_writer import ABOUT
 from embodiedreamer_gym.recordings.episodes.video import check_video
@@ -33,13 +34,22 @@ MOVES = 0.002  # rad, m or share of the gripper's opening per control step: less
 PATIENCE = 20  # recording stops after this many attempts beyond four per requested episode
 
 
+class Expert(Protocol):
+    """Plays one episode."""
+
+    def act(self) -> np.ndarray:
+        """The next action (n,)."""
+        ...
+
+
 @dataclass(frozen=True)
 class Demonstrations:
-    """Episodes of a task by the scripted expert, with pictures of a size (width, height).
+    """Episodes of a task by an expert, with pictures of a size (width, height).
 
+    The expert is the scripted one or, with the folder of recorded episodes `retarget`, one that retargets their key poses.
     robot: a built-in robot or a model file; seed: of all random draws. Episode k of a seed does not depend on the
     number of episodes or processes.
-    Raises: SimulationError for an unknown task.
+    Raises: SimulationError for an unknown task; RecordingError or PolicyError for episodes that cannot be retargeted.
     """
 
     task: str
@@ -47,16 +57,21 @@ class Demonstrations:
     size: tuple[int, int] = (128, 96)
     cameras: tuple[str, ...] = ("head",)
     robot: str = "aloha"
+    retarget: str | None = None
 
     def __post_init__(self) -> None:
         if self.task not in TASKS:
             raise SimulationError(f"there is no task '{self.task}'; give one of {', '.join(TASKS)}.")
         if self.seed < 0:
             raise SimulationError(f"the seed is {self.seed}, but must be at least 0.")
+        if self.retarget is not None:
+            skill_of(self.retarget, self.task, self.robot)
 
     def settings(self) -> dict[str, Any]:
         """Everything that an episode depends on, as a JSON-serialisable dictionary."""
-        return {**asdict(self), "size": list(self.size), "cameras": list(self.cameras), "recipe": RECIPE}
+        found = {**asdict(self), "size": list(self.size), "cameras": list(self.cameras), "recipe": RECIPE}
+        del found["retarget"]
+        return found if self.retarget is None else found | {"retarget": digest(self.retarget, self.task)}
 
     def attempt_seed(self, attempt: int) -> int:
         """Seed of the environment's reset in an attempt."""
@@ -65,6 +80,12 @@ class Demonstrations:
     def make_env(self) -> AlohaEnv:
         """The environment in which the expert plays."""
         return AlohaEnv(self.task, self.robot, cameras=self.cameras, image_size=self.size)
+
+    def make_expert(self, env: AlohaEnv) -> Expert:
+        """The expert for one episode; call it after each reset."""
+        if self.retarget is None:
+            return ScriptedExpert(env)
+        return RetargetedExpert(env, skill_of(self.retarget, self.task, self.robot))
 
 
 def record_demonstrations(wanted: Demonstrations, episodes: int, folder: str | Path, jobs: int = 1,
@@ -162,7 +183,7 @@ def _attempt(wanted: Demonstrations, number: int, folder: Path) -> Path | None:
     env = wanted.make_env()
     try:
         with tempfile.TemporaryFile(dir=folder) as film:
-            played = _play(env, wanted.attempt_seed(number), film)
+            played = _play(wanted, env, wanted.attempt_seed(number), film)
             if played is None:
                 return None
             path = folder / f".attempt_{number}.hdf5"
@@ -186,10 +207,10 @@ def _attempt(wanted: Demonstrations, number: int, folder: Path) -> Path | None:
         env.close()
 
 
-def _play(env: AlohaEnv, seed: int, film: IO[bytes]) -> dict[str, np.ndarray] | None:
+def _play(wanted: Demonstrations, env: AlohaEnv, seed: int, film: IO[bytes]) -> dict[str, np.ndarray] | None:
     """Play an episode, writing frames and masks to a file; returns its signals (T, ...), None if it did not succeed."""
     observation, info = env.reset(seed=seed)
-    expert = ScriptedExpert(env)
+    expert = wanted.make_expert(env)
     rows: list[dict[str, np.ndarray]] = []
     still = 0
     while len(rows) < STEPS and not (info["is_success"] and still >= STILL):

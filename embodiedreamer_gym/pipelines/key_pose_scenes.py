@@ -65,7 +65,7 @@ def draw_scenes(task: str, count: int, bank: str | None = "lab", robot: str = "a
     try:
         for number in range(count):
             _, info = film.reset(seed=FIRST_SEED + number)
-            seen = conditions(info).part(0, 1)
+            seen = conditions(info)["head"].part(0, 1)
             picture = seen.rgb[0]
             if photos is not None:
                 grain = photos.bench.grain if photos.bench is not None and photos.bench.grain else 0.0

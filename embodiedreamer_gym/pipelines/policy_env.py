@@ -36,13 +36,10 @@ def policy_world(
     tracking, tracking_mode: calibrated model and mode of a `CalibratedTracking`. None: no tracking or, for a policy
         whose actions are `positions`, the robot's own model.
     learnt_on: robot whose commands the policy gives, if they are not positions.
-    Raises: PolicyError for a policy with other cameras than `head` if an aligner is given, for larger pictures than the
-    bank's, or for too many actions.
+    Raises: PolicyError for larger pictures than the bank's, or for too many actions.
     """
     count, (cameras, learnt), filmed = executed(policy, execute), picture_inputs(policy), {}
     if vis_aligner is not None:
-        if cameras != ("head",):
-            raise PolicyError(f"the policy needs {', '.join(cameras)}, but VisAligner generates only the head camera.")
         photos = load_bank(bank).size
         needed = size or learnt or photos
         if size not in (None, photos) or needed[0] > photos[0] or needed[1] > photos[1]:
@@ -52,7 +49,7 @@ def policy_world(
                 "size."
             )
         size = photos
-        filmed = {"camera": "head", "size": size, "every": every}
+        filmed = {"camera": cameras, "size": size, "every": every}
 
     positions = bool(getattr(policy, "positions", False))
     model = robot if tracking is None and positions else tracking
@@ -67,6 +64,6 @@ def policy_world(
     if envs == 1:
         env = gymnasium.make(task_id(task), **options)
         env = chunked(env) if chunks else tracked(env)
-        return env if vis_aligner is None else VisAlignerObservationWrapper(env, vis_aligner, bank)
+        return env if vis_aligner is None else VisAlignerObservationWrapper(env, vis_aligner, bank, cameras=cameras)
     vector = gymnasium.make_vec(task_id(task), envs, "sync", wrappers=[chunked], **options)
-    return vector if vis_aligner is None else VisAlignerVectorWrapper(vector, vis_aligner, bank)
+    return vector if vis_aligner is None else VisAlignerVectorWrapper(vector, vis_aligner, bank, cameras=cameras)

@@ -59,13 +59,13 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """A replay: the camera's view before each of the T actions, and the outcome.
+    """A replay: what the cameras see before each of the T actions, and the outcome.
 
-    names: of the classes; success: of the task after the last action; error: largest difference of a joint, in the
+    views: of each camera, by its name; names: of the classes; success: of the task after the last action; error: largest difference of a joint, in the
     action's units, between replay and recording at the last recorded state.
     """
 
-    condition: Condition
+    views: Mapping[str, Condition]
     names: tuple[str, ...]
     success: bool
     error: float
@@ -123,8 +123,8 @@ def read_source(path: Path, task: str | None = None, robot: str | None = None) -
     )  # fmt: skip
 
 
-def play(source: Source, size: tuple[int, int], camera: str = "head") -> Played:
-    """Play an episode's actions from its start; size: width and height of the pictures.
+def play(source: Source, size: tuple[int, int], cameras: Sequence[str] = ("head",)) -> Played:
+    """Play an episode's actions from its start; size: width and height of the pictures of the cameras.
 
     Raises: SimulationError or ModelError for an invalid robot, rate or start.
     """
@@ -134,13 +134,14 @@ def play(source: Source, size: tuple[int, int], camera: str = "head") -> Played:
             raise RecordingError(
                 f"{source.path} has {source.actions.shape[1]} numbers in an action, the robot takes {env.robot.n}."
             )
-        film = ActionChunk(env, len(source.actions) - 1, camera, size)
+        film = ActionChunk(env, len(source.actions) - 1, cameras, size)
         _, info = film.reset(seed=source.seed, options=source.options)
-        begun = conditions(info).part(0, 1)
+        begun = {name: seen.part(0, 1) for name, seen in conditions(info, cameras).items()}
         *_, info = film.step(source.actions[:-1])
-        seen, error = conditions(info), float(np.abs(env.joint_positions() - source.states[-1]).max())
+        seen, error = conditions(info, cameras), float(np.abs(env.joint_positions() - source.states[-1]).max())
         success = bool(env.step(source.actions[-1])[4]["is_success"])
-        return Played(Condition.joined([begun, seen]), env.segmentation_classes, success, error)
+        views = {name: Condition.joined([begun[name], seen[name]]) for name in cameras}
+        return Played(views, env.segmentation_classes, success, error)
     finally:
         env.close()
 

@@ -16,6 +16,7 @@ from embodiedreamer_gym.vis_aligner.clip import Bench, Episode, References
 from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, OBJECT, ROBOT, Condition
 from embodiedreamer_gym.vis_aligner.moving_bench import make_moving_bench
 from embodiedreamer_gym.vis_aligner.moving_view import compose_view
+from embodiedreamer_gym.vis_aligner.object_photos import photos_of_objects
 
 MARGIN = 0.06  # of the width: how far around an object its shadow is copied with it
 SLENDER = 1.5  # ratio of an outline's axes above which it is rotated, not only stretched
@@ -199,7 +200,7 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
     holes = np.ma.getmaskarray(plate)[..., 0]
     filled = np.round(plate.filled(0)).astype(np.uint8)
     here, elsewhere = _by_place(episodes, more)
-    bench = make_bench(here, elsewhere)
+    bench = replace(make_bench(here, elsewhere), things=photos_of_objects(episodes))
     if holes.any():  # an object in every first frame: use the bench's picture, else inpaint
         seen_behind = holes & bench.seen
         filled[seen_behind] = bench.picture[seen_behind]

@@ -40,6 +40,7 @@ def save_bank(bank: Bank, path: str | Path) -> None:
             "bench": bank.bench.picture,
             "bench.seen": bank.bench.seen,
             **_gallery_arrays("gallery", bank.bench.gallery),
+            **_photos_arrays("object", bank.bench.things),
         }
         if bank.bench.grain is not None:
             data["bench.grain"] = np.array(bank.bench.grain)
@@ -47,9 +48,7 @@ def save_bank(bank: Bank, path: str | Path) -> None:
             data |= {f"light.{key}": getattr(light, key) for key in ("positions", "strengths", "receivers", "matrix")}
             data["light.plane"] = np.append(light.plane.normal, light.plane.offset)
     if bank.moving is not None:
-        data |= _gallery_arrays("moving", bank.moving.gallery)
-        for name, photos in bank.moving.things.items():
-            data |= _gallery_arrays(f"thing:{name}", photos)
+        data |= _gallery_arrays("moving", bank.moving.gallery) | _photos_arrays("thing", bank.moving.things)
         if (atlas := bank.moving.atlas) is not None:
             data |= {
                 "atlas": atlas.picture,
@@ -124,7 +123,9 @@ def _bench(arrays: Mapping[str, Array]) -> Bench | None:
         raise ValueError("bench is not uint8")
     grain = float(arrays["bench.grain"]) if "bench.grain" in arrays else None
     seen = arrays["bench.seen"].astype(bool)
-    return Bench(arrays["bench"], seen, _gallery(arrays, "gallery"), _light(arrays), grain)
+    return Bench(
+        arrays["bench"], seen, _gallery(arrays, "gallery"), _light(arrays), grain, things=_photos(arrays, "object")
+    )
 
 
 def _moving(arrays: Mapping[str, Array]) -> Bench | None:
@@ -135,10 +136,8 @@ def _moving(arrays: Mapping[str, Array]) -> Bench | None:
     if "atlas" in arrays:
         x, y, height = arrays["atlas.place"].astype(float)
         atlas = TableAtlas(arrays["atlas"], arrays["atlas.seen"].astype(bool), np.array([x, y]), float(height))
-    names = [key.removeprefix("thing:") for key in arrays if key.startswith("thing:") and "." not in key]
-    things = {name: photos for name in names if (photos := _gallery(arrays, f"thing:{name}")) is not None}
     nothing = np.zeros_like(arrays["plate"])
-    return Bench(nothing, nothing[..., 0] > 0, _gallery(arrays, "moving"), atlas=atlas, things=things)
+    return Bench(nothing, nothing[..., 0] > 0, _gallery(arrays, "moving"), atlas=atlas, things=_photos(arrays, "thing"))
 
 
 def _gallery_arrays(key: str, gallery: Gallery | None) -> dict[str, Array]:
@@ -147,6 +146,19 @@ def _gallery_arrays(key: str, gallery: Gallery | None) -> dict[str, Array]:
         return {}
     seen = {field.name: getattr(gallery.condition, field.name) for field in fields(gallery.condition)}
     return {key: gallery.frames} | {f"{key}.{name}": array for name, array in seen.items() if array is not None}
+
+
+def _photos_arrays(kind: str, things: Mapping[str, Gallery]) -> dict[str, Array]:
+    """Arrays of photos of objects, each under `kind:NAME`."""
+    return {
+        key: data for name, photos in things.items() for key, data in _gallery_arrays(f"{kind}:{name}", photos).items()
+    }
+
+
+def _photos(arrays: Mapping[str, Array], kind: str) -> dict[str, Gallery]:
+    """The photos of objects that a file has under `kind:NAME`, by name."""
+    names = [key.removeprefix(f"{kind}:") for key in arrays if key.startswith(f"{kind}:") and "." not in key]
+    return {name: photos for name in names if (photos := _gallery(arrays, f"{kind}:{name}")) is not None}
 
 
 def _gallery(arrays: Mapping[str, Array], key: str) -> Gallery | None:

@@ -112,7 +112,7 @@ def _gallery(frames: Sequence[np.ndarray], views: Sequence[Condition], links: in
     """Photos as a gallery of the robot's links."""
     if not frames:
         return None
-    views = [replace(view.without_parts(OBJECT), hulls=None) for view in views]
+    views = [replace(view.without_parts(OBJECT), hulls=None, rgb=np.zeros_like(view.rgb)) for view in views]
     views = [replace(view, projections=view.projections[:, :links]) for view in views]  # pyright: ignore[reportOptionalSubscript]
     return Gallery(np.stack(frames), Condition.joined(views))
 

@@ -81,7 +81,7 @@ class Condition:
     @property
     def moving_camera(self) -> bool:
         """Whether the camera moves, so that table and background are parts."""
-        return self.parts is not None and bool((self.parts[self.classes < ROBOT] > 0).any())
+        return self.projections is not None and bool(_far(self.projections[:1]).any())
 
     def part(self, start: int, end: int) -> Condition:
         """Frames start .. end - 1."""
@@ -130,3 +130,8 @@ def facings(condition: Condition) -> Array:
     """The camera's viewing direction (T, L, 3) in the frame of each part, that is, which side of it is seen."""
     axes = np.asarray(condition.projections, np.float32)[:, :, 2, :3]
     return axes / np.linalg.norm(axes, axis=2, keepdims=True)
+
+
+def _far(projections: Array) -> Array:
+    """Which parts (L,) are infinitely far: turning the camera moves them in the picture, carrying it does not."""
+    return projections[..., :3].any(axis=(0, 2, 3)) & ~projections[..., 3].any(axis=(0, 2))

@@ -21,8 +21,8 @@ class GeneratedFrames:
     Raises: VisionError if grain is requested and the bank does not know it.
     """
 
-    def __init__(self, aligner: Aligner, bank: Bank, count: int, grain: bool = False) -> None:
-        self.aligner, self.bank = aligner, bank
+    def __init__(self, aligner: Aligner, moving_aligner: Aligner, bank: Bank, count: int, grain: bool = False) -> None:
+        self.aligner, self.moving_aligner, self.bank = aligner, moving_aligner, bank
         self.references: list[References | None] = [None] * count
         self.shown: list[np.ndarray | None] = [None] * count
         known = None if bank.bench is None else bank.bench.grain
@@ -62,13 +62,12 @@ class GeneratedFrames:
             if count == 0:
                 self.references[i] = self.bank.start(views[i])
                 frames[i][:] = self.last(i)
-        for start in range(0, int(max(counts, default=0)), self.aligner.chunk):
+        aligner = self.moving_aligner if views[0].moving_camera else self.aligner
+        for start in range(0, int(max(counts, default=0)), aligner.chunk):
             going = [i for i, count in enumerate(counts) if count > start]
             references = [self._reference(i) for i in going]
-            parts = [
-                r.lit(views[i].part(start, start + self.aligner.chunk)) for i, r in zip(going, references, strict=True)
-            ]
-            clips = self.aligner.render(references, parts)
+            parts = [r.lit(views[i].part(start, start + aligner.chunk)) for i, r in zip(going, references, strict=True)]
+            clips = aligner.render(references, parts)
             for i, reference, part, clip in zip(going, references, parts, clips, strict=True):
                 count = min(int(counts[i]) - start, len(part))
                 self.references[i] = reference.after(clip[:count], part.part(0, count))

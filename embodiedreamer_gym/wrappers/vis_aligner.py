@@ -9,8 +9,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
 
-from embodiedreamer_gym.envs.cameras import CAMERAS
 from embodiedreamer_gym.envs.observations import pixel_space
 from embodiedreamer_gym.envs.tasks.task import Task
 from embodiedreamer_gym.errors import SimulationError, VisionError
@@ -68,12 +68,9 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
             raise SimulationError("an editor changes the pictures of one camera; leave it out, or the other cameras.")
         gym.Wrapper.__init__(self, filmed(env, photos, self.aligner.chunk, chunk, every, self.cameras))
         self.bank = photos.of(_props(getattr(env.unwrapped, "task", None)))
-        shown = pixel_space(self.cameras, self.bank.size)
-        self.observation_space = _with_picture(self.env.observation_space, shown)
-        moving = [name for name in self.cameras if _moves(env, name)]
-        aligners = dict.fromkeys(self.cameras, self.aligner)
-        aligners |= dict.fromkeys(moving, load_aligner(moving_aligner, device=device)) if moving else {}
-        self._frames = {name: GeneratedFrames(one, self.bank, 1, grain) for name, one in aligners.items()}
+        self.observation_space = _with_picture(self.env.observation_space, pixel_space(self.cameras, self.bank.size))
+        moving = load_aligner(moving_aligner, device=device)
+        self._frames = {name: GeneratedFrames(self.aligner, moving, self.bank, 1, grain) for name in self.cameras}
         self.editor, self._rng = editor, np.random.default_rng()
 
     @property
@@ -86,38 +83,24 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
         options, entry = _chosen(self.bank, options)
         observation, info = self.env.reset(seed=seed, options=options)
         self._rng = self._rng if seed is None else np.random.default_rng(seed)
-        frames = {}
+        views, frames = conditions(info, self.cameras), {}
         for name, generated in self._frames.items():
             generated.seed([seed])
-            (frames[name],) = generated.begin([self._view(info, name)], entry, self._edit)
-        return self._shown(observation, info, frames)
+            (frames[name],) = generated.begin([views[name]], entry, self._edit)
+        return _with_frames(observation, info, frames)
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Play a chunk of actions and generate the frames of the cameras."""
         self._frames[self.cameras[0]].last(0)  # raises before the environment moves
         observation, reward, terminated, truncated, info = self.env.step(action)
-        frames = {}
-        for name, generated in self._frames.items():
-            (frames[name],) = generated.render([self._view(info, name)], [info["filmed"]])
-        observation, info = self._shown(observation, info, frames)
+        views, filmed = conditions(info, self.cameras), [info["filmed"]]
+        frames = {name: generated.render([views[name]], filmed)[0] for name, generated in self._frames.items()}
+        observation, info = _with_frames(observation, info, frames)
         return observation, float(reward), terminated, truncated, info
 
     def render(self) -> Any:
         """The last generated frame (H, W, 3) of the first camera; None without a render mode."""
         return None if self.render_mode is None else self._frames[self.cameras[0]].shown[0]
-
-    def _view(self, info: Mapping[str, Any], camera: str) -> Condition:
-        """The simulator's view of a chunk by a camera."""
-        return conditions(info) if len(self.cameras) == 1 else Condition(**info["clips"][camera])
-
-    def _shown(
-        self, observation: Any, info: Mapping[str, Any], frames: dict[str, np.ndarray]
-    ) -> tuple[Any, dict[str, Any]]:
-        """Observation and info with the generated frames."""
-        if len(frames) == 1:
-            (clip,) = frames.values()
-            return _shown(observation, clip[-1]), _with_frames(info, clip)
-        return _shown(observation, {name: clip[-1] for name, clip in frames.items()}), _with_frames(info, frames)
 
     def _edit(self, references: References) -> References:
         if self.editor is None:
@@ -129,58 +112,71 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
 class VisAlignerVectorWrapper(VectorWrapper):
     """The same for a vector of environments, whose chunks go through the network together.
 
-    Each environment must be an `ActionChunk`, which is set to film with the head camera; for instance
+    Each environment must be an `ActionChunk`, which is set to film with the cameras; for instance
     `gym.make_vec(id, 8, wrappers=[lambda env: ActionChunk(env, 8)])`.
-    info["frames"] is (environments, F, H, W, 3) uint8.
+    info["frames"] is (environments, F, H, W, 3) uint8; for several cameras, one such array per camera name.
 
-    device: as in `VisAlignerObservationWrapper`.
+    device, cameras, moving_aligner: as in `VisAlignerObservationWrapper`.
     Raises: VisionError if weights, photos and picture size do not fit, or the device is not available; SimulationError
     for other environments.
     """
 
     def __init__(
-        self, env: VectorEnv, aligner: str = "lean", bank: str = "lab", grain: bool = False, device: str = "cpu"
-    ) -> None:
+        self, env: VectorEnv, aligner: str = "lean", bank: str = "lab", grain: bool = False, device: str = "cpu",
+        cameras: Sequence[str] = ("head",), moving_aligner: str = "assembled",
+    ) -> None:  # fmt: skip
         super().__init__(env)
         self.aligner: Aligner = load_aligner(aligner, device=device)
-        photos = load_bank(bank)
-        one = pixel_space(("head",), photos.size)
+        self.cameras, photos = tuple(cameras), load_bank(bank)
+        shown = pixel_space(self.cameras, photos.size)
         pixels = _pixels(env.single_observation_space)
-        if pixels is None or pixels.shape != one.shape:
-            raise VisionError(f"the environments must show pictures {one.shape}, as the bank's photos; make them with "
-                              f"image_size={photos.size} and obs_type='pixels_agent_pos'.")  # fmt: skip
+        if pixels is None or (len(self.cameras) == 1 and pixels.shape != shown.shape):
+            raise VisionError(
+                f"the environments must show pictures {(*photos.size[::-1], 3)}, as the bank's photos; make them with "
+                f"image_size={photos.size} and obs_type='pixels_agent_pos'."
+            )
         try:
-            env.call("film", "head", photos.size)  # pyright: ignore[reportAttributeAccessIssue]
+            env.call("film", self.cameras, photos.size)  # pyright: ignore[reportAttributeAccessIssue]
         except AttributeError as error:
             raise SimulationError("each environment must be wrapped in ActionChunk(env, k).") from error
+        self.single_observation_space = _with_picture(env.single_observation_space, shown)
+        self.observation_space = batch_space(self.single_observation_space, env.num_envs)
         self.bank: Bank = photos.of(_props(env.get_attr("task")[0]))  # pyright: ignore[reportAttributeAccessIssue]
-        self._frames = GeneratedFrames(self.aligner, self.bank, env.num_envs, grain)
+        moving, count = load_aligner(moving_aligner, device=device), env.num_envs
+        self._frames = {name: GeneratedFrames(self.aligner, moving, self.bank, count, grain) for name in self.cameras}
 
     @property
     def references(self) -> list[References | None]:
-        """References of each environment's next chunk; None before the first reset."""
-        return self._frames.references
+        """References of the first camera in each environment for the next chunk; None before the first reset."""
+        return self._frames[self.cameras[0]].references
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Start an episode in each; options: those of the environment, and `reference`, number of a bank photo."""
+        """Start an episode in each environment; options: as in `VisAlignerObservationWrapper.reset`."""
         options, entry = _chosen(self.bank, options)
         observation, info = self.env.reset(seed=seed, options=options)  # pyright: ignore[reportArgumentType]
         whole = isinstance(seed, int | np.integer)
-        self._frames.seed([seed + i for i in range(self.num_envs)] if whole else seed or [None] * self.num_envs)  # pyright: ignore
-        frames = self._frames.begin(self._views(info), entry)
-        return _shown(observation, frames[:, -1]), _with_frames(info, frames)
+        seeds = [seed + i for i in range(self.num_envs)] if whole else seed or [None] * self.num_envs  # pyright: ignore
+        frames = {}
+        for name, generated in self._frames.items():
+            generated.seed(seeds)  # pyright: ignore[reportArgumentType]
+            frames[name] = generated.begin(self._views(info, name), entry)
+        return _with_frames(observation, info, frames)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Play a chunk of actions in each environment and generate the frames of their cameras."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        frames = self._frames.render(self._views(info), info["filmed"])
-        return _shown(observation, frames[:, -1]), reward, terminated, truncated, _with_frames(info, frames)
+        filmed = info["filmed"]
+        frames = {name: one.render(self._views(info, name), filmed) for name, one in self._frames.items()}
+        observation, info = _with_frames(observation, info, frames)
+        return observation, reward, terminated, truncated, info
 
-    def _views(self, info: Mapping[str, Any]) -> list[Condition]:
-        clip = {key: values for key, values in info["clip"].items() if not key.startswith("_")}  # masks of the vector
-        return [Condition(**{key: values[i] for key, values in clip.items()}) for i in range(self.num_envs)]
+    def _views(self, info: Mapping[str, Any], camera: str) -> list[Condition]:
+        """The simulator's view of a chunk in each environment."""
+        clip = info["clip"] if len(self.cameras) == 1 else info["clips"][camera]
+        arrays = {key: values for key, values in clip.items() if not key.startswith("_")}  # no masks of the vector
+        return [Condition(**{key: values[i] for key, values in arrays.items()}) for i in range(self.num_envs)]
 
 
 def filmed(
@@ -224,9 +220,10 @@ def check_size(size: tuple[int, int], bank: Bank) -> None:
         )
 
 
-def conditions(info: Mapping[str, Any]) -> Condition:
-    """Return the simulator's view of a chunk."""
-    return Condition(**info["clip"])
+def conditions(info: Mapping[str, Any], cameras: Sequence[str] = ("head",)) -> dict[str, Condition]:
+    """The simulator's view of a chunk by each camera, from the info of an `ActionChunk` that films with these cameras."""
+    clips = {cameras[0]: info["clip"]} if len(cameras) == 1 else info["clips"]
+    return {name: Condition(**clips[name]) for name in cameras}
 
 
 def _chosen(bank: Bank, options: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, Entry | None]:
@@ -251,15 +248,12 @@ def _with_picture(space: spaces.Space, one: spaces.Space) -> spaces.Space:
     return spaces.Dict({**space.spaces, "pixels": one}) if isinstance(space, spaces.Dict) else one
 
 
-def _moves(env: gym.Env, camera: str) -> bool:
-    """Whether a camera moves with a link of the environment's robot."""
-    known = {**CAMERAS, **getattr(env.unwrapped, "cameras", {})}
-    return camera in known and known[camera].link is not None
-
-
-def _shown(observation: Any, frames: Any) -> Any:
-    return {**observation, "pixels": frames} if isinstance(observation, Mapping) else frames
-
-
-def _with_frames(info: Mapping[str, Any], frames: Any) -> dict[str, Any]:
-    return {key: value for key, value in info.items() if key not in ("clip", "_clip", "clips")} | {"frames": frames}
+def _with_frames(
+    observation: Any, info: Mapping[str, Any], frames: Mapping[str, np.ndarray]
+) -> tuple[Any, dict[str, Any]]:
+    """Observation and info with generated frames (..., F, H, W, 3) of each camera."""
+    every = dict(frames) if len(frames) > 1 else next(iter(frames.values()))
+    last = {name: clip[..., -1, :, :, :] for name, clip in frames.items()}
+    pixels = last if len(frames) > 1 else next(iter(last.values()))
+    kept = {key: value for key, value in info.items() if key not in ("clip", "_clip", "clips", "_clips")}
+    return {**observation, "pixels": pixels} if isinstance(observation, Mapping) else pixels, kept | {"frames": every}

@@ -41,7 +41,7 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[dict[str, Any]]]:
 def test_without_edits_it_only_dreams(run, capsys: pytest.CaptureFixture[str]) -> None:
     assert run() == [{
         "data": ["real"], "out": Path("made"), "aligner": "lean", "bank": "lab", "editor": None, "copies": 1, "seed": 0,
-        "prompt": None, "task": None, "robot": None, "jobs": 1,
+        "prompt": None, "task": None, "robot": None, "jobs": 1, "cameras": ("head",),
     }]  # fmt: skip
     shown = capsys.readouterr()
     assert shown.out == "4 episodes in made, 1 of them from an earlier run\n"

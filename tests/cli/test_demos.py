@@ -36,6 +36,7 @@ def test_what_is_asked_for_is_recorded(tmp_path: Path, monkeypatch: pytest.Monke
     wanted = demonstrations.Demonstrations("PutPenInCup", 5)
     assert calls[0] == ("record_demonstrations", wanted, 3, tmp_path, 2)
     assert calls[1][0] == "record_lerobot" and calls[1][1].size == (64, 48)
+    assert calls[1][1].retarget is None
     said = capsys.readouterr()
     assert "2 attempts failed" in said.out and said.err == ""
 
@@ -48,6 +49,7 @@ def test_what_is_asked_for_is_recorded(tmp_path: Path, monkeypatch: pytest.Monke
         (("--size", "big"), "--size big is not a width and a height"),
         (("--cameras", "foot"), "camera 'foot' is not one of"),
         (("--task", "Fly-v0"), "there is no task 'Fly'"),
+        (("--retarget", "/no/such/folder"), "there is no HDF5 episode"),
     ],
 )
 def test_what_cannot_be(tmp_path: Path, words: tuple[str, ...], message: str) -> None:

@@ -305,11 +305,7 @@ def test_the_environment_of_the_options(files, envs: int, aligner: str | None, k
     assert isinstance(env, kind)
     assert (env.action_space.shape if envs == 1 else env.single_action_space.shape) == (2, 14)
     env.close()
-    policy.cameras = ("head", "left_wrist")
-    a.vis_aligner = files["aligner"]
-    with pytest.raises(PolicyError, match="VisAligner generates only the head camera"):
-        environment(a, policy)
-    policy.cameras, a.execute = ("head",), CHUNK + 1
+    a.execute = CHUNK + 1
     with pytest.raises(PolicyError, match="5 actions cannot be executed from a chunk of 4"):
         environment(a, policy)
 

@@ -211,3 +211,23 @@ def test_a_lerobot_set(quick: list[int], tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / "full").mkdir()
     with pytest.raises(RecordingError, match="and is not a set of demonstrations"):
         record_lerobot(QUICK, 1, tmp_path / "full")
+
+
+def test_recorded_episodes_are_retargeted_to_new_scenes(tmp_path: Path) -> None:
+    """From three scripted episodes, others of other scenes that succeed as well."""
+    few = Demonstrations("GrabPaperCup", 5, (16, 12))
+    record_demonstrations(few, 3, tmp_path / "few")
+    wanted = Demonstrations("GrabPaperCup", 11, (16, 12), retarget=str(tmp_path / "few"))
+    failed = record_demonstrations(wanted, 2, tmp_path / "more")
+    scripted = Demonstrations("GrabPaperCup", 11, (16, 12))
+    assert failed <= 2
+    with h5py.File(tmp_path / "more" / "episode_0.hdf5") as file:
+        about = json.loads(file.attrs["demonstration"])
+        cup, seed = file["objects/cup"][:], int(file.attrs["seed"])
+    assert about["retarget"] == wanted.settings()["retarget"] and seed == scripted.attempt_seed(about["attempt"])
+    assert cup[-1, 2] > cup[0, 2] + 0.05  # lifted
+    record_demonstrations(few, 4, tmp_path / "few")
+    with pytest.raises(RecordingError, match="retarget"):  # others than those from which the first two were made
+        record_demonstrations(wanted, 3, tmp_path / "more")
+    with pytest.raises(RecordingError, match="are of GrabPaperCup, not PutCupOnMat"):
+        Demonstrations("PutCupOnMat", retarget=str(tmp_path / "few"))

@@ -5,8 +5,12 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
 from embodiedreamer_gym.pipelines.policy_env import policy_world
+from embodiedreamer_gym.policies import evaluate
 from embodiedreamer_gym.wrappers import ActionChunk, CalibratedTracking
+from tests.wrappers.test_moving_cameras import CAMERAS, SIZE, bank  # noqa: F401
 
 
 def made(positions: bool, **options: Any) -> Any:
@@ -32,3 +36,27 @@ def test_commands_go_through_a_model_on_request() -> None:
     env = made(positions=False, tracking="aloha", tracking_mode="feed_forward")
     assert isinstance(env, CalibratedTracking) and env.tracker.mode == "feed_forward"
     assert env.tracker._shadow is not None
+
+
+def test_all_cameras_of_a_policy_are_generated(bank: str) -> None:  # noqa: F811
+    """A policy with three views is asked with three generated pictures."""
+
+    class Resting:
+        action_size, chunk, cameras, picture_size = 14, 4, CAMERAS, SIZE
+
+        def __init__(self) -> None:
+            self.shown: list[dict[str, np.ndarray]] = []
+
+        def __call__(self, batch: dict[str, Any]) -> np.ndarray:
+            self.shown.append({name: np.array(picture[0]) for name, picture in batch["pixels"].items()})
+            return np.repeat(batch["agent_pos"][:, None], self.chunk, axis=1)
+
+    policy = Resting()
+    env = policy_world(policy, "PutCupOnMat", vis_aligner="lean", bank=bank)
+    evaluate(policy, env, [0], 4)
+    first = policy.shown[0]
+    assert tuple(first) == CAMERAS and all(picture.shape == (48, 64, 3) for picture in first.values())
+    for name in CAMERAS:  # the bank has inverted colours
+        raw = env.unwrapped.capture(name, SIZE).rgb.astype(float)
+        assert np.abs(first[name] - raw).mean() > 20, name
+    env.close()

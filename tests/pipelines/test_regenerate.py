@@ -55,7 +55,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, replayed: Played) -> list[str]:
     """Replays cost nothing, and are listed."""
     made: list[str] = []
 
-    def again(source: Any, size: Any, camera: str) -> Played:
+    def again(source: Any, size: Any, cameras: Any) -> Played:
         made.append(source.name)
         return replayed
 
@@ -80,9 +80,9 @@ def plain_log(demos: Path, path: Path, *without: str) -> Path:
 
 def test_a_replay_is_the_episode_again(demos: Path, replayed: Played) -> None:
     source, there = read_source(demos / "episode_0.hdf5"), open_episodes(demos)
-    assert len(replayed.condition) == there.lengths[0] and replayed.success and replayed.error < 1e-5
+    assert len(replayed.views["head"]) == there.lengths[0] and replayed.success and replayed.error < 1e-5
     assert replayed.names == ("background", "table", "robot", "cup")
-    small = play(source, (32, 24)).condition.rgb
+    small = play(source, (32, 24)).views["head"].rgb
     assert np.array_equal(small, there.frames(0, "head"))  # each of them, at its step
 
 
@@ -111,7 +111,7 @@ def test_the_new_looks_last_to_the_end(demos: Path, replayed: Played, tmp_path: 
     regenerate(demos, tmp_path / "table", editor=Background(("table",)))
     regenerate(demos, tmp_path / "plain")
     blue, table, plain = (open_episodes(tmp_path / n).frames(0, "head") for n in ("cup", "table", "plain"))
-    classes = replayed.condition.classes
+    classes = replayed.views["head"].classes
     cup = classes == 3
     for chunk in range(0, len(blue), 8):  # the cup, in every chunk down to the last; blurred while it moves
         before, after = (f[chunk : chunk + 8][cup[chunk : chunk + 8]].mean(axis=0) for f in (plain, blue))
@@ -127,7 +127,7 @@ def test_the_new_looks_last_to_the_end(demos: Path, replayed: Played, tmp_path: 
 def test_a_sheet_under_what_is_taken_away(demos: Path, replayed: Played, tmp_path: Path, quick: list[str]) -> None:
     x, y = read_source(demos / "episode_0.hdf5").objects["cup"][0, :2].tolist()
     regenerate(demos, tmp_path, editor=PaperSheet(CAMERAS["head"], pose=(x, y, 0.0)))
-    frames, classes = open_episodes(tmp_path).frames(0, "head"), replayed.condition.classes
+    frames, classes = open_episodes(tmp_path).frames(0, "head"), replayed.views["head"].classes
     assert np.array_equal(open_episodes(tmp_path).masks(0, "head"), classes)
     left = (classes[0] == 3) & (classes[-1] == 1)
     assert frames[-1][left].mean() > 200 and np.ptp(frames[-1][left].mean(axis=0)) < 20
@@ -197,6 +197,24 @@ def test_an_episodes_own_first_frame(demos: Path, small: str, tmp_path: Path) ->
     assert np.array_equal(open_episodes(tmp_path).frames(0, "head", 0, 1), open_episodes(demos).frames(0, "head", 0, 1))
 
 
+def test_head_and_wrists_are_generated_together(tmp_path: Path) -> None:
+    """Each wrist's frames follow its own camera: in closed loop nearer to the simulator's than the first frame is."""
+    cameras = ("head", "left_wrist", "right_wrist")
+    record_demonstrations(Demonstrations("GrabPaperCup", size=(64, 48), cameras=cameras), 1, tmp_path / "demos")
+    assert regenerate(tmp_path / "demos", tmp_path / "out", bank=None, cameras=cameras) == Regenerated(1, 0, ())
+    before, after = open_episodes(tmp_path / "demos"), open_episodes(tmp_path / "out")
+    assert after.cameras == before.cameras == cameras
+    nearer = []
+    for name in cameras:
+        true, made = (e.frames(0, name).astype(float) for e in (before, after))
+        assert made.shape == true.shape and np.array_equal(made[0], true[0])
+        here = slice(8, 40)
+        nearer.append(np.abs(made[here] - true[here]).mean() / max(np.abs(true[:1] - true[here]).mean(), 1e-6))
+    assert min(nearer[1:]) < 0.7, nearer  # of the arm that moves
+    with pytest.raises(RecordingError, match="cameras"):
+        regenerate(tmp_path / "demos", tmp_path / "out", bank=None, cameras=cameras[:2])
+
+
 def empty(path: Path) -> Path:
     path.mkdir()
     return path
@@ -209,6 +227,9 @@ def empty(path: Path) -> Path:
         ({"copies": 2}, "all 2 copies would be the same", RecordingError),
         ({"editor": lambda *_: None}, "returned NoneType", VisionError),
         ({"editor": Recolour(("pen",))}, "no 'pen' to edit", VisionError),
+        ({"cameras": ("head", "nose")}, "one or more of head", RecordingError),
+        ({"cameras": ()}, "not none", RecordingError),
+        ({"cameras": ("head", "left_wrist"), "editor": Recolour(("cup",))}, "one camera", RecordingError),
     ],
 )
 def test_bad_settings(demos: Path, small: str, tmp_path: Path, quick, options, said: str, kind: type) -> None:

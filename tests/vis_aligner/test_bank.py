@@ -13,9 +13,10 @@ from embodiedreamer_gym.errors import VisionError
 from embodiedreamer_gym.vis_aligner.bank import UNNAMED, Bank, Entry, make_bank
 from embodiedreamer_gym.vis_aligner.bank_files import load_bank, save_bank
 from embodiedreamer_gym.vis_aligner.clip import Episode
+from embodiedreamer_gym.vis_aligner.condition import OBJECT
 from tests.vis_aligner.lamps import lamps
 from tests.vis_aligner.scenes import episode, texture
-from tests.vis_aligner.test_reprojection import board
+from tests.vis_aligner.test_reprojection import board, photo
 
 
 @pytest.fixture(scope="module")
@@ -104,6 +105,20 @@ def test_bad_banks_are_refused(bank: Bank, tmp_path) -> None:
     ):
         with pytest.raises(VisionError, match=says):
             call()
+
+
+def test_photos_of_objects_survive_their_file(tmp_path) -> None:
+    clip = board([(0.0, 0.0, 1.0, 0.0), (0.1, 0.05, 1.1, 0.4)], OBJECT)
+    one = Episode("one", np.stack([photo(clip, k) for k in range(2)]), clip, class_names=("", "", "", "cup", "mat"))
+    made = make_bank([one])
+    save_bank(made, tmp_path / "bank.npz")
+    again = load_bank(tmp_path / "bank.npz")
+    assert list(made.bench.things) == list(again.bench.things) == ["cup"]
+    for name in ("depth", "parts", "projections"):
+        ours, theirs = (getattr(bank.bench.things["cup"].condition, name) for bank in (made, again))
+        assert np.array_equal(ours, theirs)
+    start = again.of(["cup", "mat"]).start(clip.part(1, 2))
+    assert list(start.things) == [OBJECT]
 
 
 @pytest.mark.parametrize("damage", ["no zip", "array", "claim", "frames", "gallery"])

@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.clip import Gallery, References
+from embodiedreamer_gym.vis_aligner.clip import Episode, Gallery, References
 from embodiedreamer_gym.vis_aligner.condition import OBJECT, ROBOT, Condition
-from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, allowed, reprojected_pixels, to_frames
+from embodiedreamer_gym.vis_aligner.network_inputs import (
+    Inputs,
+    allowed,
+    reprojected_frames,
+    reprojected_pixels,
+    to_frames,
+)
+from embodiedreamer_gym.vis_aligner.object_photos import photos_of_objects
 from embodiedreamer_gym.vis_aligner.reprojection import Change, reproject_gallery
 
 HEIGHT, WIDTH, FOCAL = 48, 64, 60.0
@@ -124,6 +131,26 @@ def test_a_gallery_shows_a_part_from_the_side_that_is_seen() -> None:
     assert not reproject_gallery(None, clip.part(2, 3))[1].any()
     with pytest.raises(VisionError, match="a gallery needs photos"):
         Gallery(photos, clip.part(0, 2).without_parts())
+
+
+def test_an_object_that_was_covered_gets_its_look_from_photos() -> None:
+    """Neither the last nor the first frame shows it, and without photos its pixels are stale."""
+    clip = board([(0.0, 0.0, 1.0, 0.0), (0.1, 0.05, 1.1, 0.4), (-0.1, 0.0, 1.0, 0.2)], OBJECT)
+    names = ("background", "table", "robot", "cup")
+    photos = photos_of_objects(
+        [Episode("one", np.stack([photo(clip, k) for k in range(2)]), clip.part(0, 2), class_names=names)]
+    )
+    assert list(photos) == ["cup"] and 1 <= len(photos["cup"]) <= 2
+    there, nothing = clip.parts[2] > 0, np.zeros_like(clip.parts[:1])
+    covered = replace(clip.part(0, 1), parts=nothing, classes=nothing)
+    bare = References.start(np.full((HEIGHT, WIDTH, 3), 40, np.uint8), covered)
+    stale = []
+    for references in (bare, replace(bare, things={OBJECT: photos["cup"]})):
+        still, _, unknown = reprojected_frames(references, clip.part(2, 3), Inputs())
+        stale.append(unknown[0][there].mean())
+        known = there & ~unknown[0]
+    assert stale[0] == 1 and stale[1] < 0.3  # the edges of photos are left out
+    assert np.median(np.abs(still[0].astype(float) - photo(clip, 2))[known]) < 5
 
 
 def test_what_a_model_may_not_see_is_not_carried() -> None:

@@ -13,7 +13,7 @@ from embodiedreamer_gym.vis_aligner.bank_files import load_bank, save_bank
 from embodiedreamer_gym.vis_aligner.clip import Episode
 from embodiedreamer_gym.vis_aligner.condition import Condition
 from embodiedreamer_gym.vis_aligner.moving_bench import make_moving_bench
-from embodiedreamer_gym.wrappers import ActionChunk, VisAlignerObservationWrapper
+from embodiedreamer_gym.wrappers import ActionChunk, VisAlignerObservationWrapper, VisAlignerVectorWrapper
 from tests.wrappers.test_action_chunk import ID
 
 SIZE = (64, 48)
@@ -127,3 +127,24 @@ def test_what_cannot_be_shown_is_said(bank: str, tmp_path) -> None:
         make(bank, editor=lambda image, masks, rng, prompt: image)
     with pytest.raises(SimulationError, match="elbow"):
         make(bank, cameras=("head", "elbow")).reset(seed=0)
+
+
+def test_a_vector_of_three_cameras_shows_what_each_alone_shows(bank: str) -> None:
+    make_one = lambda: ActionChunk(  # noqa: E731
+        gym.make(ID, obs_type="pixels_agent_pos", image_size=SIZE, disable_env_checker=True), 8
+    )
+    envs = VisAlignerVectorWrapper(gym.vector.SyncVectorEnv([make_one] * 2), bank=bank, cameras=CAMERAS)
+    single = make(bank)
+    observation, info = envs.reset(seed=[0, 3])
+    assert envs.observation_space.contains(observation)
+    assert {name: clip.shape for name, clip in info["frames"].items()} == dict.fromkeys(CAMERAS, (2, 8, 48, 64, 3))
+    alone, _ = single.reset(seed=3)
+    plan = wave(single, 8)
+    observation, *_, info = envs.step(np.stack([plan, plan]))
+    alone, *_, about = single.step(plan)
+    for name in CAMERAS:
+        assert np.array_equal(observation["pixels"][name], info["frames"][name][:, -1])
+        assert np.abs(info["frames"][name][1].astype(int) - about["frames"][name]).max() <= 1, name
+        assert np.abs(observation["pixels"][name][1].astype(int) - alone["pixels"][name]).max() <= 1
+    envs.close()
+    single.close()
