@@ -134,4 +134,4 @@ def facings(condition: Condition) -> Array:
 
 def _far(projections: Array) -> Array:
     """Which parts (L,) are infinitely far: turning the camera moves them in the picture, carrying it does not."""
-    return projections[..., :3].any(axis=(0, 2, 3)) & ~projections[..., 3].any(axis=(0, 2))
+    return np.any(projections[..., :3], axis=(0, 2, 3)) & ~np.any(projections[..., 3], axis=(0, 2))
