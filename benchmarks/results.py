@@ -24,6 +24,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
+from benchmarks.common import clopper_pearson
 from benchmarks.diagnosis_figures import TARGETS, TEXTS, wanted
 from benchmarks.payload import mass_errors, masses_held
 from embodiedreamer_gym.io.files import atomic_file
@@ -79,6 +80,7 @@ def record(key: str, name: str, options: Sequence[str]) -> None:
             run = {**run_stamp(), "seconds": round(time.perf_counter() - begun, 1),
                    "times": times if isinstance(times, dict) else {"rows": times}}  # fmt: skip
     shown = shlex.join(options) if option == "--json" else re.sub(FILES, "", shlex.join(options))
+    shown = re.sub(r"(?<=--films )\S+", "films", shown)
     write_results(folder, result, {**run, "command": f"python -m benchmarks {name} {shown}".strip()})
 
 
@@ -109,6 +111,28 @@ def blind(*sets: Mapping[str, Any]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
+def pooled(*parts: Mapping[str, Any]) -> dict[str, Any]:
+    """Runs of different shards of one set of cases as one: shares of all cases together. Medians cannot be pooled and are left out.
+
+    Raises: ValueError for runs of different cases.
+    """
+    first = parts[0]
+    indices = [row["index"] for one in parts for row in one["rows"]]
+    if len(set(indices)) < len(indices) or any(one["settings"] != first["settings"] for one in parts):
+        raise ValueError("only runs of different cases of the same set can be pooled.")
+    counts: dict[str, list[int]] = {}
+    for figure in (figure for one in parts for figure in one["figures"] if figure["hits"] is not None):
+        hits, of = counts.get(figure["key"], (0, 0))
+        counts[figure["key"]] = [hits + figure["hits"], of + figure["of"]]
+    figures = []
+    for key, (hits, of) in counts.items():
+        low, high = clopper_pearson(hits, of)
+        figures.append({"key": key, "hits": hits, "of": of, "value": hits / of, "low": low, "high": high})
+    worst = max(one["run"]["times"]["worst_seconds"] for one in parts)
+    run = {**first["run"], "times": {"worst_seconds": worst}}
+    return {**first, "cases": sum(one["cases"] for one in parts), "figures": figures, "run": run}
+
+
 def _share(figure: Mapping[str, Any]) -> str:
     """Hits, cases, percent and 95 % interval of a share; a median of shares has no hits."""
     low, high = 100 * figure["low"], 100 * figure["high"]
@@ -124,7 +148,7 @@ def page(results: Mapping[str, Any] | None = None) -> str:
         "median": lambda values: float(np.median(list(values))),
     }
     found = kept() if results is None else results
-    return places.from_string(TEMPLATE.read_text()).render(r=found, blind=blind, off=mass_errors, held=masses_held)
+    return places.from_string(TEMPLATE.read_text()).render(r=found, blind=blind, pooled=pooled, off=mass_errors, held=masses_held)
 
 
 def main() -> None:

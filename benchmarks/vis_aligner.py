@@ -83,6 +83,8 @@ def report(title: str, episodes: Sequence[Episode], aligner: Aligner, bench: Ben
     """Evaluate some episodes and print their tables."""
     judged = [evaluate_aligner(aligner, episode, bench=bench) for episode in episodes]
     print(f"\n## {title}: {len(judged)} episodes\n\n{tables(judged, markdown=True)}\n\n{tabletop(judged)}", flush=True)
+    least = ", ".join(f"{np.nanmin(j.measures[CLOSED].drift['iou.objects']):.2f}" for j in judged)
+    print(f"\nsmallest IoU of the objects in a chunk of the closed loop: {least}", flush=True)
     return judged
 
 

@@ -23,6 +23,22 @@ def test_a_changed_result_changes_the_page() -> None:
     assert results.page(kept) != results.page()
 
 
+def test_shards_are_pooled() -> None:
+    def part(numbers: range, hits: int) -> dict[str, Any]:
+        figures = [{"key": "name", "hits": hits, "of": 10, "value": hits / 10, "low": 0.0, "high": 1.0},
+                   {"key": "fall", "hits": None, "of": 10, "value": 0.5, "low": 0.4, "high": 0.6}]  # fmt: skip
+        return {"settings": {"set": "main"}, "cases": len(numbers), "of": 40, "rows": [{"index": i} for i in numbers],
+                "figures": figures, "run": {"command": "c", "times": {"median_seconds": 1.0, "worst_seconds": hits}}}  # fmt: skip
+
+    both = results.pooled(part(range(20), 9), part(range(20, 40), 7))
+    (figure,) = both["figures"]
+    assert (figure["hits"], figure["of"], figure["value"]) == (16, 20, 0.8)
+    assert figure["low"] == pytest.approx(0.563, abs=1e-3) and figure["high"] == pytest.approx(0.943, abs=1e-3)
+    assert both["cases"] == 40 and both["run"]["times"] == {"worst_seconds": 9}
+    with pytest.raises(ValueError, match="different cases"):
+        results.pooled(part(range(20), 9), part(range(19, 40), 7))
+
+
 def test_a_missing_result_is_an_error() -> None:
     kept = results.kept()
     del kept["sealed_main"]
