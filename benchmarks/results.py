@@ -148,7 +148,9 @@ def page(results: Mapping[str, Any] | None = None) -> str:
         "median": lambda values: float(np.median(list(values))),
     }
     found = kept() if results is None else results
-    return places.from_string(TEMPLATE.read_text()).render(r=found, blind=blind, pooled=pooled, off=mass_errors, held=masses_held)
+    return places.from_string(TEMPLATE.read_text()).render(
+        r=found, blind=blind, pooled=pooled, off=mass_errors, held=masses_held
+    )
 
 
 def main() -> None:
