@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from embodiedreamer_gym.diagnosis import diagnose
+from embodiedreamer_gym.diagnosis import search as search_module
 from embodiedreamer_gym.diagnosis.candidates import Candidate, as_candidate
 from embodiedreamer_gym.diagnosis.other_valleys import best_of_sizes, leave_valleys
 from embodiedreamer_gym.diagnosis.robot_errors import fit_with_robot_errors
@@ -92,3 +94,17 @@ def test_the_interval_of_a_width_holds_that_of_a_law_without_jump(arm) -> None:
                 low <= true <= high for (low, high), true in zip(said, (0.01, 0.01, 0.0, 0.0), strict=True)
             )
     assert held["slopes"] <= 3 and held["shares"] >= 10, held  # of 12
+
+
+def test_a_diagnosis_leaves_the_valleys_of_its_candidates(arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[str] = []
+
+    def left(search: Any, state: Any, candidates: Any) -> Any:
+        seen.extend(candidate.kind.name for candidate in candidates)
+        return candidates
+
+    monkeypatch.setattr(search_module, "leave_valleys", left)
+    truth = with_effect(arm, "command_lowpass", time_constant=0.1)
+    train, test = ([record(truth, noise=4e-4, seed=seed) for seed in seeds] for seeds in ((0, 1), (2,)))
+    found = diagnose(arm, train, test, catalogue={n: CATALOGUE[n] for n in ("command_lowpass", "coulomb_friction")})
+    assert list(found.effects) == ["command_lowpass"] and "command_lowpass" in seen
