@@ -20,13 +20,8 @@ COLUMNS = ("policy", "task", "simulated_successes", "simulated_trials", "real_su
 FEWEST, FEWEST_OF_TASK = 5, 3  # policies, and policies of a task whose order is compared
 DRAWS, BOOTSTRAPS = 4000, 1000
 PRIOR = ((-8.0, 8.0), (0.0, 4.0), (0.0, 3.0))  # of height and slope of the line, and of the scatter, logits
-POINTS, REACH, NODES, ROUNDS, CLOSE = (
-    15,
-    5.0,
-    9,
-    20,
-    0.7,
-)  # of the grid along an axis; standard deviations that it spans; of the integral
+POINTS, NODES = 15, 9  # of the grid along an axis, and of the integral over the scatter
+REACH, CLOSE, ROUNDS = 5.0, 0.7, 20  # standard deviations that the grid spans; share of a range that ends its rounds
 MOST = 1_000_000  # trials of a policy
 
 
