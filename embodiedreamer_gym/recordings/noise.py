@@ -14,6 +14,7 @@ _ROUNDING = 4 * float(np.finfo(np.float32).eps)  # logs are often stored as floa
 _ORDERS = (2, 3, 4, 5)  # orders of the differences; a higher order removes more of a smooth motion
 _GAIN = {2: 6.0, 3: 20.0, 4: 70.0, 5: 252.0}  # variance of the k-th difference of white noise, C(2k, k)
 _WINDOW = 16  # samples of a window that is classified as quiet or moving
+_JITTER = 0.02  # of a step: variation from which the times of the samples matter
 _COARSE = 0.45  # noise, in steps, below which the rounding errors of a resting signal are not independent
 
 
@@ -69,7 +70,11 @@ def estimate_noise(time: np.ndarray, x: np.ndarray, quantum: float = 0.0) -> flo
         return 0.0
     time = np.asarray(time, dtype=float)
     quiet = _quiet(time, x)
-    variance = min(_clipped_variance(_differences(x, quiet, order)) / _GAIN[order] for order in _ORDERS)
+    differences = [_differences(x, quiet, order) for order in _ORDERS]
+    variance = min(_clipped_variance(d) / _GAIN[order] for d, order in zip(differences, _ORDERS, strict=True))
+    if _irregular(time):  # the smaller of the two: the steps may be those of the clock, or of late time stamps
+        timed = (_timed_differences(time, x, quiet, order) for order in _ORDERS)
+        variance = min(variance, *(_clipped_variance(d) / _GAIN[order] for d, order in zip(timed, _ORDERS, strict=True)))
     floor = quantum**2 / 12
     noise = 0.0 if variance <= 1.3 * floor else float(np.sqrt(variance - floor))
     if noise >= _COARSE * quantum:
@@ -110,6 +115,26 @@ def _differences(x: np.ndarray, quiet: np.ndarray, order: int) -> np.ndarray:
     """Differences of the given order whose samples are all quiet."""
     inside = np.convolve(quiet, np.ones(order + 1, dtype=int), mode="valid") == order + 1
     return np.diff(x, order)[inside]
+
+
+def _irregular(time: np.ndarray) -> bool:
+    """Whether the steps between the times (T,) vary, apart from gaps."""
+    step = np.diff(time)
+    median = float(np.median(step))
+    return float(np.percentile(np.abs(step[step <= 1.5 * median] - median), 95)) > _JITTER * median
+
+
+def _timed_differences(time: np.ndarray, x: np.ndarray, quiet: np.ndarray, order: int) -> np.ndarray:
+    """Divided differences of the given order whose samples are all quiet, scaled to the variance of `_differences`.
+
+    At the times (T,) of the samples, they are zero for a polynomial of a lower order, also if the steps vary.
+    """
+    inside = np.convolve(quiet, np.ones(order + 1, dtype=int), mode="valid") == order + 1
+    times = np.lib.stride_tricks.sliding_window_view(time, order + 1)[inside]
+    apart = times[:, :, None] - times[:, None, :] + np.eye(order + 1)
+    weights = 1.0 / apart.prod(axis=2)
+    weights *= np.sqrt(_GAIN[order] / (weights**2).sum(axis=1, keepdims=True))
+    return (weights * np.lib.stride_tricks.sliding_window_view(x, order + 1)[inside]).sum(axis=1)
 
 
 def _clipped_variance(d: np.ndarray) -> float:

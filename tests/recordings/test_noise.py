@@ -34,6 +34,23 @@ def test_motion_alone_is_hardly_noise(rate):
     assert estimate_noise(time, rounded(x, STEP), STEP) == 0
 
 
+def test_measured_times_that_vary_are_not_noise():
+    """Each sample is taken up to 2 ms late, and its time is right."""
+    rng, found = np.random.default_rng(4), []
+    for _ in range(9):
+        time = np.arange(0, 20.0, 0.02) + rng.uniform(0.0, 2e-3, 1000)
+        clean = 0.5 * np.sin(2 * np.pi * 0.7 * time) + 0.2 * np.sin(2 * np.pi * 1.9 * time + 1)
+        found.append(estimate_noise(time, clean + 3e-4 * rng.standard_normal(1000)))
+    assert np.median(found) == pytest.approx(3e-4, rel=0.1) and max(found) < 4e-4
+
+
+def test_time_stamps_that_vary_of_regular_samples_are_not_noise():
+    """Time stamps of 30 Hz in whole milliseconds are 33 or 34 ms apart."""
+    time, clean = motion(30)
+    x = clean + 5e-4 * np.random.default_rng(0).standard_normal(clean.size)
+    assert estimate_noise(np.round(time, 3), x) == pytest.approx(estimate_noise(time, x), rel=0.05)
+
+
 def test_steps_and_friction_are_not_noise():
     rng = np.random.default_rng(1)
     time = np.arange(1000) / 50
