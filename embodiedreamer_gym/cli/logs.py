@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
 
 USELESS = "no-command"  # code of a finding: the log cannot be simulated
-UNFIT = ("swapped", "sign-flipped")  # codes of findings: no model can be fitted to the log
+UNFIT = ("swapped", "sign-flipped", "units")  # codes of findings: no model can be fitted to the log
 FAULT = {"error": "fault"}  # "error: ..." is reserved for the last line of a failed command
 T = TypeVar("T")
 
@@ -53,7 +53,14 @@ def _urdf_error(text: str) -> Any:
 
 def load_split(a: argparse.Namespace, model: Any) -> tuple[Any, Any]:
     """Return the recordings of --train and --test."""
-    return load_logs(a, model, a.train, fit=True), load_logs(a, model, a.test, fit=True)
+    train, test = load_logs(a, model, a.train, fit=True), load_logs(a, model, a.test, fit=True)
+    fitted = {(one.source, one.name) for one in train if one.source}
+    both = [one for one in test if (one.source, one.name) in fitted]
+    if both:
+        raise RecordingError(
+            f"{both[0].source} is in --train and in --test; a held-out recording must be in --test only."
+        )
+    return train, test
 
 
 def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: bool = False) -> Any:

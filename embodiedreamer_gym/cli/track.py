@@ -1,5 +1,6 @@
 """`embodiedreamer track`."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,13 @@ WITHOUT = ("--gain", "--seed", "--jobs", "--report")  # options that this verb d
 )
 def run(a, progress):
     """Write the commands under which a calibrated model follows a trajectory, with the expected error before and after."""
+    from embodiedreamer_gym.diagnosis.comparison import gains_are_guessed
     from embodiedreamer_gym.tracking import track
 
     model = load_model(a, a.model)
+    if gains_are_guessed(model):
+        print("warning: the servo gains of the model are guessed, so that its commands will be wrong; calibrate it first",
+              file=sys.stderr)  # fmt: skip
     progress("commands", 0)
     tracked = track(model, wanted(a, model))
     tracked.save(a.out, model.transmission)

@@ -49,6 +49,14 @@ def clearance(model: RobotModel, positions: np.ndarray, table: float | None = No
     return least
 
 
+def without_shape(model: RobotModel) -> tuple[str, ...]:
+    """Names of the moving links without a collision shape, which `clearance` leaves out."""
+    compiled = MujocoBodies(model, TIME_STEP, lambda spec: None).model
+    shaped = set(compiled.geom_bodyid[np.flatnonzero(compiled.geom_contype)].tolist())
+    moving = [body for body in range(1, compiled.nbody) if compiled.body_weldid[body] == body]
+    return tuple(compiled.body(body).name for body in moving if body not in shaped and compiled.body_mass[body] > 0)
+
+
 def _chains(model: Any) -> list[Chain]:
     """The moving collision shapes of each arm."""
     depth = np.zeros(model.nbody, int)

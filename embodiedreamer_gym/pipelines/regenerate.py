@@ -107,8 +107,11 @@ def regenerate(
         "recipe": RECIPE, "aligner": str(aligner), "bank": bank, "edit": None if editor is None else describe(editor),
         "prompt": prompt, "seed": seed, "task": task, "robot": robot,
     }  # fmt: skip
-    if cameras != (CAMERA,):
-        settings |= {"cameras": list(cameras), "moving_aligner": str(moving_aligner)}
+    several = cameras != (CAMERA,)  # files of the head camera alone do not name it
+    settings |= {
+        "cameras": list(cameras) if several else None,
+        "moving_aligner": str(moving_aligner) if several else None,
+    }
     photos = None if bank is None else load_bank(bank)
     work = _Work(Path(folder), load_aligner(aligner), load_aligner(moving_aligner), photos, editor, cameras, settings)
     _check_folder(work.folder, settings)

@@ -11,6 +11,9 @@ from embodiedreamer_gym.recordings.recording import Recording
 from embodiedreamer_gym.recordings.tracking import Tracking, runs
 
 SEVERITIES = ("error", "warning", "info")
+DEGREES, SAME_UNIT = 180 / np.pi, 0.15  # degrees in a rad; logarithm of the ratio of two ranges in the same unit
+FOLLOWS_WELL = 0.9  # correlation of a joint with its command, from which their ranges can be compared
+BEYOND = 5.0  # times the largest limit, above which a position is in another unit
 LOWEST_RATE = 29.0  # Hz; allows for jitter in ALOHA logs at 30 Hz
 
 
@@ -163,6 +166,35 @@ def mixed_up(recording: Recording, tracking: Tracking) -> tuple[list[Finding], s
             findings.append(Finding("error", "sign-flipped", (joint,), message))
             columns.add(j)
     return findings, columns
+
+
+def units(
+    recording: Recording, tracking: Tracking, limits: Mapping[str, tuple[float, float]]
+) -> tuple[list[Finding], set[int]]:
+    """Findings about joints whose command or position is in a wrong unit, and their columns.
+
+    The command and the position of a joint have the same form, but one spans 57 times the other; or the joint is far
+    beyond its limits.
+    """
+    findings: list[Finding] = []
+    follows, moves = following(recording, tracking), np.ptp(recording.position, axis=0)
+    for j, joint in enumerate(recording.joints):
+        ratio = float(tracking.span[j] / moves[j]) if moves[j] > 0 else 0.0
+        largest = float(np.abs(recording.position[:, j]).max())
+        reach = max((abs(x) for x in limits.get(joint, (np.inf, np.inf))), default=np.inf)
+        if follows[j] > FOLLOWS_WELL and abs(np.log(ratio / DEGREES)) < SAME_UNIT:
+            message = f"{joint}: the command is in degrees, and the position in rad; convert the command to rad"
+        elif follows[j] > FOLLOWS_WELL and abs(np.log(ratio * DEGREES)) < SAME_UNIT:
+            message = f"{joint}: the position is in degrees, and the command in rad; convert the position to rad"
+        elif np.isfinite(reach) and reach > 0 and largest > BEYOND * reach:
+            message = (
+                f"{joint}: positions of up to {largest:.3g} are far beyond its limits of {limits[joint][0]:.3g} to "
+                f"{limits[joint][1]:.3g}; convert the log to rad, or to m for sliding joints"
+            )
+        else:
+            continue
+        findings.append(Finding("error", "units", (joint,), message))
+    return findings, {recording.joints.index(finding.joints[0]) for finding in findings}
 
 
 def following(recording: Recording, tracking: Tracking) -> np.ndarray:

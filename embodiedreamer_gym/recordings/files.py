@@ -92,6 +92,10 @@ def load_recordings(
             numbers = own or default
             if own and not is_lerobot_set(path):
                 raise RecordingError(f"{pattern}: {path} is not a LeRobot set, so episodes cannot be selected")
+            if motor_units.kind is not None and not is_lerobot_set(path):
+                raise RecordingError(
+                    f"{path} is not a LeRobot set, to which units applies; convert its joint values to rad (m for sliding joints)"
+                )
             before = chosen.get(path, {})
             chosen[path] = None if before is None or numbers is None else before | dict.fromkeys(numbers)
     loaded = (one for path, numbers in chosen.items() for one in _load(path, reading, numbers))

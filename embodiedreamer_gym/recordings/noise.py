@@ -74,7 +74,9 @@ def estimate_noise(time: np.ndarray, x: np.ndarray, quantum: float = 0.0) -> flo
     variance = min(_clipped_variance(d) / _GAIN[order] for d, order in zip(differences, _ORDERS, strict=True))
     if _irregular(time):  # the smaller of the two: the steps may be those of the clock, or of late time stamps
         timed = (_timed_differences(time, x, quiet, order) for order in _ORDERS)
-        variance = min(variance, *(_clipped_variance(d) / _GAIN[order] for d, order in zip(timed, _ORDERS, strict=True)))
+        variance = min(
+            variance, *(_clipped_variance(d) / _GAIN[order] for d, order in zip(timed, _ORDERS, strict=True))
+        )
     floor = quantum**2 / 12
     noise = 0.0 if variance <= 1.3 * floor else float(np.sqrt(variance - floor))
     if noise >= _COARSE * quantum:

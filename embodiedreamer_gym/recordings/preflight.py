@@ -93,6 +93,8 @@ def preflight(recording: Recording, limits: Mapping[str, tuple[float, float]] | 
     if recording.command is not None:
         tracking = track(recording, recording.command)
         more, mixed = checks.mixed_up(recording, tracking)
+        wrong, columns = checks.units(recording, tracking, limits)
+        more, mixed = [*more, *wrong], mixed | columns
         stuck, off = checks.frozen(recording, tracking, mixed)
         mixed |= set(np.flatnonzero(off.any(axis=0)).tolist())
         ends, pinned = checks.clipped(recording, tracking, limits)

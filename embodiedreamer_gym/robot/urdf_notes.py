@@ -11,6 +11,7 @@ from embodiedreamer_gym.robot.urdf import find_mesh, read_urdf, root_link
 
 FEWEST = 3  # moving links, below which equal numbers may be chance
 LIGHTEST = 1e-3  # kg; lighter links are frames
+ROUNDED = 1.02  # times a sum of inertias, to allow for rounded numbers in a file
 GYRATION = (5e-4, 1.0)  # m: plausible range for a link of an arm
 
 
@@ -21,7 +22,8 @@ def urdf_notes(urdf: str | Path) -> tuple[str, ...]:
     """
     path = Path(urdf)
     robot = read_urdf(path)
-    return tuple(note for note in (_inertias(robot, path), _gyration(robot, path), _meshes(robot, path)) if note)
+    notes = _inertias(robot, path), _gyration(robot, path), _impossible(robot, path), _meshes(robot, path)
+    return tuple(note for note in notes if note)
 
 
 def _moving(robot: yourdfpy.Robot, path: Path) -> list[tuple[str, float, np.ndarray]]:
@@ -79,6 +81,22 @@ def _gyration(robot: yourdfpy.Robot, path: Path) -> str:
         f"{path.name}: inertia and mass of {', '.join(odd[:4])}{' and others' if len(odd) > 4 else ''} do not fit "
         "each other, by the radius of gyration: check the units (kg, kg m^2); quick motion is simulated wrongly, and "
         "an identified rotor inertia may only compensate for that"
+    )
+
+
+def _impossible(robot: yourdfpy.Robot, path: Path) -> str:
+    """Note on inertias that no body has: about one axis larger than the sum of those about the other two."""
+    odd = []
+    for name, _, inertia in _moving(robot, path):
+        principal = np.linalg.eigvalsh((inertia + inertia.T) / 2)
+        if principal[2] > ROUNDED * (principal[0] + principal[1]):
+            odd.append(name)
+    if not odd:
+        return ""
+    return (
+        f"{path.name}: no body can have the inertia of {', '.join(odd[:4])}{' and others' if len(odd) > 4 else ''}, which is "
+        "larger about one axis than the sum about the other two; quick motion is simulated wrongly, and an identified "
+        "rotor inertia may only compensate for that"
     )
 
 

@@ -63,7 +63,7 @@ class VisAlignerObservationWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs)
             cameras=cameras, moving_aligner=moving_aligner,
         )  # fmt: skip
         self.aligner, photos = load_aligner(aligner, device=device), load_bank(bank)
-        self.cameras = tuple(cameras)
+        self.cameras = _names(cameras)
         if editor is not None and len(self.cameras) > 1:
             raise SimulationError("an editor changes the pictures of one camera; leave it out, or the other cameras.")
         gym.Wrapper.__init__(self, filmed(env, photos, self.aligner.chunk, chunk, every, self.cameras))
@@ -127,10 +127,12 @@ class VisAlignerVectorWrapper(VectorWrapper):
     ) -> None:  # fmt: skip
         super().__init__(env)
         self.aligner: Aligner = load_aligner(aligner, device=device)
-        self.cameras, photos = tuple(cameras), load_bank(bank)
+        self.cameras, photos = _names(cameras), load_bank(bank)
         shown = pixel_space(self.cameras, photos.size)
         pixels = _pixels(env.single_observation_space)
-        if pixels is None or (len(self.cameras) == 1 and pixels.shape != shown.shape):
+        if pixels is None or (
+            isinstance(pixels, spaces.Box) and len(self.cameras) == 1 and pixels.shape != shown.shape
+        ):
             raise VisionError(
                 f"the environments must show pictures {(*photos.size[::-1], 3)}, as the bank's photos; make them with "
                 f"image_size={photos.size} and obs_type='pixels_agent_pos'."
@@ -246,6 +248,17 @@ def _pixels(space: spaces.Space | None) -> spaces.Space | None:
 
 def _with_picture(space: spaces.Space, one: spaces.Space) -> spaces.Space:
     return spaces.Dict({**space.spaces, "pixels": one}) if isinstance(space, spaces.Dict) else one
+
+
+def _names(cameras: Sequence[str]) -> tuple[str, ...]:
+    """Names of cameras.
+
+    Raises: SimulationError for none, or one twice.
+    """
+    names = (cameras,) if isinstance(cameras, str) else tuple(cameras)
+    if not names or len(set(names)) < len(names):
+        raise SimulationError(f"cameras must be one or more different names, such as ('head',), not {names!r}.")
+    return names
 
 
 def _with_frames(

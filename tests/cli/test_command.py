@@ -117,6 +117,12 @@ def test_calibrate_writes_a_model_that_loads(work, logs, capsys) -> None:
     assert files(work) == {"two.json", "two.urdf", "b.json", "fit.json", "page", "page/index.html"}
 
 
+def test_a_log_is_not_fitted_and_held_out_too(work, logs, capsys) -> None:
+    inputs = ("--train", logs / "train", logs / "test", "--test", logs / "test", "--quiet")
+    code, out, err = run(capsys, "diagnose", "--model", "two.json", *inputs)
+    assert code == 2 and out == "" and "is in --train and in --test" in err.splitlines()[-1]
+
+
 @pytest.mark.slow
 def test_diagnose_names_the_delay_and_saves_the_better_model(work, logs, capsys) -> None:
     inputs = ("--train", logs / "train", "--test", logs / "test", "--jobs", 1)
@@ -228,6 +234,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(work, logs, capsys, verb, 
         (["calibrate", "--model", "two.json", "LOG", "--out", "b", "--method", "magic"], "least-squares"),
         (["calibrate", "--model", "two.json", "LOG", "--out", "no/b.json"], "does not exist"),
         (["diagnose", "--model", "two.json", "--train", "LOG"], "--test"),
+        (["compare", "--model", "two.json", "LOG", "--units", "degrees"], "not a LeRobot set"),
         (["add", "gremlin", "--model", "two.json", "--out", "b.json", "--train", "LOG", "--test", "LOG"],
          "known effects"),
     ],

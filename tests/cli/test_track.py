@@ -71,3 +71,14 @@ def test_bad_input_is_one_sentence(
     assert error.startswith("error: ")
     assert re.search(sentence, error), error
     assert not (tmp_path / "o.csv").exists()
+
+
+def test_guessed_gains_are_said(trajectory: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data = json.loads((tmp_path / "two.json").read_text())
+    data.pop("servo", None)
+    (tmp_path / "bare.json").write_text(json.dumps(data))
+    given = ["track", str(trajectory), "--quiet", "--out", str(tmp_path / "out.csv"), "--model"]
+    assert main([*given, str(tmp_path / "bare.json")]) == 0
+    assert "gains of the model are guessed" in capsys.readouterr().err
+    assert main([*given, str(tmp_path / "two.json")]) == 0
+    assert "guessed" not in capsys.readouterr().err

@@ -134,6 +134,21 @@ def test_joints_that_move_alike_are_not_swapped(make):
     assert codes(alike) == {} or set(codes(alike)) == {"offset"}
 
 
+@pytest.mark.parametrize("signal", ["command", "position"])
+def test_degrees_beside_radians_are_found(make, signal):
+    recording = make()
+    degrees = changed(recording, 1, **{signal: np.degrees(getattr(recording, signal)[:, 1])})
+    finding = codes(degrees)["units"]
+    assert finding.severity == "error" and finding.joints == (recording.joints[1],)
+    assert f"the {signal} is in degrees" in finding.message and not preflight(degrees).ok
+    both = changed(
+        recording, 1, command=np.degrees(recording.command[:, 1]), position=np.degrees(recording.position[:, 1])
+    )
+    assert "units" not in codes(both)  # without limits, it may be right
+    assert "far beyond its limits" in codes(both, limits={recording.joints[1]: (-1.6, 1.6)})["units"].message
+    assert "units" not in codes(recording, limits={recording.joints[1]: (-1.6, 1.6)})
+
+
 def test_a_flipped_joint_is_found(make):
     recording = make()
     found = codes(changed(recording, 2, position=-recording.position[:, 2]))

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from embodiedreamer_gym.cli import main
-from embodiedreamer_gym.engines.clearance import clearance
+from embodiedreamer_gym.engines.clearance import clearance, without_shape
 from embodiedreamer_gym.recordings import save_recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.urdf_notes import urdf_notes
@@ -48,6 +48,7 @@ def test_the_built_in_robots_and_a_good_urdf_have_no_note(name: str, tmp_path: P
         ([(1.0, 0.001, 0.001), (0.5, 0.01, 0.01), (0.2, 0.001, 0.002)], "2 of 3 moving links have a round inertia"),
         ([(1.0, 1e3, 6e3), *GOOD[1:]], r"inertia and mass of link0 \(8.06e\+04 mm\) do not fit"),
         ([(1.0, 1e-9, 1e-8), *GOOD[1:]], r"link0 \(0\.102 mm\)"),
+        ([(1.0, 0.013, 0.006), *GOOD[1:]], "no body can have the inertia of link0, which is larger about one axis"),
     ],
 )
 def test_what_looks_made_up_is_said_with_what_follows(tmp_path: Path, links: list, message: str) -> None:
@@ -66,6 +67,7 @@ def test_missing_meshes_are_counted_and_left_out_of_clearance(tmp_path: Path) ->
         "chain.urdf: 1 of 2 meshes are not found (package://arm/gone.stl): results do not depend on them"
     )
     (tmp_path / "chain.json").write_text('{"robot": {"urdf": "chain.urdf", "joints": ["j0", "j1", "j2"]}}')
+    assert without_shape(RobotModel.load(tmp_path / "chain.json")) == ()
     room = clearance(RobotModel.load(tmp_path / "chain.json"), np.zeros((1, 3)), table=-0.15)
     assert room[0] == pytest.approx(0.1, abs=1e-3)  # of the boxes that are there
 
@@ -85,3 +87,13 @@ def test_the_sentence_is_printed(
     )
     assert main(["compare", "--model", str(path), "log.csv", "--quiet"]) == 0
     assert "warning: two.urdf: 1 of 1 meshes are not found (a.stl)" in capsys.readouterr().err
+
+
+def test_links_without_collision_shape_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    seen = '<visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual>'
+    write(tmp_path, GOOD[:3], seen)
+    (tmp_path / "chain.json").write_text('{"robot": {"urdf": "chain.urdf", "joints": ["j0", "j1", "j2"]}}')
+    assert without_shape(RobotModel.load(tmp_path / "chain.json")) == ("link0", "link1", "link2")
+    main(["excite", "--model", str(tmp_path / "chain.json"), "--separate", "coulomb_friction,payload", "--seconds", "1",
+          "--table", "-5", "--out", str(tmp_path / "motion.csv"), "--quiet"])  # fmt: skip
+    assert "link0, link1, link2 have no collision shape" in capsys.readouterr().err

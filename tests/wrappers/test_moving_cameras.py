@@ -129,6 +129,18 @@ def test_what_cannot_be_shown_is_said(bank: str, tmp_path) -> None:
         make(bank, cameras=("head", "elbow")).reset(seed=0)
 
 
+@pytest.mark.parametrize("cameras", [(), ("head", "head")])
+def test_cameras_are_different_names(bank: str, cameras: tuple[str, ...]) -> None:
+    with pytest.raises(SimulationError, match="one or more different names"):
+        make(bank, cameras=cameras)
+
+
+def test_one_name_is_one_camera(bank: str) -> None:
+    env = make(bank, cameras="left_wrist")
+    assert env.cameras == ("left_wrist",) and env.reset(seed=0)[0]["pixels"].shape == (48, 64, 3)
+    env.close()
+
+
 def test_a_vector_of_three_cameras_shows_what_each_alone_shows(bank: str) -> None:
     make_one = lambda: ActionChunk(  # noqa: E731
         gym.make(ID, obs_type="pixels_agent_pos", image_size=SIZE, disable_env_checker=True), 8

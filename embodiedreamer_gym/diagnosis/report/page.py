@@ -69,7 +69,7 @@ def write_report(
     context = _context(comparison, breakdown, calibration, diagnosis) | {"links": links}
     text = environment.get_template("page.html").render(context)
     with atomic_file(target) as part:
-        target.parent.mkdir(exist_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
         part.write_text(text, encoding="utf-8")
     return target
 
