@@ -18,6 +18,6 @@ def test_the_command_for_a_gpu_runs(monkeypatch, capsys) -> None:
         monkeypatch.setattr(vis_speed, name, few)
     vis_speed.on_device("cpu", tiny=True, size=(64, 48), frames=4)
     out = capsys.readouterr().out
-    seconds = [float(x) for x in re.findall(r"at once: ([0-9.]+) s, of it [0-9.]+ s on the processor", out)]
+    seconds = [float(x) for x in re.findall(r"at once: ([0-9.]+) s, of which [0-9.]+ s on the processor", out)]
     assert len(seconds) == 2 and 0 < seconds[0] < seconds[1] + 0.5
     assert len(re.findall(r"at once: [0-9]+ frames/s", out)) == 3

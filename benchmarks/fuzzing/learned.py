@@ -231,7 +231,7 @@ def refits(case: Case) -> None:
         "--train",
         log,
         "--test",
-        log,
+        case.copy("test.csv"),
         "--resume",
         path,
         "--jobs",

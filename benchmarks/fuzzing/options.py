@@ -14,6 +14,7 @@ SEEDS = (
     "two.json",
     "two.urdf",
     "log.csv",
+    "test.csv",
     "log.hdf5",
     "episodes",
     "policy",
@@ -31,8 +32,8 @@ ARM = ("--model", "two.json")
 QUIET = "--quiet"
 VERBS: dict[str, tuple[str, ...]] = {  # verb -> a valid command line
     "compare": (*ARM, "log.csv", QUIET), "where": (*ARM, "log.csv", QUIET), "calibrate": (*ARM, "log.csv", "--out", "out/m.json"),
-    "diagnose": (*ARM, "--train", "log.csv", "--test", "log.csv", "--jobs", "1"),
-    "add": ("backlash", *ARM, "--train", "log.csv", "--test", "log.csv", "--out", "out/m.json"),
+    "diagnose": (*ARM, "--train", "log.csv", "--test", "test.csv", "--jobs", "1"),
+    "add": ("backlash", *ARM, "--train", "log.csv", "--test", "test.csv", "--out", "out/m.json"),
     "sessions": ("log.csv", "./log.csv", *ARM, "--effect", "payload"),
     "excite": (*ARM, "--separate", "backlash,coulomb_friction", "--out", "out/m.csv"),
     "export": (*ARM, "--to", "mjcf", "--out", "out/m.xml"),

@@ -66,7 +66,8 @@ def _recordings(folder: Path) -> None:
         urdf = urdf[:at] + visual + urdf[at:]
     (folder / "two.urdf").write_text(urdf)
     log = record(model, "wave_1", noise=1e-4, command=wave(1.6))
-    save_recording(log, folder / "log.csv")
+    for name in ("log.csv", "test.csv"):
+        save_recording(log, folder / name)
     frames = {"head": list(_pictures(len(log.time)))}
     save_recording(log.with_(frames=frames), folder / "log.hdf5")
     save_cameras(CAMERAS, folder / "cameras.json")

@@ -121,7 +121,7 @@ def effects_file(case: Case) -> None:
     path, arm, log = mutated(case, "hose_spring.py"), case.copy("two.json"), case.copy("log.csv")
     case.library("load_effects", lambda: load_effects(path))
     if case.number % 4 == 0:
-        case.command("add", "hose_spring", "--effects", path, "--model", arm, "--train", log, "--test", log, "--jobs", 1,
+        case.command("add", "hose_spring", "--effects", path, "--model", arm, "--train", log, "--test", case.copy("test.csv"), "--jobs", 1,
                      "--out", case.out / "m.json", "--quiet")  # fmt: skip
 
 
