@@ -7,6 +7,7 @@ import tempfile
 import zlib
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import IO, Any, Protocol
 
@@ -21,7 +22,7 @@ from embodiedreamer_gym.io.files import read_json
 from embodiedreamer_gym.io.fingerprint import check_settings
 from embodiedreamer_gym.io.parallel import each
 from embodiedreamer_gym.io.progress import ProgressCallback, progress_or_silence
-from embodiedreamer_gym.pipelines.retargeting import RetargetedExpert, digest, skill_of
+from embodiedreamer_gym.pipelines.retargeting import RetargetedExpert, Retargeting, learn_retargeting
 from embodiedreamer_gym.recordings.episodes import LeRobotWriter, copy_episodes, open_episodes, write_aloha_episode
 from embodiedreamer_gym.recordings.episodes.lerobot_writer import ABOUT
 from embodiedreamer_gym.recordings.episodes.video import check_video
@@ -64,14 +65,18 @@ class Demonstrations:
             raise SimulationError(f"there is no task '{self.task}'; give one of {', '.join(TASKS)}.")
         if self.seed < 0:
             raise SimulationError(f"the seed is {self.seed}, but must be at least 0.")
-        if self.retarget is not None:
-            skill_of(self.retarget, self.task, self.robot)
+        _ = self._retargeting
+
+    @cached_property
+    def _retargeting(self) -> Retargeting | None:
+        """What is retargeted, read once; None for the scripted expert."""
+        return None if self.retarget is None else learn_retargeting(self.retarget, self.task, self.robot)
 
     def settings(self) -> dict[str, Any]:
         """Everything that an episode depends on, as a JSON-serialisable dictionary."""
         found = {**asdict(self), "size": list(self.size), "cameras": list(self.cameras), "recipe": RECIPE}
         del found["retarget"]
-        return found if self.retarget is None else found | {"retarget": digest(self.retarget, self.task)}
+        return found if self._retargeting is None else found | {"retarget": self._retargeting.digest}
 
     def attempt_seed(self, attempt: int) -> int:
         """Seed of the environment's reset in an attempt."""
@@ -83,9 +88,7 @@ class Demonstrations:
 
     def make_expert(self, env: AlohaEnv) -> Expert:
         """The expert for one episode; call it after each reset."""
-        if self.retarget is None:
-            return ScriptedExpert(env)
-        return RetargetedExpert(env, skill_of(self.retarget, self.task, self.robot))
+        return ScriptedExpert(env) if self._retargeting is None else RetargetedExpert(env, self._retargeting.skill)
 
 
 def record_demonstrations(wanted: Demonstrations, episodes: int, folder: str | Path, jobs: int = 1,

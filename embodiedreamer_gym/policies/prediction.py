@@ -146,7 +146,8 @@ class Evidence:
         """The real success rate of another policy, from its successes in simulation.
 
         The logit of a policy's real rate is normally distributed around a line in the logit of its rate in simulation, which
-        is itself uncertain, and its real successes are binomial. The posterior over line and scatter is computed on a grid, with flat priors.
+        is itself uncertain, and its real successes are binomial. The posterior over line and scatter is computed on a
+        grid, with flat priors.
         """
         rng, grid, weights = np.random.default_rng(seed), *self._posterior
         drawn = grid[rng.choice(len(grid), DRAWS, p=weights)]

@@ -181,7 +181,7 @@ def units(
     for j, joint in enumerate(recording.joints):
         ratio = float(tracking.span[j] / moves[j]) if moves[j] > 0 else 0.0
         largest = float(np.abs(recording.position[:, j]).max())
-        reach = max((abs(x) for x in limits.get(joint, (np.inf, np.inf))), default=np.inf)
+        reach = max(abs(x) for x in limits.get(joint, (np.inf, np.inf)))
         if follows[j] > FOLLOWS_WELL and abs(np.log(ratio / DEGREES)) < SAME_UNIT:
             message = f"{joint}: the command is in degrees, and the position in rad; convert the command to rad"
         elif follows[j] > FOLLOWS_WELL and abs(np.log(ratio * DEGREES)) < SAME_UNIT:

@@ -70,13 +70,8 @@ def estimate_noise(time: np.ndarray, x: np.ndarray, quantum: float = 0.0) -> flo
         return 0.0
     time = np.asarray(time, dtype=float)
     quiet = _quiet(time, x)
-    differences = [_differences(x, quiet, order) for order in _ORDERS]
-    variance = min(_clipped_variance(d) / _GAIN[order] for d, order in zip(differences, _ORDERS, strict=True))
-    if _irregular(time):  # the smaller of the two: the steps may be those of the clock, or of late time stamps
-        timed = (_timed_differences(time, x, quiet, order) for order in _ORDERS)
-        variance = min(
-            variance, *(_clipped_variance(d) / _GAIN[order] for d, order in zip(timed, _ORDERS, strict=True))
-        )
+    clocks = (None, time) if _irregular(time) else (None,)  # the steps may be the clock's, or those of late time stamps
+    variance = min(_clipped_variance(_differences(x, quiet, k, clock)) / _GAIN[k] for clock in clocks for k in _ORDERS)
     floor = quantum**2 / 12
     noise = 0.0 if variance <= 1.3 * floor else float(np.sqrt(variance - floor))
     if noise >= _COARSE * quantum:
@@ -113,10 +108,20 @@ def _gaps(time: np.ndarray, window: int) -> np.ndarray:
     return np.any(late.reshape(count, window), axis=1)
 
 
-def _differences(x: np.ndarray, quiet: np.ndarray, order: int) -> np.ndarray:
-    """Differences of the given order whose samples are all quiet."""
+def _differences(x: np.ndarray, quiet: np.ndarray, order: int, time: np.ndarray | None = None) -> np.ndarray:
+    """Differences of the given order whose samples are all quiet.
+
+    With the times (T,) of the samples, divided differences of the same variance, which are zero for a polynomial of a
+    lower order also if the steps vary.
+    """
     inside = np.convolve(quiet, np.ones(order + 1, dtype=int), mode="valid") == order + 1
-    return np.diff(x, order)[inside]
+    if time is None:
+        return np.diff(x, order)[inside]
+    times, values = (np.lib.stride_tricks.sliding_window_view(one, order + 1)[inside] for one in (time, x))
+    apart = times[:, :, None] - times[:, None, :] + np.eye(order + 1)
+    weights = 1.0 / apart.prod(axis=2)
+    weights *= np.sqrt(_GAIN[order] / (weights**2).sum(axis=1, keepdims=True))
+    return (weights * values).sum(axis=1)
 
 
 def _irregular(time: np.ndarray) -> bool:
@@ -124,19 +129,6 @@ def _irregular(time: np.ndarray) -> bool:
     step = np.diff(time)
     median = float(np.median(step))
     return float(np.percentile(np.abs(step[step <= 1.5 * median] - median), 95)) > _JITTER * median
-
-
-def _timed_differences(time: np.ndarray, x: np.ndarray, quiet: np.ndarray, order: int) -> np.ndarray:
-    """Divided differences of the given order whose samples are all quiet, scaled to the variance of `_differences`.
-
-    At the times (T,) of the samples, they are zero for a polynomial of a lower order, also if the steps vary.
-    """
-    inside = np.convolve(quiet, np.ones(order + 1, dtype=int), mode="valid") == order + 1
-    times = np.lib.stride_tricks.sliding_window_view(time, order + 1)[inside]
-    apart = times[:, :, None] - times[:, None, :] + np.eye(order + 1)
-    weights = 1.0 / apart.prod(axis=2)
-    weights *= np.sqrt(_GAIN[order] / (weights**2).sum(axis=1, keepdims=True))
-    return (weights * np.lib.stride_tricks.sliding_window_view(x, order + 1)[inside]).sum(axis=1)
 
 
 def _clipped_variance(d: np.ndarray) -> float:

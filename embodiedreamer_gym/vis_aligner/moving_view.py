@@ -15,12 +15,19 @@ from embodiedreamer_gym.vis_aligner.aligner import check_batch
 from embodiedreamer_gym.vis_aligner.clip import Bench, Gallery, References
 from embodiedreamer_gym.vis_aligner.condition import BACKGROUND, ROBOT, TABLE, Condition, facings
 from embodiedreamer_gym.vis_aligner.network_inputs import Inputs, reprojected_frames
-from embodiedreamer_gym.vis_aligner.reprojection import Change, Reprojected, fill_parts, nothing, reproject_gallery
+from embodiedreamer_gym.vis_aligner.reprojection import (
+    Change,
+    Reprojected,
+    fill_parts,
+    nothing,
+    reproject_gallery,
+    reproject_objects,
+)
 from embodiedreamer_gym.vis_aligner.surfaces import in_front, map_back, part_projection, table_points, warped
 from embodiedreamer_gym.vis_aligner.table_atlas import DARK, TableAtlas
 
 PHOTOS = 4  # photos of a gallery that are tried for the background
-CHOICES = 6  # photos that are tried for a link or an object; each may show only a piece of it
+CHOICES = 6  # photos that are tried for a link; each may show only a piece of it
 SMOOTH = 5.0 / 128  # of the width: standard deviation of the blur of exposure ratios
 MOST_APART = 0.4  # largest logarithm of the ratio of two exposures
 FAINT = 0.01  # weight of the mean exposure ratio, which counts where no common pixel is near
@@ -94,9 +101,7 @@ def _sources(gallery: Gallery | None, things: Mapping[int, Gallery], atlas: Tabl
         yield atlas.shown(condition)
     if gallery is not None:
         yield reproject_gallery(gallery, condition, stale & (condition.classes >= ROBOT), CHOICES)
-    for number, photos in things.items():
-        if (stale & (condition.classes == number)).any() and (view := condition.only(number)) is not None:
-            yield reproject_gallery(photos, view, stale, CHOICES)
+    yield from reproject_objects(things, condition, stale)
     if gallery is not None:
         for number in _nearest_photos(gallery, condition):
             far = stale & (condition.classes == BACKGROUND)

@@ -16,11 +16,10 @@ from torch import Tensor
 from embodiedreamer_gym.vis_aligner.clip import References
 from embodiedreamer_gym.vis_aligner.condition import OBJECT, ROBOT, TABLE, Condition
 from embodiedreamer_gym.vis_aligner.light import carried_light, relit
-from embodiedreamer_gym.vis_aligner.reprojection import Change, Reprojected, reproject_gallery
+from embodiedreamer_gym.vis_aligner.reprojection import Change, Reprojected, reproject_gallery, reproject_objects
 
 NEAR, REACH = 1.0, 0.5  # m; depths NEAR - REACH .. NEAR + REACH become -1 .. 1
 EDGE = np.ones((3, 3), np.uint8)
-OF_THING = 6  # photos of an object that are tried
 SLOPE = 20.0 / 128  # slope channel per m of depth difference between pixels two apart and per pixel of picture width
 
 
@@ -186,12 +185,9 @@ def reprojected_frames(
 def recalled(references: References, condition: Condition, stale: np.ndarray) -> Reprojected:
     """Colours of the robot from the gallery, and of stale pixels (T, H, W) of objects from the photos of the objects."""
     colours, valid = reproject_gallery(references.gallery, condition)
-    for number, photos in references.things.items():
-        wanted = stale & (condition.classes == number)
-        if wanted.any() and (view := condition.only(number)) is not None:
-            shown, found = reproject_gallery(photos, view, wanted, OF_THING)
-            _put(colours, shown, found)
-            valid |= found
+    for shown, found in reproject_objects(references.things, condition, stale):
+        _put(colours, shown, found)
+        valid |= found
     return colours, valid
 
 

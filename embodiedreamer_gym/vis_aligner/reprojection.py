@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +17,7 @@ STILL = 0.05  # pixels: a part that moves at most this far counts as still
 PROBE = 0.1  # m from a part's origin to the points that measure its motion
 NEAR = 0.015  # m: depths of the same point of a part differ by less
 CHOICES = 2  # photos of a gallery that are tried for each part; the second fills what the first does not show
+CHOICES_OF_OBJECT = 6  # of the photos of an object, which may each show a piece of it
 FEWEST = 4  # pixels of a part that a photo must show to be used for it
 MOST = 30000  # points that OpenCV looks up at once
 Reprojected = tuple[np.ndarray, np.ndarray]  # colours (T, H, W, 3) uint8, and where (T, H, W) they are valid
@@ -77,6 +79,16 @@ def reproject_gallery(
         projections = gallery.condition.projections[numbers, np.arange(count)]
         fill_parts(gallery.frames, gallery.condition, projections, numbers, condition, wanted, out)
     return out
+
+
+def reproject_objects(things: Mapping[int, Gallery], condition: Condition, where: np.ndarray) -> Iterator[Reprojected]:
+    """Colours of each object that shows at the pixels of `where` (T, H, W) bool, from the photos of it.
+
+    things: photos by class number. `where` may change between two objects.
+    """
+    for number, photos in things.items():
+        if (where & (condition.classes == number)).any() and (view := condition.only(number)) is not None:
+            yield reproject_gallery(photos, view, where, CHOICES_OF_OBJECT)
 
 
 def fill_parts(pictures: np.ndarray, before: Condition, projections: np.ndarray, numbers: np.ndarray, condition: Condition,

@@ -52,8 +52,12 @@ class CalibratedTracking(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; the arms are assumed to be at rest."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self.tracker.reset(self._aloha.joint_positions(), self._aloha.command)
+        self.start()
         return observation, info
+
+    def start(self) -> None:
+        """Start from the arms' present positions and command; the arms are assumed to be at rest."""
+        self.tracker.reset(self._aloha.joint_positions(), self._aloha.command)
 
     def preview(self, actions: np.ndarray) -> None:
         """Announce the actions (k, n) that will follow, the next one first."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -228,6 +229,6 @@ def test_recorded_episodes_are_retargeted_to_new_scenes(tmp_path: Path) -> None:
     assert cup[-1, 2] > cup[0, 2] + 0.05  # lifted
     record_demonstrations(few, 4, tmp_path / "few")
     with pytest.raises(RecordingError, match="retarget"):  # others than those from which the first two were made
-        record_demonstrations(wanted, 3, tmp_path / "more")
+        record_demonstrations(replace(wanted), 3, tmp_path / "more")
     with pytest.raises(RecordingError, match="are of GrabPaperCup, not PutCupOnMat"):
         Demonstrations("PutCupOnMat", retarget=str(tmp_path / "few"))
