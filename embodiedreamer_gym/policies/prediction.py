@@ -214,7 +214,7 @@ def read_scores(path: str | Path) -> Evidence:
         with open(path, newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise PolicyError(f"{path} cannot be read as csv: {error}.") from error
+        raise PolicyError(f"{path} cannot be read as csv: {getattr(error, 'strerror', None) or error}.") from error
     missing = [name for name in COLUMNS if not rows or rows[0].get(name) is None]
     if missing:
         raise PolicyError(
