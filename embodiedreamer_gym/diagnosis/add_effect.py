@@ -16,7 +16,7 @@ from embodiedreamer_gym.io.tables import milli
 from embodiedreamer_gym.phys_aligner import Calibration
 from embodiedreamer_gym.phys_aligner.calibration import finish, with_nuisances
 from embodiedreamer_gym.phys_aligner.signals import with_effort_unit
-from embodiedreamer_gym.recordings import Recording, thin
+from embodiedreamer_gym.recordings import Recording, as_recordings, thin
 from embodiedreamer_gym.robot import RobotModel
 
 MAX_SECONDS = 120.0  # s of motion used for fitting
@@ -50,7 +50,7 @@ class Addition:
 
 
 def add_effect(
-    model: RobotModel, name: str, train: Sequence[Recording], test: Sequence[Recording],
+    model: RobotModel, name: str, train: Recording | Sequence[Recording], test: Recording | Sequence[Recording],
     progress: ProgressCallback | None = None,
 ) -> Addition:  # fmt: skip
     """Calibrate the model, add the effect of that name, fit all parameters again and compare on held-out recordings.
@@ -59,7 +59,7 @@ def add_effect(
     progress: is called as the work advances.
     Raises: EffectError for an unknown effect, ModelError if the model already has it.
     """
-    progress = progress_or_silence(progress)
+    progress, train, test = progress_or_silence(progress), as_recordings(train), as_recordings(test)
     kind = find_effect(name, model.catalogue)
     model.with_effect(kind)  # raises, before any fit, if the model already has the effect
     logs = with_effort_unit(model, [*train, *test])

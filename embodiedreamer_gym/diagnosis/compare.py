@@ -17,7 +17,7 @@ from embodiedreamer_gym.diagnosis.trajectory_error import trajectory_losses
 from embodiedreamer_gym.effects import NUISANCES
 from embodiedreamer_gym.errors import RecordingError
 from embodiedreamer_gym.phys_aligner.signals import Signals, effort_scales, with_effort_scale, with_effort_unit
-from embodiedreamer_gym.recordings import Recording, noise_floor, sensor_sd
+from embodiedreamer_gym.recordings import Recording, as_recordings, noise_floor, sensor_sd
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import Rollout
 
@@ -26,18 +26,18 @@ DIVERGED = 900.0  # rad/s; the simulation clips speeds slightly above this
 
 def compare(
     models: RobotModel | Sequence[RobotModel],
-    recordings: Sequence[Recording],
+    recordings: Recording | Sequence[Recording],
     labels: Sequence[str] | None = None,
 ) -> Comparison:
     """Simulate every recording with each model (free run) and compare the error with the sensor noise.
 
     models: one model or several.
-    recordings: of the models' robot.
+    recordings: one or several, of the models' robot.
     labels: names of the models, all different; default: their own names and the effects by which they differ.
     Raises: SimulationError if a recording is not of this robot, RecordingError if there is nothing to compare.
     """
     models = (models,) if isinstance(models, RobotModel) else tuple(models)
-    recordings = tuple(recordings)
+    recordings = as_recordings(recordings)
     if not models or not recordings:
         raise RecordingError("there is nothing to compare; give at least one model and one recording.")
     recordings = with_effort_unit(models[0], recordings)

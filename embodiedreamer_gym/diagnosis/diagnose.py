@@ -50,7 +50,7 @@ from embodiedreamer_gym.phys_aligner.least_squares import Fit, minimise
 from embodiedreamer_gym.phys_aligner.linear_baseline import least_squares_rms
 from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.phys_aligner.signals import with_effort_scale, with_effort_unit
-from embodiedreamer_gym.recordings import Recording, thin
+from embodiedreamer_gym.recordings import Recording, as_recordings, thin
 from embodiedreamer_gym.robot import RobotModel
 
 ODDS = 10.0  # odds to one from which an effect is named rather than errors of the URDF
@@ -61,8 +61,8 @@ MAX_SECONDS = 80.0  # s of motion for fitting, and as much for testing
 @renamed_arguments(rng="seed", journal="refit_cache")
 def diagnose(
     model: RobotModel,
-    train: Sequence[Recording],
-    test: Sequence[Recording],
+    train: Recording | Sequence[Recording],
+    test: Recording | Sequence[Recording],
     catalogue: Mapping[str, type[Effect]] | None = None,
     max_effects: int = 3,
     jobs: int = 2,
@@ -85,7 +85,7 @@ def diagnose(
     refit_cache: a file that keeps finished refits, so that an interrupted diagnosis continues where it stopped.
     Raises: CalibrationError or SimulationError if the recordings do not fit the model.
     """
-    begun = time.perf_counter()
+    begun, train, test = time.perf_counter(), as_recordings(train), as_recordings(test)
     if not train or not test:
         raise CalibrationError(
             "diagnose needs recordings for fitting (train) and held-out recordings for testing (test)."

@@ -21,7 +21,7 @@ from embodiedreamer_gym.phys_aligner.resampling import with_jumps
 from embodiedreamer_gym.phys_aligner.shares import fits_at_bounds
 from embodiedreamer_gym.phys_aligner.signals import with_effort_sensor, with_effort_unit
 from embodiedreamer_gym.phys_aligner.starts import recombine, scan_starts
-from embodiedreamer_gym.recordings import Recording, thin
+from embodiedreamer_gym.recordings import Recording, as_recordings, thin
 from embodiedreamer_gym.robot import ParameterTable, RobotModel
 
 METHODS = ("least-squares", "surrogate", "surrogate-trajectory", "annealing", "annealing-scaled", "cma-es")
@@ -143,7 +143,7 @@ def from_nominal(
 
 def calibrate(
     model: RobotModel,
-    recordings: Sequence[Recording],
+    recordings: Recording | Sequence[Recording],
     method: str = "least-squares",
     groups: Sequence[str] | None = None,
     rng: np.random.Generator | None = None,
@@ -162,7 +162,7 @@ def calibrate(
     if method not in METHODS:
         raise CalibrationError(f"method '{method}' is not one of {', '.join(METHODS)}.")
     begun, progress = time.perf_counter(), progress_or_silence(progress)
-    recordings = with_effort_unit(model, thin(recordings, max_seconds))
+    recordings = with_effort_unit(model, thin(as_recordings(recordings), max_seconds))
     model = with_nuisances(model, recordings)
     if method != "least-squares":
         problem, x = _search(model, recordings, method, groups, rng or np.random.default_rng(0), progress, options)

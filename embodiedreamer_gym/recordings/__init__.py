@@ -1,5 +1,6 @@
 """Recordings of real and simulated robots: reading, writing, checking."""
 
+from embodiedreamer_gym.recordings.arguments import as_recordings
 from embodiedreamer_gym.recordings.checks import Finding
 from embodiedreamer_gym.recordings.files import load_recordings, save_recording
 from embodiedreamer_gym.recordings.frames import FrameSource
@@ -25,6 +26,7 @@ __all__ = [
     "Preflight",
     "Recording",
     "Recordings",
+    "as_recordings",
     "estimate_jitter",
     "estimate_noise",
     "estimate_quantum",

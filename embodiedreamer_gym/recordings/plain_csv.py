@@ -5,14 +5,14 @@ are times in other units. `<joint>.current` in place of `<joint>.effort` is a mo
 `effort_unit: mA`). The column `<joint>.usable` (0 or 1) is optional. A log with position and effort may lack the
 command. Comment lines before the header may add `# name: value`: `command_hold: linear`, `units: rad` (one for all
 joints, or a JSON list), `kind: step`, `effort_unit: N m` (or `A`, `mA`), `time_unit: ms`, `noise: [..]`,
-`quantum: [..]`, `gain: 4` (or a JSON list).
+`quantum: [..]`, `gain: 4` (or a JSON list). Other columns are not read; a note names them.
 """
 
 from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +47,17 @@ def read_plain_csv(path: str | Path, time_unit: str | None = None) -> Recording:
     with open_text(path) as file:
         lines = lines_of(file, path)
         comments, first, number = _comments(lines)
-        header, stated = _header(first, path)
-        values = table(csv.reader(lines), number + 1, len(header), path, lambda row, line: _floats(row, line, path))
+        header, stated, ignored = _header(first, path)
+        values = table(
+            _without(csv.reader(lines), ignored),
+            number + 1,
+            len(header),
+            path,
+            lambda row, line: _floats(row, line, path),
+        )
         notes = line_end_notes(file)
+    if ignored:
+        notes += (f"{path}: columns that are not read: {', '.join(ignored.values())}",)
     joints = tuple(dict.fromkeys(column.rpartition(".")[0] for column in header[1:]))
     signals = {signal: _signal(values, header, joints, signal, path) for signal in SIGNALS}
     if signals["position"] is None:
@@ -97,8 +105,14 @@ def read_commands(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, np.nda
     with open_text(path) as file:
         lines = lines_of(file, path)
         _, first, number = _comments(lines)
-        header, _ = _header(first, path)
-        values = table(csv.reader(lines), number + 1, len(header), path, lambda row, line: _floats(row, line, path))
+        header, _, ignored = _header(first, path)
+        values = table(
+            _without(csv.reader(lines), ignored),
+            number + 1,
+            len(header),
+            path,
+            lambda row, line: _floats(row, line, path),
+        )
     joints = tuple(dict.fromkeys(column.rpartition(".")[0] for column in header[1:]))
     command = _signal(values, header, joints, "command", path)
     if command is None:
@@ -119,19 +133,31 @@ def _comments(lines: Iterator[str]) -> tuple[dict[str, str], str, int]:
     return comments, "", 0
 
 
-def _header(line: str, path: Path) -> tuple[list[str], str | None]:
-    """The columns, and the time unit that the first one states."""
+def _header(line: str, path: Path) -> tuple[list[str], str | None, dict[int, str]]:
+    """The columns that are read, the time unit that the first one states, and the other columns by their number."""
     header = [column.strip() for column in next(csv.reader([line]), [])]
     if not header:
         raise RecordingError(f"{path}: the file is empty; it must begin with the header {FORM}")
-    wrong = [c for c in header[1:] if c.rpartition(".")[2] not in SIGNALS or not c.rpartition(".")[0]]
     is_time, unit = column_unit(header[0])
-    if not is_time or wrong or len(header) < 2:
-        odd = f"the column {wrong[0][:60]!r}" if wrong else f"{','.join(header)[:60]!r}"
+    others = {
+        i: name for i, name in enumerate(header) if i and not (_part(name) in SIGNALS and name.rpartition(".")[0])
+    }
+    if not is_time or len(others) + 1 == len(header):
+        odd = f"{','.join(header)[:60]!r}"
         hint = "; to read a SAGE log, give its folder" if "timestamp" in header else ""
         raise RecordingError(f"{path}: {odd} does not fit the header {FORM}{hint}")
     check_header(header, path)
-    return header, unit
+    return [name for i, name in enumerate(header) if i not in others], unit, others
+
+
+def _part(column: str) -> str:
+    """What follows the last dot of a column's name."""
+    return column.rpartition(".")[2]
+
+
+def _without(rows: Iterator[list[str]], columns: Mapping[int, str]) -> Iterator[list[str]]:
+    """Rows without some columns, given by their numbers."""
+    return ([value for i, value in enumerate(row) if i not in columns] for row in rows) if columns else rows
 
 
 def _floats(row: list[str], line: int, path: Path) -> list[float]:

@@ -71,14 +71,26 @@ def test_columns_come_in_any_order_and_zeros_are_nothing(tmp_path):
     assert read_plain_csv(written(tmp_path / "b.csv", header, extra=zero)).effort is None
 
 
+def test_other_columns_are_not_read_and_a_note_names_them(tmp_path):
+    path = written(tmp_path / "a.csv", "time,label,a.command,a.position,temperature", extra={
+        k: f"{k / 50},warm {k},{k},{k / 10},n/a" for k in range(12)})  # fmt: skip
+    recording = read_plain_csv(path)
+    assert recording.joints == ("a",) and recording.position[:, 0].tolist() == [k / 10 for k in range(12)]
+    assert recording.notes == (f"{path}: columns that are not read: label, temperature",)
+
+
 BAD = {
     "header": (
         {"header": "t,a.command,a.position"},
         "'t,a.command,a.position' does not fit the header time,",
     ),
     "sage": ({"header": "type,timestamp,positions"}, "to read a SAGE log, give its folder"),
-    "signal": ({"header": "time,a.command,a.torque"}, "the column 'a.torque' does not fit"),
-    "joint": ({"header": "time,.command,a.position"}, "the column '.command' does not fit"),
+    "signal": ({"header": "time,a.command,a.torque"}, "no column <joint>.position"),
+    "joint": ({"header": "time,.command,position"}, "'time,.command,position' does not fit the header"),
+    "joint without a position": (
+        {"header": "time,a.command,a.position,b.command,b.pos"},
+        "joint b has no column b.position",
+    ),
     "no joint": ({"header": "time"}, "does not fit the header"),
     "twice": ({"header": "time,a.position,a.position"}, "a.position occurs more than once"),
     "no position": ({"header": "time,a.command"}, "no column <joint>.position"),
