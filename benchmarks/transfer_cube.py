@@ -71,10 +71,10 @@ def train(a: argparse.Namespace, seed: int) -> None:
     config = ActConfig(episodes.state_size, episodes.action_size, ("top",), SIZE, source_size=SIZE).small()
     training = TrainingConfig.usual(config, steps=a.steps, seed=seed)
 
-    def show(stage: str, count: int, of: int, text: str = "") -> None:
+    def show(stage: str, count: int, of: int, **values: Any) -> None:
         if count % 100 == 0 or count == of:
             clock.write_text(json.dumps(spent + time.process_time() - began))
-            print(f"seed {seed}: {stage} {count}/{of:g} {text}", flush=True)
+            print(f"seed {seed}: {stage} {count}/{of} {values.get('loss', '')}", flush=True)
 
     train_policy(episodes, config, training, folder, show, None, a.device)
     clock.write_text(json.dumps(spent + time.process_time() - began))
