@@ -48,8 +48,12 @@ def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Calla
     config = ActConfig(episodes.state_size, episodes.action_size, ("head",), small, source_size=SIZE, **network)
     config = with_object_poses(config, episodes) if eyes else config
     signs = mirrored_joints(load_robot("aloha")) if mirror else ()
-    return train(episodes, config, TrainingConfig.usual(config, mirror=signs, **training), folder,
-                 lambda stage, count, of, text: told(count, of, text) if stage == "training" else None)  # fmt: skip
+
+    def show(stage: str, count: int, of: int | None = None, /, **values: Any) -> None:
+        if stage == "training":
+            told(count, of, ", ".join(f"{name} {value}" for name, value in values.items()))
+
+    return train(episodes, config, TrainingConfig.usual(config, mirror=signs, **training), folder, show)
 
 
 def play_each(path: Path, count: int, play: Callable[[int], Any], name: str) -> list[Any]:

@@ -18,6 +18,7 @@ import itertools
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -145,14 +146,14 @@ def judge(a: argparse.Namespace, name: str, both: Sequence[dict[str, Episode]]) 
     """Train on the training episodes and evaluate the held-out ones; results by camera and episode."""
     aligner = load_aligner(a.aligner)
 
-    def said(stage: str, step: int, loss: float) -> None:
+    def show(stage: str, step: int, of: int | None = None, /, **values: Any) -> None:
         if step % 100 == 0:
-            print(f"{name}, {stage}: step {step} of {a.steps}", flush=True)
+            print(f"{name}, {stage}: step {step} of {of}", flush=True)
 
     known = [[one[e] for e in EPISODES if e not in HELD] for one in both]
     out = a.out / name.replace(" ", "_")
     config = TrainingConfig(steps=a.steps, learning_rate=5e-4)
-    train(aligner, list(itertools.chain(*known)), config, out, said)  # pyright: ignore[reportArgumentType]
+    train(aligner, list(itertools.chain(*known)), config, out, show)
     save_aligner(aligner, out)
     nothing = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
     benches = [Bench(nothing, nothing[..., 0] > 0, make_gallery(those)) for those in known]

@@ -37,11 +37,11 @@ FIRST_SEED = 100_000
 
 def demonstrations(a: argparse.Namespace) -> Path:
     """Episodes of the scripted expert, 128 x 96 of the head camera."""
+    from embodiedreamer_gym.io.progress import Progress
     from embodiedreamer_gym.pipelines.demonstrations import Demonstrations, record_demonstrations
 
     folder = a.out / f"demos_{a.task}_{a.demos}"  # training uses all episodes of a folder, so the name has their number
-    record_demonstrations(Demonstrations(a.task), a.demos, folder, 1, lambda done, failed: print(
-        f"demonstrations {done}/{a.demos}, {failed} failed", flush=True))  # fmt: skip
+    record_demonstrations(Demonstrations(a.task), a.demos, folder, 1, Progress())
     return folder
 
 

@@ -71,7 +71,7 @@ def train(a: argparse.Namespace, seed: int) -> None:
     config = ActConfig(episodes.state_size, episodes.action_size, ("top",), SIZE, source_size=SIZE).small()
     training = TrainingConfig.usual(config, steps=a.steps, seed=seed)
 
-    def show(stage: str, count: int, of: int, **values: Any) -> None:
+    def show(stage: str, count: int, of: int | None = None, /, **values: Any) -> None:
         if count % 100 == 0 or count == of:
             clock.write_text(json.dumps(spent + time.process_time() - began))
             print(f"seed {seed}: {stage} {count}/{of} {values.get('loss', '')}", flush=True)

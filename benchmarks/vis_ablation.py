@@ -52,12 +52,12 @@ def run(name: str, config: LeanConfig, training: TrainingConfig, a: argparse.Nam
     torch.manual_seed(training.seed)
     aligner = LeanAligner(Lean(config))
 
-    def said(stage: str, step: int, loss: float) -> None:
+    def show(stage: str, step: int, of: int | None = None, /, **values: Any) -> None:
         if step % 500 == 0:
-            print(f"{name}: step {step} of {training.steps}, loss {loss:.4f}", flush=True)
+            print(f"{name}, {stage}: step {step} of {of}, loss {values.get('loss', '')}", flush=True)
 
     episodes = load_episodes([a.train])
-    train(aligner, episodes, training, a.out / name, said)
+    train(aligner, episodes, training, a.out / name, show)
     bench = make_bench(episodes)
     rows = []
     for episode in load_episodes([a.test]):

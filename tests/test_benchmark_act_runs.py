@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from benchmarks.act_runs import keep_settings, play_each
+from benchmarks.act_runs import keep_settings, play_each, train_act
+from embodiedreamer_gym.recordings.episodes import open_episodes, write_aloha_episode
 
 
 def test_an_interrupted_run_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -38,3 +40,15 @@ def test_results_of_other_settings_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "study" / "settings.json").write_text("{")
     with pytest.raises(SystemExit, match="contains no settings"):
         keep_settings(tmp_path / "study", demos=50, steps=None)
+
+
+def test_a_training_reports_its_steps(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    states, pictures = rng.standard_normal((30, 14)), rng.integers(0, 255, (30, 24, 32, 3), np.uint8)
+    (tmp_path / "demos").mkdir()
+    write_aloha_episode(tmp_path / "demos" / "episode_0.hdf5", states, states, {"head": list(pictures)}, hz=30.0)
+    shown: list[tuple[int, int, str]] = []
+    policy = train_act(open_episodes(tmp_path / "demos"), tmp_path / "policy", {"steps": 2, "batch": 2},
+                       lambda *row: shown.append(row), (32, 24), mirror=False)  # fmt: skip
+    assert [row[:2] for row in shown] == [(1, 2), (2, 2)] and shown[0][2].startswith("loss ")
+    assert policy.chunk == 100 and (tmp_path / "policy" / "weights.pt").is_file()
