@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -81,6 +81,13 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
                 f"{100 * np.nanmedian(width[:, columns]):>14.2f}"
             )
     return "\n".join(lines)
+
+
+def coverage(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Noise -> share (%) of the intervals that contain the true value."""
+    sides = {colour: [side for row in rows if row["job"].startswith(f"{colour} | ") for side in row["sides"]]
+             for colour in COLOURS}  # fmt: skip
+    return {colour: 100 * np.mean([side == 0 for side in own if side is not None]) for colour, own in sides.items()}
 
 
 def main() -> None:
