@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -32,6 +33,20 @@ def keep_settings(folder: Path, **settings: Any) -> None:
         raise SystemExit(str(error)) from error
     except (ValueError, TypeError) as error:
         raise SystemExit(f"{path} contains no settings; give another folder.") from error
+
+
+class ProcessorTime:
+    """Processor time (s) of work in a folder, without the time between interruptions; the file in the folder keeps it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path, self.began = folder / "processor_time.json", time.process_time()
+        self.before = float(json.loads(self.path.read_text())["seconds"]) if self.path.is_file() else 0.0
+
+    def save(self) -> float:
+        """Write the time so far, and return it."""
+        seconds = self.before + time.process_time() - self.began
+        save({"seconds": seconds}, self.path)
+        return seconds
 
 
 def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Callable[[int, int, str], None],

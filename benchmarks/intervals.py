@@ -58,16 +58,19 @@ def fit(truth: RobotModel, colour: str, seed: int) -> dict[str, Any]:
     return {"sides": sides, "width": width, "rollouts": found.rollouts}
 
 
-def table(rows: dict[str, dict[str, Any]]) -> str:
+def fits_of(rows: Sequence[Mapping[str, Any]], colour: str, key: str) -> np.ndarray:
+    """Sides or widths (fits, parameters) of the fits with one kind of noise; NaN where there is no interval."""
+    return np.array([row[key] for row in rows if row["job"].startswith(f"{colour} | ")], float)
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Coverage by noise and group."""
     title = f"{'noise':<12}{'parameters':<18}{'inside':>12}{'coverage':>10}{'95 % range':>18}{'none':>6}"
     lines = [title + f"{'half-width %':>14}"]
     for colour in COLOURS:
-        found = [row for job, row in rows.items() if job.startswith(f"{colour} | ")]
-        if not found:
+        sides, width = fits_of(rows, colour, "sides"), fits_of(rows, colour, "width")
+        if not len(sides):
             continue
-        sides = np.array([row["sides"] for row in found], float)
-        width = np.array([row["width"] for row in found], float)
         joints = len(FRICTION)
         blocks = [(g, slice(i * joints, (i + 1) * joints)) for i, g in enumerate(GROUPS)]
         for group, columns in [*blocks, ("all", slice(None))]:
@@ -85,9 +88,8 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
 
 def coverage(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Noise -> share (%) of the intervals that contain the true value."""
-    sides = {colour: [side for row in rows if row["job"].startswith(f"{colour} | ") for side in row["sides"]]
-             for colour in COLOURS}  # fmt: skip
-    return {colour: 100 * np.mean([side == 0 for side in own if side is not None]) for colour, own in sides.items()}
+    sides = {colour: fits_of(rows, colour, "sides") for colour in COLOURS}
+    return {colour: float(100 * np.mean(own[np.isfinite(own)] == 0)) for colour, own in sides.items()}
 
 
 def main() -> None:
@@ -106,7 +108,7 @@ def main() -> None:
         cases = Cases({"benchmark": "intervals", "arm": ARM, "off": OFF}, [{"job": job} for job in jobs])
         with one_sentence():
             rows = run_cases(options, cases, work, options.out or OUT, options.rows, itemgetter("job"))
-    print("", table({row["job"]: row for row in rows}), sep="\n")
+    print("", table(rows), sep="\n")
     kept = [{key: value for key, value in row.items() if key not in COSTS} for row in rows]
     save_results(options, cases, rows, list(range(options.fits)), {"rows": kept})
 

@@ -13,16 +13,14 @@ are those of `policy train`. One process, one thread.
 from __future__ import annotations
 
 import argparse
-import json
-import time
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 
 import embodiedreamer_gym  # noqa: F401  registers its environments
-from benchmarks.act_runs import SIZE, play_each, played, train_act
-from benchmarks.common import clopper_pearson, save
+from benchmarks.act_runs import SIZE, ProcessorTime, play_each, played, train_act
+from benchmarks.common import clopper_pearson
 
 VARIANTS: dict[str, dict[str, Any]] = {  # options of the network, and whether mirror images are used
     "act": {"chunk": 100, "mirror": True},
@@ -52,17 +50,13 @@ def trained(a: argparse.Namespace, variant: str, data: Path) -> tuple[Any, float
     from embodiedreamer_gym.recordings.episodes import open_episodes
 
     folder = a.out / run_name(a, variant)
-    clock = folder / "processor_time.json"
+    clock = ProcessorTime(folder)
     if (folder / "done").is_file():
-        return ActPolicy.load(folder), json.loads(clock.read_text())["seconds"]
-    before = json.loads(clock.read_text())["seconds"] if clock.is_file() else 0.0
-    began = time.process_time()
+        return ActPolicy.load(folder), clock.before
 
     def told(count: int, of: int, text: str) -> None:
         if count % 250 == 0:
-            seconds = before + time.process_time() - began
-            save({"seconds": seconds}, clock)
-            print(f"{variant}: step {count}/{of}, {text}, {seconds:.0f} s of processor time", flush=True)
+            print(f"{variant}: step {count}/{of}, {text}, {clock.save():.0f} s of processor time", flush=True)
 
     network = dict(VARIANTS[variant])
     training = {
@@ -72,8 +66,7 @@ def trained(a: argparse.Namespace, variant: str, data: Path) -> tuple[Any, float
         "chunk_start_share": network.pop("chunk_start_share", None),
     }
     policy = train_act(open_episodes(data), folder, training, told, small=read_size(a.size), **network)
-    seconds = before + time.process_time() - began
-    save({"seconds": seconds}, clock)
+    seconds = clock.save()
     (folder / "done").touch()
     return policy, seconds
 

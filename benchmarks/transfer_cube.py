@@ -13,15 +13,13 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.act_runs import play_each
+from benchmarks.act_runs import ProcessorTime, play_each
 from benchmarks.common import clopper_pearson, pin_threads, save, times
 
 DEMONSTRATIONS, FIRST_SEED, HZ = 50, 100_000, 50.0
@@ -63,21 +61,21 @@ def train(a: argparse.Namespace, seed: int) -> None:
     from embodiedreamer_gym.policies.act import train as train_policy
     from embodiedreamer_gym.recordings.episodes import open_episodes
 
-    folder, clock = policy_folder(a, seed), policy_folder(a, seed) / "seconds.json"
+    folder = policy_folder(a, seed)
     if (folder / "done").is_file():
         return
-    spent, began = (json.loads(clock.read_text()) if clock.is_file() else 0.0), time.process_time()
+    clock = ProcessorTime(folder)
     episodes = open_episodes(a.out / "demonstrations")
     config = ActConfig(episodes.state_size, episodes.action_size, ("top",), SIZE, source_size=SIZE).small()
     training = TrainingConfig.usual(config, steps=a.steps, seed=seed)
 
     def show(stage: str, count: int, of: int | None = None, /, **values: Any) -> None:
         if count % 100 == 0 or count == of:
-            clock.write_text(json.dumps(spent + time.process_time() - began))
+            clock.save()
             print(f"seed {seed}: {stage} {count}/{of} {values.get('loss', '')}", flush=True)
 
     train_policy(episodes, config, training, folder, show, None, a.device)
-    clock.write_text(json.dumps(spent + time.process_time() - began))
+    clock.save()
     (folder / "done").touch()
 
 
@@ -88,24 +86,19 @@ def policy_folder(a: argparse.Namespace, seed: int) -> Path:
 
 def evaluate(a: argparse.Namespace, seed: int) -> dict[str, Any]:
     """Play the episodes of a training seed that are not played yet; returns a row of the table."""
-    folder = policy_folder(a, seed)
-
-    def play_one(number: int) -> dict[str, bool]:
-        result = play(policy, env, FIRST_SEED + number, policy.chunk)
-        return {"success": result.success, "lifted": result.grasped}
-
     from benchmarks.transfer_cube_env import TransferCube
     from embodiedreamer_gym.policies.act import ActPolicy
     from embodiedreamer_gym.policies.evaluation import play
 
+    folder = policy_folder(a, seed)
     policy = ActPolicy.load(folder)
     env = TransferCube(policy.network.config.image_size, policy.chunk)
-    rows = play_each(folder / "played.json", a.episodes, play_one, f"seed {seed}")
-    hits, clock = sum(row["success"] for row in rows), folder / "seconds.json"
+    rows = play_each(folder / "played.json", a.episodes, lambda number: {
+        "success": play(policy, env, FIRST_SEED + number, policy.chunk).success}, f"seed {seed}")  # fmt: skip
+    hits = sum(row["success"] for row in rows)
     low, high = clopper_pearson(hits, len(rows))
     return {"training_seed": seed, "steps": a.steps, "device": a.device, "hits": hits, "of": len(rows), "low": low,
-            "high": high, "lifted": sum(row["lifted"] for row in rows),
-            "training_cpu_s": json.loads(clock.read_text()) if clock.is_file() else None}  # fmt: skip
+            "high": high, "training_cpu_s": ProcessorTime(folder).before}  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -132,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             rows.append(evaluate(a, seed))
     for row in rows:
         print(f"training seed {row['training_seed']}: {row['hits']} of {row['of']} ({100 * row['low']:.0f} to "
-              f"{100 * row['high']:.0f} %), lifted {row['lifted']}")  # fmt: skip
+              f"{100 * row['high']:.0f} %), {row['training_cpu_s']:.0f} s of processor time for training")  # fmt: skip
     save(rows, a.json)
 
 

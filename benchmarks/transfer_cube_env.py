@@ -79,8 +79,7 @@ class TransferCube(gym.Env):
             if reward == SOLVED:
                 break
         successes = np.array(rewards) == SOLVED
-        info = {"is_success": bool(successes[-1]), "successes": successes, "steps": len(rewards),
-                "grasp_success": max(rewards) >= 2}  # fmt: skip
+        info = {"is_success": bool(successes[-1]), "successes": successes, "steps": len(rewards)}
         return self.observe(state), rewards[-1], info["is_success"], self.count >= STEPS, info
 
     def execute(self, action: np.ndarray) -> tuple[np.ndarray, float]:
@@ -124,9 +123,10 @@ def way_points(poses: np.ndarray, cube: np.ndarray) -> tuple[np.ndarray, np.ndar
     """Way points of the left and the right arm: rows of step, position (m), quaternion (wxyz) and gripper (1: open)."""
     start_left, start_right = poses
     grip = Rotation.from_quat(start_right[3:], scalar_first=True) * Rotation.from_euler("y", -60, degrees=True)
-    pick, meet = (one.as_quat(scalar_first=True) for one in (grip, Rotation.from_euler("x", 90, degrees=True)))
-    if pick[0] < 0:  # quaternions are interpolated number by number, so that the sign counts
-        pick = -pick
+    turned = Rotation.from_euler("x", 90, degrees=True)
+    pick, meet = (
+        one.as_quat(canonical=True, scalar_first=True) for one in (grip, turned)
+    )  # the sign counts in interpolation
     rest, out, meeting = np.array([1.0, 0, 0, 0]), near(MEET, -0.1, -0.02), near(MEET, 0.02, -0.02)
     above, down, aside = near(cube, 0, 0.08), near(cube, 0, -0.015), near(MEET, 0.1, 0)
     left = [

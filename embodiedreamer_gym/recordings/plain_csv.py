@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -42,22 +42,7 @@ def read_plain_csv(path: str | Path, time_unit: str | None = None) -> Recording:
     Raises: RecordingError where the file is missing, too large or not of this form.
     """
     path = Path(path)
-    if not path.is_file():
-        raise RecordingError(f"{path}: there is no such file")
-    with open_text(path) as file:
-        lines = lines_of(file, path)
-        comments, first, number = _comments(lines)
-        header, stated, ignored = _header(first, path)
-        values = table(
-            _without(csv.reader(lines), ignored),
-            number + 1,
-            len(header),
-            path,
-            lambda row, line: _floats(row, line, path),
-        )
-        notes = line_end_notes(file)
-    if ignored:
-        notes += (f"{path}: columns that are not read: {', '.join(ignored.values())}",)
+    comments, header, stated, values, notes = _contents(path)
     joints = tuple(dict.fromkeys(column.rpartition(".")[0] for column in header[1:]))
     signals = {signal: _signal(values, header, joints, signal, path) for signal in SIGNALS}
     if signals["position"] is None:
@@ -100,19 +85,7 @@ def read_commands(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, np.nda
     Raises: RecordingError where the file is missing, too large or not of this form, or its times do not increase.
     """
     path = Path(path)
-    if not path.is_file():
-        raise RecordingError(f"{path}: there is no such file")
-    with open_text(path) as file:
-        lines = lines_of(file, path)
-        _, first, number = _comments(lines)
-        header, _, ignored = _header(first, path)
-        values = table(
-            _without(csv.reader(lines), ignored),
-            number + 1,
-            len(header),
-            path,
-            lambda row, line: _floats(row, line, path),
-        )
+    _, header, _, values, _ = _contents(path)
     joints = tuple(dict.fromkeys(column.rpartition(".")[0] for column in header[1:]))
     command = _signal(values, header, joints, "command", path)
     if command is None:
@@ -120,6 +93,25 @@ def read_commands(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, np.nda
     if len(values) < 2 or not np.isfinite(values).all() or (np.diff(values[:, 0]) <= 0).any():
         raise RecordingError(f"{path}: a number is not finite, or the times do not increase")
     return joints, values[:, 0] - values[0, 0], command
+
+
+def _contents(path: Path) -> tuple[dict[str, str], list[str], str | None, np.ndarray, tuple[str, ...]]:
+    """Comments, columns, time unit of the first column, values (T, columns) and notes of a file.
+
+    Raises: RecordingError where the file is missing, too large or not of this form.
+    """
+    if not path.is_file():
+        raise RecordingError(f"{path}: there is no such file")
+    with open_text(path) as file:
+        lines = lines_of(file, path)
+        comments, first, number = _comments(lines)
+        header, stated, ignored = _header(first, path)
+        rows = ([value for i, value in enumerate(row) if i not in ignored] for row in csv.reader(lines))
+        values = table(rows, number + 1, len(header), path, lambda row, line: _floats(row, line, path))
+        notes = line_end_notes(file)
+    if ignored:
+        notes += (f"{path}: columns that are not read: {', '.join(ignored.values())}",)
+    return comments, header, stated, values, notes
 
 
 def _comments(lines: Iterator[str]) -> tuple[dict[str, str], str, int]:
@@ -139,9 +131,7 @@ def _header(line: str, path: Path) -> tuple[list[str], str | None, dict[int, str
     if not header:
         raise RecordingError(f"{path}: the file is empty; it must begin with the header {FORM}")
     is_time, unit = column_unit(header[0])
-    others = {
-        i: name for i, name in enumerate(header) if i and not (_part(name) in SIGNALS and name.rpartition(".")[0])
-    }
+    others = {i: name for i, name in enumerate(header) if i and not _is_signal(name)}
     if not is_time or len(others) + 1 == len(header):
         odd = f"{','.join(header)[:60]!r}"
         hint = "; to read a SAGE log, give its folder" if "timestamp" in header else ""
@@ -150,14 +140,9 @@ def _header(line: str, path: Path) -> tuple[list[str], str | None, dict[int, str
     return [name for i, name in enumerate(header) if i not in others], unit, others
 
 
-def _part(column: str) -> str:
-    """What follows the last dot of a column's name."""
-    return column.rpartition(".")[2]
-
-
-def _without(rows: Iterator[list[str]], columns: Mapping[int, str]) -> Iterator[list[str]]:
-    """Rows without some columns, given by their numbers."""
-    return ([value for i, value in enumerate(row) if i not in columns] for row in rows) if columns else rows
+def _is_signal(column: str) -> bool:
+    joint, _, signal = column.rpartition(".")
+    return bool(joint) and signal in SIGNALS
 
 
 def _floats(row: list[str], line: int, path: Path) -> list[float]:
