@@ -12,6 +12,7 @@ success as soon as the left gripper holds the cube off the table.
 from __future__ import annotations
 
 import argparse
+import importlib
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.act_runs import ProcessorTime, play_each
+from benchmarks.cases import one_sentence
 from benchmarks.common import clopper_pearson, pin_threads, save, times
 
 DEMONSTRATIONS, FIRST_SEED, HZ = 50, 100_000, 50.0
@@ -115,14 +117,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="rows of the table as JSON")
     a = parser.parse_args(arguments)
     pin_threads()
-    if "record" in a.stage:
-        record(a.out / "demonstrations")
+    try:
+        if set(a.stage) - {"train"}:
+            importlib.import_module("benchmarks.transfer_cube_env")
+    except ModuleNotFoundError:
+        parser.error("recording and evaluation need gym-aloha, in an environment of its own; see docs/policies.md.")
     rows = []
-    for seed in a.seeds:
-        if "train" in a.stage:
-            train(a, seed)
-        if "evaluate" in a.stage:
-            rows.append(evaluate(a, seed))
+    with one_sentence():
+        if "record" in a.stage:
+            record(a.out / "demonstrations")
+        for seed in a.seeds:
+            if "train" in a.stage:
+                train(a, seed)
+            if "evaluate" in a.stage:
+                rows.append(evaluate(a, seed))
     for row in rows:
         print(f"training seed {row['training_seed']}: {row['hits']} of {row['of']} ({100 * row['low']:.0f} to "
               f"{100 * row['high']:.0f} %), {row['training_cpu_s']:.0f} s of processor time for training")  # fmt: skip

@@ -59,3 +59,16 @@ def test_policies_are_trained_and_evaluated(
     monkeypatch.setattr(Cube, "step", None)  # nothing is trained or played again
     transfer_cube.main(command)
     assert json.loads((tmp_path / "rows.json").read_text()) == [row]
+
+
+def test_what_is_missing_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        transfer_cube.main(["--out", str(tmp_path), "--stage", "train"])
+    assert stop.value.code == 2 and "demonstrations: there is no such file or folder" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "benchmarks.transfer_cube_env", None)  # pyright: ignore
+    with pytest.raises(SystemExit):
+        transfer_cube.main(["--out", str(tmp_path), "--stage", "evaluate"])
+    assert "need gym-aloha, in an environment of its own" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -105,13 +105,16 @@ def _contents(path: Path) -> tuple[dict[str, str], list[str], str | None, np.nda
     with open_text(path) as file:
         lines = lines_of(file, path)
         comments, first, number = _comments(lines)
-        header, stated, ignored = _header(first, path)
-        rows = ([value for i, value in enumerate(row) if i not in ignored] for row in csv.reader(lines))
-        values = table(rows, number + 1, len(header), path, lambda row, line: _floats(row, line, path))
+        header, stated = _header(first, path)
+        ignored = {i: name for i, name in enumerate(header) if i and not _is_signal(name)}
+        values = table(
+            csv.reader(lines), number + 1, len(header), path, lambda row, line: _floats(row, line, path, ignored)
+        )
         notes = line_end_notes(file)
+    kept = [i for i in range(len(header)) if i not in ignored]
     if ignored:
         notes += (f"{path}: columns that are not read: {', '.join(ignored.values())}",)
-    return comments, header, stated, values, notes
+    return comments, [header[i] for i in kept], stated, values[:, kept], notes
 
 
 def _comments(lines: Iterator[str]) -> tuple[dict[str, str], str, int]:
@@ -125,19 +128,18 @@ def _comments(lines: Iterator[str]) -> tuple[dict[str, str], str, int]:
     return comments, "", 0
 
 
-def _header(line: str, path: Path) -> tuple[list[str], str | None, dict[int, str]]:
-    """The columns that are read, the time unit that the first one states, and the other columns by their number."""
+def _header(line: str, path: Path) -> tuple[list[str], str | None]:
+    """The columns, and the time unit that the first one states."""
     header = [column.strip() for column in next(csv.reader([line]), [])]
     if not header:
         raise RecordingError(f"{path}: the file is empty; it must begin with the header {FORM}")
     is_time, unit = column_unit(header[0])
-    others = {i: name for i, name in enumerate(header) if i and not _is_signal(name)}
-    if not is_time or len(others) + 1 == len(header):
+    if not is_time or not any(_is_signal(name) for name in header[1:]):
         odd = f"{','.join(header)[:60]!r}"
         hint = "; to read a SAGE log, give its folder" if "timestamp" in header else ""
         raise RecordingError(f"{path}: {odd} does not fit the header {FORM}{hint}")
     check_header(header, path)
-    return [name for i, name in enumerate(header) if i not in others], unit, others
+    return header, unit
 
 
 def _is_signal(column: str) -> bool:
@@ -145,9 +147,10 @@ def _is_signal(column: str) -> bool:
     return bool(joint) and signal in SIGNALS
 
 
-def _floats(row: list[str], line: int, path: Path) -> list[float]:
+def _floats(row: list[str], line: int, path: Path, ignored: Collection[int]) -> list[float]:
+    """Numbers of a row; NaN in the columns that are ignored."""
     try:
-        return [float(value) for value in row]
+        return [np.nan if i in ignored else float(value) for i, value in enumerate(row)]
     except ValueError as error:
         raise RecordingError(f"{path}: line {line} holds something that is not a number") from error
 

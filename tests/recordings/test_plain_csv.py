@@ -77,6 +77,9 @@ def test_other_columns_are_not_read_and_a_note_names_them(tmp_path):
     recording = read_plain_csv(path)
     assert recording.joints == ("a",) and recording.position[:, 0].tolist() == [k / 10 for k in range(12)]
     assert recording.notes == (f"{path}: columns that are not read: label, temperature",)
+    path = written(tmp_path / "b.csv", "time,a.command,a.position,temperature", extra={4: "0.08,1,1"})
+    with pytest.raises(RecordingError, match="line 6 has 3 values for 4 columns"):
+        read_plain_csv(path)
 
 
 BAD = {
