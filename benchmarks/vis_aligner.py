@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 import torch
 
+from benchmarks.common import save
 from embodiedreamer_gym.cli.command import main as embodiedreamer
 from embodiedreamer_gym.io.video import save_picture
 from embodiedreamer_gym.vis_aligner import Aligner, Episode, load_aligner, load_bank, load_episodes, metrics
@@ -38,6 +39,15 @@ FILMS: dict[str, Mapping[str, Any]] = {
     "looks_test": {"task": CUP, "appearance": "many", "episodes": 8, "frames": 49, "seed": 7000},
     "all_test": {"task": "all", "appearance": "lab", "episodes": 2, "frames": 81, "seed": 971},
 }
+SHOWN = (
+    "psnr",
+    "ssim",
+    "psnr.moving",
+    "psnr.robot",
+    "psnr.arm and objects",
+    "psnr.objects",
+    "iou.objects",
+)  # in the JSON
 LEARNT = ("cup_train", "looks", "looks_all")
 STEPS = 5000
 
@@ -56,9 +66,9 @@ def weights(out: Path) -> None:
     _run(["vis", "bank", str(out / "bank"), "--more", str(out / "cup_train"), "--out", str(out / "lab.npz")])
 
 
-def figures(out: Path, names: Sequence[str], aligner: str, bank: str, strips: Path | None) -> None:
-    """Evaluate a model on the films that it was not trained on."""
-    model, bench = load_aligner(aligner), load_bank(bank).bench
+def figures(out: Path, names: Sequence[str], aligner: str, bank: str, strips: Path | None) -> dict[str, dict[str, Any]]:
+    """Evaluate a model on the films that it was not trained on; returns the figures of each table, see `figures_of`."""
+    model, bench, found = load_aligner(aligner), load_bank(bank).bench, {}
     for title, name, behind in (
         ("held-out episodes of the lab", "cup_test", bench),
         ("the same, bench unknown", "cup_test", None),
@@ -73,17 +83,36 @@ def figures(out: Path, names: Sequence[str], aligner: str, bank: str, strips: Pa
         if name == "cup_full":
             episodes = [there_and_back(e) for e in episodes]
         judged = report(title, episodes, model, behind)
+        found[name if behind is bench else f"{name}, {title.rpartition(', ')[2]}"] = figures_of(judged)
         if strips is not None and behind is (None if name == "looks_test" else bench):
             write_strips(judged, strips, name)
         if name == "cup_full":
             drift(judged)
+    return found
+
+
+def figures_of(judged: Sequence[HeldOutResult]) -> dict[str, Any]:
+    """Mean and standard deviation over episodes of the measures in `SHOWN`, for each kind of frames.
+
+    table: PSNR (dB) and share of wrong pixels (%) of the table, see `tabletop`; least_iou: of each episode, the smallest
+    IoU of the objects in a chunk of the closed loop.
+    """
+    rows: dict[str, Any] = {}
+    for name in judged[0].measures:
+        summary = metrics.summarise([j.measures[name] for j in judged])
+        found = {key: summary.figures.get(key) for key in SHOWN}
+        rows[name] = {key: None if one is None else [one.mean, one.sd] for key, one in found.items()}
+    table = {name: np.mean([_tabletop(j.episode, j.clips[name]) for j in judged], axis=0).tolist()
+             for name in (AFTER_TRUE, CLOSED)}  # fmt: skip
+    least = [float(np.nanmin(_numbers(j.measures[CLOSED].drift["iou.objects"]))) for j in judged]
+    return {"episodes": len(judged), "measures": rows, "table": table, "least_iou": least}
 
 
 def report(title: str, episodes: Sequence[Episode], aligner: Aligner, bench: Bench | None) -> list[HeldOutResult]:
     """Evaluate some episodes and print their tables."""
     judged = [evaluate_aligner(aligner, episode, bench=bench) for episode in episodes]
     print(f"\n## {title}: {len(judged)} episodes\n\n{tables(judged, markdown=True)}\n\n{tabletop(judged)}", flush=True)
-    least = ", ".join(f"{np.nanmin(j.measures[CLOSED].drift['iou.objects']):.2f}" for j in judged)
+    least = ", ".join(f"{np.nanmin(_numbers(j.measures[CLOSED].drift['iou.objects'])):.2f}" for j in judged)
     print(f"\nsmallest IoU of the objects in a chunk of the closed loop: {least}", flush=True)
     return judged
 
@@ -147,6 +176,11 @@ def write_strips(judged: Sequence[HeldOutResult], folder: Path, name: str) -> No
         save_picture(picture, folder / f"{name}_{number}.jpg")
 
 
+def _numbers(values: Sequence[float | None]) -> np.ndarray:
+    """Values as an array, NaN for None."""
+    return np.array([np.nan if v is None else v for v in values])
+
+
 def _mean(values: Sequence[float | None]) -> float:
     return float(np.mean([v for v in values if v is not None])) if any(v is not None for v in values) else float("nan")
 
@@ -161,6 +195,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Do all of it, or one stage."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.vis_aligner", description=str(__doc__).splitlines()[0])
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="figures as JSON")
     parser.add_argument("--only", choices=("films", "weights", "figures"))
     parser.add_argument(
         "--films", nargs="+", choices=FILMS, default=list(FILMS), metavar="NAME", help="only these films"
@@ -175,7 +210,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if a.only in (None, "weights"):
         weights(a.out)
     if a.only in (None, "figures"):
-        figures(a.out, a.films, a.aligner, a.bank, a.strips)
+        save(figures(a.out, a.films, a.aligner, a.bank, a.strips), a.json)
 
 
 if __name__ == "__main__":

@@ -5,31 +5,69 @@ from pathlib import Path
 from embodiedreamer_gym.cli import options as o
 from embodiedreamer_gym.errors import PolicyError
 
+FIRST_SEED = 960_000  # of the episodes of --policy
+ONLY_LAST = 1000  # actions from one picture to the next: longer than a chunk, so that only its last action has one
+
 
 @o.verb(
     o.option(
-        "--scores", "FILE.csv", "policies with their scores in simulation and on the real robot", o.REQUIRED, Path
+        "--scores",
+        "FILE.csv",
+        "policies with their scores in simulation and on the real robot (default: 48 policies, with the stand-in bench as the robot)",
+        None,
+        Path,
     ),
     o.option(
         "--evaluation", "FILE.json", "result of `policy evaluate --json` of another policy, to be predicted", None, Path
     ),
+    o.option("--policy", "POLICY", "policy to be evaluated in simulation and predicted for the stand-in bench"),
+    o.option("--task", "TASK", "--policy: task, such as PutCupOnMat-v0"),
+    o.option("--tracking", None, "--policy: send commands through the calibrated model of the stand-in bench"),
+    o.option("--episodes", "N", "--policy: number of episodes in simulation", 50, o.COUNT),
     o.SEED,
+    o.JOBS,
     o.JSON,
     o.QUIET,
 )
 def run(a, progress):
     """Predict a policy's success rate on the real robot from simulation, with the scores of other policies as evidence."""
-    from embodiedreamer_gym.policies.prediction import read_scores
+    from embodiedreamer_gym.policies.prediction import STANDIN_SCORES, read_scores
 
+    if (a.policy is None) != (a.task is None):
+        raise PolicyError("--policy and --task belong together; give both, or neither.")
+    if a.policy is not None and (a.scores is not None or a.evaluation is not None):
+        raise PolicyError(
+            "--policy is evaluated like the policies of the stand-in bench; leave out --scores and --evaluation, or give "
+            "--evaluation with an evaluation made like those in --scores."
+        )
+    counts = None if a.evaluation is None else _counts(a.evaluation)
+    if a.policy is not None:
+        counts = _played(a, progress)
     progress("predicting")
-    evidence = read_scores(a.scores)
+    evidence = read_scores(STANDIN_SCORES if a.scores is None else a.scores)
     agreement = evidence.agreement(a.seed)
-    if a.evaluation is None:
+    if counts is None:
         return o.Result(agreement, agreement.as_dict())
-    prediction = evidence.predict(*_counts(a.evaluation), a.seed)
-    return o.Result(
-        f"{prediction}\n{agreement}", {"prediction": prediction.as_dict(), "agreement": agreement.as_dict()}
-    )
+    prediction = evidence.predict(*counts, a.seed)
+    text = f"success in simulation: {counts[0]} of {counts[1]}\n{prediction}\n{agreement}"
+    if a.scores is None:
+        text += "\nThe real robot in these scores is the stand-in bench; give --scores for your own robot."
+    return o.Result(text, {"prediction": prediction.as_dict(), "agreement": agreement.as_dict()})
+
+
+def _played(a, progress) -> tuple[int, int]:
+    """Successes and trials of --policy in the calibrated simulator of the stand-in bench, with generated pictures."""
+    from embodiedreamer_gym.pipelines.policy_runs import play
+    from embodiedreamer_gym.pipelines.settings import EvaluationSettings
+    from embodiedreamer_gym.policies.prediction import STANDIN_MODEL
+
+    model = str(STANDIN_MODEL)
+    settings = EvaluationSettings(
+        a.policy, a.task, a.episodes, FIRST_SEED, robot=model, tracking=model if a.tracking else None,
+        vis_aligner="lean", every=ONLY_LAST, jobs=a.jobs,
+    )  # fmt: skip
+    played = play(settings, progress)
+    return played.successes, len(played.episodes)
 
 
 def _counts(path: Path) -> tuple[int, int]:

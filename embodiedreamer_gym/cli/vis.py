@@ -144,6 +144,13 @@ def render(a, progress):
         [],
         nargs="+",
     ),
+    o.option(
+        "--photos",
+        "EPISODES",
+        "episodes of the same bench with larger pictures (2 to 4 times), from which the photos of robot and objects are taken",
+        [],
+        nargs="+",
+    ),
     o.out_file("FILE.npz", "bank"),
     o.QUIET,
 )
@@ -156,7 +163,9 @@ def bank(a, progress):
     scenes = [load_scene(path) for path in paths]
     more = load_episodes(a.more) if a.more else []
     moving = [one for camera in a.moving for one in load_episodes([*a.episodes, *a.more], camera)]
-    made = make_bank([load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes], more, moving)
+    photos = load_episodes(a.photos) if a.photos else []
+    episodes, poses, joints = [load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes]
+    made = make_bank(episodes, poses, joints, more, moving, photos)
     save_bank(made, a.out)
     return f"{a.out}: {made!r}"
 

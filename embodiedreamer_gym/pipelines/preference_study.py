@@ -53,7 +53,8 @@ class Study:
         if not hasattr(getattr(self.policy, "network", None), "mean"):
             raise PolicyError(f"policy {a.policy} has no network to fine-tune; give one that `policy train` wrote.")
         self.config = _config(a)
-        kept = {key: value for key, value in asdict(a).items() if key not in FREE}
+        unused = FREE if a.tracking is not None else (*FREE, "learnt_on")
+        kept = {key: value for key, value in asdict(a).items() if key not in unused}
         self.settings = dict(sorted({**kept, "weights": _fingerprint(self.policy.network)}.items()))
         self.env = environment(a, self.policy)
         check_fit(self.policy, self.env)
@@ -187,7 +188,8 @@ def environment(a: StudySettings, policy: Any) -> Any:
     """The task's environment, or a vector of them, that takes chunks; with generated pictures if requested."""
     from embodiedreamer_gym.pipelines.policy_env import policy_world
 
-    return policy_world(policy, a.task, a.robot, a.execute, a.vis_aligner, a.bank, a.every, a.envs)
+    given = policy, a.task, a.robot, a.execute, a.vis_aligner, a.bank, a.every, a.envs
+    return policy_world(*given, tracking=a.tracking, learnt_on=a.learnt_on)
 
 
 def _fingerprint(network: Any) -> str:

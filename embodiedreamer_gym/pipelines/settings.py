@@ -67,6 +67,10 @@ class StudySettings:
     """evaluation episodes after each cycle."""
     robot: str = "aloha"
     """JSON file or built-in robot (`embodiedreamer robots`)."""
+    tracking: str | None = None
+    """send commands through this calibrated model: JSON file or built-in robot."""
+    learnt_on: str = "aloha"
+    """robot whose commands the policy has learned, for --tracking: JSON file or built-in robot."""
     vis_aligner: str | None = None
     """replace the camera images by those of this video model (lean, if no value is given)."""
     bank: str = "lab"

@@ -15,7 +15,10 @@ from scipy.stats import spearmanr
 
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.io.files import check_regular
+from embodiedreamer_gym.robot.files import ASSETS
 
+# Scores of this package's own policies, with the stand-in bench as the robot, and the model fitted to logs of that robot
+STANDIN_SCORES, STANDIN_MODEL = ASSETS / "standin" / "scores.csv", ASSETS / "standin" / "robot.json"
 COLUMNS = ("policy", "task", "simulated_successes", "simulated_trials", "real_successes", "real_trials")
 FEWEST, FEWEST_OF_TASK = 5, 3  # policies, and policies of a task whose order is compared
 DRAWS, BOOTSTRAPS = 4000, 1000

@@ -13,13 +13,15 @@ Array = np.ndarray
 MODES = ("off", "feed_forward", "trim", "both")
 GAIN = 2.5  # 1/s, of the trim's integral
 MOST = 0.4  # largest trim, in the joint's unit
+SETTLED = 4.0  # s, until a reference robot is at rest
 
 
 class Tracker:
     """Converts actions to commands that bring the robot to the desired positions, one control period at a time.
 
     An action (n,) is the desired joint positions at the end of the period. With a `reference`, it is a command to that
-    robot, and the desired positions are those that the reference would reach. Commands stay within the joints' limits
+    robot, the desired positions are those that the reference would reach, and `observed` gives the encoder readings that
+    it would have. Commands stay within the joints' limits
     and change no faster than their highest speeds. Joints of unit "1" (grippers) get the action as it is, since they
     close on objects.
 
@@ -50,10 +52,21 @@ class Tracker:
         self._wanted = start
         self._known = np.zeros((0, self.model.n))
         if self._shadow is not None:
-            self._shadow.reset(start, self._last)
+            self._shadow.reset(self._last)
         bump = self.mode == "trim" and self._shadow is None  # else the arm would sag at the first command
         self._trim = np.clip(self._last - position, -MOST, MOST) if bump else np.zeros(self.model.n)
         self._free = np.ones(self.model.n, bool)
+
+    def observed(self, measured: Array) -> Array:
+        """Readings (n,) of the reference's encoders with this robot's tracking error added; measured (n,) without a reference.
+
+        The reference rests in other positions under the same command, which a policy that has learnt on it expects. The
+        readings of grippers are those measured.
+        """
+        if self._shadow is None:
+            return measured
+        error = measured - self._feed.drive.reading(self._wanted)
+        return np.where(self._driven, self._shadow.reading() + error, measured)
 
     def preview(self, actions: Array) -> None:
         """Announce the actions (k, n) that will follow, the next one first."""
@@ -97,10 +110,24 @@ class _Shadow:
             period,
             model.command_hold == "hold",
         )
+        self._rest: tuple[Array, Array] | None = None  # a command, and the encoders' readings at rest under it
 
-    def reset(self, position: Array, command: Array) -> None:
+    def reset(self, command: Array) -> None:
+        """Come to rest under a command (n,)."""
         self._command, self._speed = command, np.zeros(len(command))
-        self._drive.start(position[None], np.zeros((1, len(position))), command[None])
+        if self._rest is None or not np.array_equal(self._rest[0], command):
+            self._begin(command, command)
+            for _ in range(round(SETTLED / self._drive.dt)):
+                self._drive.advance(self._drive.accelerate(command[None]))
+            self._rest = command.copy(), self.reading()
+        self._begin(*self._rest)
+
+    def _begin(self, command: Array, reading: Array) -> None:
+        self._drive.start(reading[None], np.zeros((1, len(reading))), command[None])
+
+    def reading(self) -> Array:
+        """Present readings (n,) of the encoders."""
+        return self._drive.read()[0]
 
     def follow(self, action: Array) -> Array:
         """Positions (2, n) at the end of a period under an action (n,), and a period later at the same acceleration."""

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from embodiedreamer_gym.errors import VisionError
-from embodiedreamer_gym.vis_aligner.bench import bench_of, make_bench
+from embodiedreamer_gym.vis_aligner.bench import bench_of, make_bench, make_robot_gallery
 from embodiedreamer_gym.vis_aligner.clip import Bench, Episode, References
 from embodiedreamer_gym.vis_aligner.condition import CLASS_NAMES, OBJECT, ROBOT, Condition
 from embodiedreamer_gym.vis_aligner.moving_bench import make_moving_bench
@@ -183,12 +183,13 @@ class Bank:
 
 def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] | None] = (),
               joints: Sequence[Array | None] = (), more: Sequence[Episode] = (),
-              moving: Sequence[Episode] = ()) -> Bank:  # fmt: skip
+              moving: Sequence[Episode] = (), photos: Sequence[Episode] = ()) -> Bank:  # fmt: skip
     """A bank from the first frames of episodes that begin with the robot in the same pose.
 
     The plate is the median of the first frames, over pixels that show no object; it includes the robot.
     poses, joints: of the props and the robot at the first frames, where known; more: episodes of the same bench with
-    any start, to know more of the bench; moving: episodes of the same bench by cameras that move with the robot.
+    any start, to know more of the bench; moving: episodes of the same bench by cameras that move with the robot; photos:
+    episodes of the same bench with larger pictures, from which the photos of robot and objects are taken.
     Raises: VisionError without an episode, or where sizes differ.
     """
     if not episodes:
@@ -200,7 +201,10 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
     holes = np.ma.getmaskarray(plate)[..., 0]
     filled = np.round(plate.filled(0)).astype(np.uint8)
     here, elsewhere = _by_place(episodes, more)
-    bench = replace(make_bench(here, elsewhere), things=photos_of_objects(episodes))
+    bench = replace(make_bench(here, elsewhere), things=photos_of_objects(photos or episodes))
+    if photos:
+        _check_photos(photos, episodes[0])
+        bench = replace(bench, gallery=make_robot_gallery(photos))
     if holes.any():  # an object in every first frame: use the bench's picture, else inpaint
         seen_behind = holes & bench.seen
         filled[seen_behind] = bench.picture[seen_behind]
@@ -230,6 +234,23 @@ def _by_place(episodes: Sequence[Episode], more: Sequence[Episode]) -> tuple[lis
             raise VisionError(f"{episodes[0].name} and {episode.name} show two benches; a bank has only one.")
     elsewhere = [one for one in more if one.appearance != place]
     return [*episodes, *(one for one in more if one.appearance == place)], elsewhere
+
+
+def _check_photos(photos: Sequence[Episode], of: Episode) -> None:
+    """Check episodes whose larger pictures are used as photos beside those of `of`.
+
+    Raises: VisionError if they show another bench, or differ in size, or are not a larger version of its pictures.
+    """
+    width, height = of.condition.size
+    for episode in photos:
+        size = episode.condition.size
+        if bench_of(episode) != bench_of(of):
+            raise VisionError(f"{of.name} and {episode.name} show two benches; a bank has only one.")
+        if size != photos[0].condition.size or size[0] < width or size[0] * height != size[1] * width:
+            raise VisionError(
+                f"the photos of {episode.name} are {size[0]} x {size[1]}; they must all have one size, which is a multiple "
+                f"of the bank's {width} x {height}."
+            )
 
 
 # ---- outlines --------------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from embodiedreamer_gym.vis_aligner.condition import OBJECT, ROBOT, Condition, f
 from embodiedreamer_gym.vis_aligner.farthest_points import spread
 from embodiedreamer_gym.vis_aligner.light import Light, unshaded
 from embodiedreamer_gym.vis_aligner.light_fit import fit_light
+from embodiedreamer_gym.vis_aligner.object_photos import slim_gallery
 
 PICTURES = 240  # largest number for a pixel's median; more do not change it
 EDGE = 1.0 / 128  # of the width: within this distance of a thing, a pixel may show part of it
@@ -94,6 +95,13 @@ def make_gallery(episodes: Sequence[Episode], photos: int = PHOTOS) -> Gallery |
     Objects are left out: their numbers have other meanings in other tasks.
     """
     return _gallery(*_photos(episodes, photos))
+
+
+def make_robot_gallery(episodes: Sequence[Episode]) -> Gallery | None:
+    """The same with only the robot's pixels in the photos; they may be larger than the frames that are generated."""
+    frames, views, links = _photos(episodes)
+    photos = list(zip(frames, views, strict=True))
+    return slim_gallery(photos, links, lambda view: view.classes == ROBOT) if photos else None
 
 
 def _photos(episodes: Sequence[Episode], photos: int = PHOTOS) -> tuple[list[np.ndarray], list[Condition], int]:

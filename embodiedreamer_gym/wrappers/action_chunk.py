@@ -142,6 +142,8 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         action = action if self._tracking is None else self._tracking.command(action)
         cut = self._limit is not None and self._played >= self._limit
         observation, reward, terminated, truncated, info = self._inner.step(action, render=last or cut)
+        if self._tracking is not None:
+            observation = self._tracking.observed(observation)
         return observation, reward, terminated, truncated or cut, info
 
     def _seen(self) -> tuple[Frame, ...]:

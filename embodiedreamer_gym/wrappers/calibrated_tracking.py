@@ -21,7 +21,8 @@ class CalibratedTracking(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     An action (n,) is the desired joint positions at the end of the control period. With a `reference`, an action is a
     command to that robot, and the desired positions are those that it would reach; give the robot whose commands a
-    policy learnt. Put this wrapper inside `ActionChunk`, which announces the remaining actions of a chunk; without
+    policy learnt. The observation's `agent_pos` is then what the encoders of that robot would read, with the tracking
+    error added. Put this wrapper inside `ActionChunk`, which announces the remaining actions of a chunk; without
     them, the last speed is assumed to continue.
 
     model: a `RobotModel`, a built-in robot or a model file, of the robot that receives the commands.
@@ -53,7 +54,7 @@ class CalibratedTracking(gym.Wrapper, gym.utils.RecordConstructorArgs):
         """Start an episode; the arms are assumed to be at rest."""
         observation, info = self.env.reset(seed=seed, options=options)
         self.start()
-        return observation, info
+        return self.observed(observation), info
 
     def start(self) -> None:
         """Start from the arms' present positions and command; the arms are assumed to be at rest."""
@@ -72,9 +73,18 @@ class CalibratedTracking(gym.Wrapper, gym.utils.RecordConstructorArgs):
         sent = self.tracker.command(action, self._aloha.joint_positions())
         return np.clip(sent, self._space.low, self._space.high).astype(np.float32)
 
+    def observed(self, observation: Any) -> Any:
+        """An observation of the environment with `agent_pos` as on the reference robot, if there is one."""
+        if not isinstance(observation, dict) or "agent_pos" not in observation:
+            return observation
+        joints = self._aloha.observation_space["agent_pos"]
+        found = self.tracker.observed(self._aloha.joint_positions())
+        return {**observation, "agent_pos": np.clip(found, joints.low, joints.high).astype(np.float32)}
+
     def step(self, action: np.ndarray) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Play one action."""
-        return self.env.step(self.command(action))
+        observation, *rest = self.env.step(self.command(action))
+        return self.observed(observation), *rest
 
 
 def _loaded(model: RobotModel | str | Path) -> RobotModel:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from embodiedreamer_gym.pipelines.policy_env import policy_world
+from embodiedreamer_gym.pipelines.preference_study import environment
+from embodiedreamer_gym.pipelines.settings import StudySettings
 from embodiedreamer_gym.policies import evaluate
 from embodiedreamer_gym.wrappers import ActionChunk, CalibratedTracking
 from tests.wrappers.test_moving_cameras import CAMERAS, SIZE, bank  # noqa: F401
@@ -36,6 +38,14 @@ def test_commands_go_through_a_model_on_request() -> None:
     env = made(positions=False, tracking="aloha", tracking_mode="feed_forward")
     assert isinstance(env, CalibratedTracking) and env.tracker.mode == "feed_forward"
     assert env.tracker._shadow is not None
+
+
+def test_a_preference_study_may_send_its_commands_through_a_model() -> None:
+    policy = SimpleNamespace(action_size=14, chunk=4, cameras=("head",), picture_size=(32, 24))
+    for tracking in (None, "aloha"):
+        env = environment(StudySettings("unused", "PutCupOnMat", tracking=tracking), policy)
+        env.close()
+        assert isinstance(env.env, CalibratedTracking) == (tracking is not None)
 
 
 def test_all_cameras_of_a_policy_are_generated(bank: str) -> None:  # noqa: F811

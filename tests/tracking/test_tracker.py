@@ -81,6 +81,27 @@ def test_a_reference_brings_another_robot_where_it_would_be(
     assert error(play(Tracker(rough, HZ, "both", reference=arm), rough, wanted.position)[0], there) < without / 3
 
 
+def test_a_policy_of_the_reference_sees_its_readings(arm: RobotModel, rough: RobotModel, wanted: Recording) -> None:
+    """At rest, where friction holds the robot, and in motion; a deviation of the robot is visible to the policy."""
+    tracker, command = Tracker(rough, HZ, "both", reference=arm), wanted.position[0]
+    resting, moving = Drive(arm, dt=1 / HZ / 5), Drive(arm, dt=1 / HZ / 5)
+    for drive in (resting, moving):
+        drive.start(command[None], np.zeros((1, 2)), command[None])
+        for _ in range(2000):
+            drive.advance(drive.accelerate(command[None]))
+    stuck = resting.read()[0] + 0.05
+    tracker.reset(stuck, command)
+    np.testing.assert_allclose(tracker.observed(stuck), resting.read()[0], atol=1e-3)
+    np.testing.assert_allclose(tracker.observed(stuck + [0.0, 0.1]), resting.read()[0] + [0.0, 0.1], atol=1e-3)
+    assert np.array_equal(Tracker(rough, HZ, "both").observed(stuck), stuck)
+    before, places = command, play(tracker, rough, wanted.position[:40])[0]
+    for action in wanted.position[:40]:
+        for k in range(1, 6):
+            moving.advance(moving.accelerate((before + (action - before) * k / 5)[None]))
+        before = action
+    assert np.abs(tracker.observed(places[-1]) - moving.read()[0]).max() < 5e-3
+
+
 def test_commands_keep_limits_and_speeds(arm: RobotModel) -> None:
     jump = np.repeat([[0.0, 0.0], [5.0, -5.0]], 20, axis=0)
     sent = play(Tracker(arm, HZ, "both"), arm, jump)[1]

@@ -14,6 +14,7 @@ from embodiedreamer_gym.vis_aligner.bank import UNNAMED, Bank, Entry, make_bank
 from embodiedreamer_gym.vis_aligner.bank_files import load_bank, save_bank
 from embodiedreamer_gym.vis_aligner.clip import Episode
 from embodiedreamer_gym.vis_aligner.condition import OBJECT
+from embodiedreamer_gym.vis_aligner.reprojection import reproject_gallery
 from tests.vis_aligner.lamps import lamps
 from tests.vis_aligner.scenes import episode, texture
 from tests.vis_aligner.test_reprojection import board, photo
@@ -88,6 +89,32 @@ def test_a_gallery_survives_its_file(tmp_path) -> None:
     assert all(
         np.array_equal(a, b) for a, b in zip(vars(again.condition).values(), vars(made.condition).values(), strict=True)
     )
+
+
+def test_larger_photos_of_the_robot_are_sharper(tmp_path) -> None:
+    """A photo of twice the size shows a turned part with a smaller error; only the robot's pixels are kept."""
+    places = [(0.0, 0.0, 1.0, 0.0), (0.1, 0.05, 1.1, 0.4), (-0.1, 0.0, 1.0, 0.2)]
+    small, large = (board(places, times=times) for times in (1, 2))
+    names = ("", "", "", "cup", "mat")
+    ones = [Episode("one", np.stack([photo(c, k) for k in range(2)]), c.part(0, 2), class_names=names)
+            for c in (small, large)]  # fmt: skip
+    save_bank(make_bank(ones[:1], photos=ones[1:]), tmp_path / "bank.npz")
+    errors = []
+    for gallery in (make_bank(ones[:1]).bench.gallery, load_bank(tmp_path / "bank.npz").bench.gallery):
+        found, valid = reproject_gallery(gallery, small.part(2, 3))
+        assert valid[0][small.parts[2] > 0].mean() > 0.8
+        errors.append(np.abs(found[0].astype(float) - photo(small, 2))[valid[0]].mean())
+    assert gallery.condition.size == (128, 96) and not gallery.frames[gallery.condition.parts == 0][:, 0].all()
+    assert errors[1] < 0.7 * errors[0]
+
+
+def test_photos_of_another_bench_or_shape_are_refused() -> None:
+    one = episode(0)
+    other = replace(one, appearance="other")
+    narrow = Episode("narrow", one.frames[:, :, :40], one.condition.crop((slice(None), slice(0, 40))))
+    for photos, says in (([other], "show two benches"), ([narrow], "must all have one size, which is a multiple")):
+        with pytest.raises(VisionError, match=says):
+            make_bank([one], photos=photos)
 
 
 def test_bad_banks_are_refused(bank: Bank, tmp_path) -> None:

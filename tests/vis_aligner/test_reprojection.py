@@ -29,16 +29,21 @@ def turn(angle: float) -> np.ndarray:
     return np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
 
 
-def board(places: list[tuple[float, float, float, float]], kind: int = ROBOT) -> Condition:
-    """A square board of 0.3 m at x, y, z (m) turned by an angle, all of one simulated colour; beside it nothing."""
-    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
-    rays = np.linalg.inv(MATRIX) @ np.stack([columns, rows, np.ones_like(rows)]).reshape(3, -1)
+def board(places: list[tuple[float, float, float, float]], kind: int = ROBOT, times: int = 1) -> Condition:
+    """A square board of 0.3 m at x, y, z (m) turned by an angle, all of one simulated colour; beside it nothing.
+
+    times: how many times as large the pictures are.
+    """
+    rows, columns = np.mgrid[: times * HEIGHT, : times * WIDTH]
+    middle = 0.5 * (times - 1)
+    matrix = np.array([[times, 0, middle], [0, times, middle], [0, 0, 1]]) @ MATRIX
+    rays = np.linalg.inv(matrix) @ np.stack([columns, rows, np.ones_like(rows)]).reshape(3, -1)
     seen, projections = [], []
     for x, y, z, angle in places:
         points = (rays * z - np.array([[x], [y], [z]])).T @ turn(angle)
-        inside = (np.abs(points[:, :2]) < 0.15).all(axis=1).reshape(HEIGHT, WIDTH)
+        inside = (np.abs(points[:, :2]) < 0.15).all(axis=1).reshape(rows.shape)
         seen.append(inside)
-        projections.append(MATRIX @ np.column_stack([turn(angle), [x, y, z]]))
+        projections.append(matrix @ np.column_stack([turn(angle), [x, y, z]]))
     there = np.stack(seen)
     depth = np.where(there, np.array([p[2] for p in places])[:, None, None], 5.0).astype(np.float32)
     rgb = np.where(there[..., None], 90, 210).astype(np.uint8).repeat(3, 3)
@@ -48,13 +53,13 @@ def board(places: list[tuple[float, float, float, float]], kind: int = ROBOT) ->
 
 def photo(condition: Condition, number: int) -> np.ndarray:
     """What a real camera shows: the board is painted with stripes and a slope."""
-    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    rows, columns = np.mgrid[: condition.size[1], : condition.size[0]]
     pixels = np.stack([columns, rows, np.ones_like(rows)]).reshape(3, -1) * condition.depth[number].reshape(-1)
     projection = condition.projections[number, 0].astype(float)
     points = np.linalg.inv(projection[:, :3]) @ (pixels - projection[:, 3:])
     colours = np.stack([128 + 80 * np.sin(25 * points[0]), 128 + 500 * points[1], 128 + 60 * np.cos(30 * points[1])])
     picture = np.where(condition.parts[number].reshape(-1) > 0, colours, 40).clip(0, 255)
-    return picture.T.reshape(HEIGHT, WIDTH, 3).astype(np.uint8)
+    return picture.T.reshape(*rows.shape, 3).astype(np.uint8)
 
 
 MOVES = [(0.05, 0.02, 1.0, 0.0), (-0.1, 0.05, 1.0, 0.7), (0.0, 0.0, 0.8, -0.4), (0.1, -0.1, 1.3, 2.5)]

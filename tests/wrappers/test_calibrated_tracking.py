@@ -66,6 +66,22 @@ def test_a_chunk_is_played_with_all_of_it_known(rough: str) -> None:
         assert np.array_equal(seen, rows[-1]) and info["steps"] == 30
 
 
+@pytest.mark.parametrize("chunk", [1, 4])
+def test_a_policy_of_the_reference_sees_its_positions(rough: str, chunk: int) -> None:
+    """At the start the rough arms rest in another position than those on which the policy has learnt."""
+
+    def made(robot: str) -> gym.Env:
+        return gym.make(ID, robot=robot, image_size=(16, 12), disable_env_checker=True)
+
+    plainly, tracked = made("aloha"), CalibratedTracking(made(rough), rough, reference="aloha")
+    plainly, tracked = (env if chunk == 1 else ActionChunk(env, chunk) for env in (plainly, tracked))
+    seen = [env.reset(seed=0)[0]["agent_pos"] for env in (plainly, tracked)]
+    assert np.abs(seen[0] - seen[1]).max() < 1e-3 < 5e-3 < np.abs(seen[0] - tracked.unwrapped.joint_positions()).max()
+    for part in motion(40).reshape(-1, chunk, 14):
+        seen = [env.step(part if chunk > 1 else part[0])[0]["agent_pos"] for env in (plainly, tracked)]
+    assert np.abs(seen[0] - seen[1])[ARM].max() < 0.02
+
+
 def test_grippers_get_the_action(rough: str) -> None:
     env = CalibratedTracking(make(rough), rough)
     env.reset(seed=0)
