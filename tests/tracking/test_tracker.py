@@ -89,10 +89,10 @@ def test_a_policy_of_the_reference_sees_its_readings(arm: RobotModel, rough: Rob
         drive.start(command[None], np.zeros((1, 2)), command[None])
         for _ in range(2000):
             drive.advance(drive.accelerate(command[None]))
-    stuck = resting.read()[0] + 0.05
+    stuck, pushed = resting.read()[0] + 0.05, np.array([0.0, 0.1])
     tracker.reset(stuck, command)
     np.testing.assert_allclose(tracker.observed(stuck), resting.read()[0], atol=1e-3)
-    np.testing.assert_allclose(tracker.observed(stuck + [0.0, 0.1]), resting.read()[0] + [0.0, 0.1], atol=1e-3)
+    np.testing.assert_allclose(tracker.observed(stuck + pushed), resting.read()[0] + pushed, atol=1e-3)
     assert np.array_equal(Tracker(rough, HZ, "both").observed(stuck), stuck)
     before, places = command, play(tracker, rough, wanted.position[:40])[0]
     for action in wanted.position[:40]:
