@@ -23,10 +23,12 @@ from benchmarks.common import save
 from embodiedreamer_gym.cli.command import main as embodiedreamer
 from embodiedreamer_gym.io.video import save_picture
 from embodiedreamer_gym.vis_aligner import Aligner, Episode, load_aligner, load_bank, load_episodes, metrics
+from embodiedreamer_gym.vis_aligner.bench import make_robot_gallery
 from embodiedreamer_gym.vis_aligner.clip import Bench
 from embodiedreamer_gym.vis_aligner.condition import ROBOT, TABLE
 from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, HeldOutResult, evaluate_aligner, tables
 from embodiedreamer_gym.vis_aligner.metrics.regions import MOVED
+from embodiedreamer_gym.vis_aligner.object_photos import photos_of_objects
 
 CUP = "PutCupOnMat"
 FILMS: dict[str, Mapping[str, Any]] = {
@@ -37,6 +39,7 @@ FILMS: dict[str, Mapping[str, Any]] = {
     "cup_test": {"task": CUP, "appearance": "lab", "episodes": 10, "frames": 81, "seed": 900},
     "cup_full": {"task": CUP, "appearance": "lab", "episodes": 4, "seed": 950},
     "looks_test": {"task": CUP, "appearance": "many", "episodes": 8, "frames": 49, "seed": 7000},
+    "bank_photos": {"task": "all", "appearance": "lab", "episodes": 8, "every": 25, "seed": 800, "size": "256x192"},
     "all_test": {"task": "all", "appearance": "lab", "episodes": 2, "frames": 81, "seed": 971},
 }
 SHOWN = (
@@ -57,7 +60,7 @@ def films(out: Path, names: Sequence[str]) -> None:
     for name in names:
         film = FILMS[name]
         options = [text for key, value in film.items() for text in (f"--{key}", str(value))]
-        _run(["standin", "film", "--size", "128x96", "--out", str(out / name), *options])
+        _run(["standin", "film", *([] if "size" in film else ["--size", "128x96"]), "--out", str(out / name), *options])
 
 
 def weights(out: Path) -> None:
@@ -69,14 +72,19 @@ def weights(out: Path) -> None:
 def figures(out: Path, names: Sequence[str], aligner: str, bank: str, strips: Path | None) -> dict[str, dict[str, Any]]:
     """Evaluate a model on the films that it was not trained on; returns the figures of each table, see `figures_of`."""
     model, bench, found = load_aligner(aligner), load_bank(bank).bench, {}
-    for title, name, behind in (
+    runs = [
         ("held-out episodes of the lab", "cup_test", bench),
         ("the same, bench unknown", "cup_test", None),
         ("appearances outside the training set, no fine-tuning, bench unknown", "looks_test", None),
         ("whole episodes of the lab, there and back", "cup_full", bench),
         ("held-out episodes of all tasks", "all_test", bench),
         ("the same, no photos of the objects", "all_test", bench and replace(bench, things={})),
-    ):
+    ]
+    if bench is not None and "bank_photos" in names:
+        photos = load_episodes([out / "bank_photos"])
+        larger = replace(bench, gallery=make_robot_gallery(photos), things=photos_of_objects(photos))
+        runs.append(("held-out episodes of the lab, larger photos", "cup_test", larger))
+    for title, name, behind in runs:
         if name not in names:
             continue
         episodes = load_episodes([out / name])

@@ -1,5 +1,7 @@
 """`embodiedreamer standin bank`."""
 
+from pathlib import Path
+
 from embodiedreamer_gym.cli import options as o
 
 EVERY = 25  # control steps per picture: few pictures show the robot in many poses
@@ -10,6 +12,13 @@ EVERY = 25  # control steps per picture: few pictures show the robot in many pos
     o.out_file("FILE.npz", "bank"),
     o.option("--films", "DIR", "folder of the rendered images (default: FILE_films)", None, o.output_folder),
     o.option("--episodes", "N", "episodes per task", 8, o.COUNT),
+    o.option(
+        "--photo-scale",
+        "N",
+        "also render the head camera's images N times as large, for sharper photos of robot and objects",
+        1,
+        o.number(int, 1, 4),
+    ),
     o.option("--moving", "NAME", "cameras that move with the robot: left_wrist, right_wrist", [], nargs="+"),
     o.option("--appearance", "A", "lab, or the seed of a random one", "lab"),
     o.SEED,
@@ -33,9 +42,15 @@ def run(a, progress):
         )
     folder = a.out.with_name(f"{a.out.stem}_films") if a.films is None else a.films
     size = read_size(a.size)
-    films = [
-        FilmSettings(task, a.appearance, size, a.seed, None, EVERY, a.samples, ("head", *a.moving)) for task in TASKS
-    ]
-    film_episodes(films, a.episodes, folder, a.jobs, a.blender, progress)
-    a.episodes, a.more = [folder], []
+    large = folder.with_name(f"{folder.name}_{a.photo_scale}x")
+
+    def film(to: Path, scale: int, cameras: tuple[str, ...]) -> None:
+        shown = size[0] * scale, size[1] * scale
+        films = [FilmSettings(task, a.appearance, shown, a.seed, None, EVERY, a.samples, cameras) for task in TASKS]
+        film_episodes(films, a.episodes, to, a.jobs, a.blender, progress)
+
+    film(folder, 1, ("head", *a.moving))
+    if a.photo_scale > 1:
+        film(large, a.photo_scale, ("head",))
+    a.episodes, a.more, a.photos = [folder], [], [large] if a.photo_scale > 1 else []
     return vis.bank.run(a, progress)

@@ -101,7 +101,7 @@ def make_robot_gallery(episodes: Sequence[Episode]) -> Gallery | None:
     """The same with only the robot's pixels in the photos; they may be larger than the frames that are generated."""
     frames, views, links = _photos(episodes)
     photos = list(zip(frames, views, strict=True))
-    return slim_gallery(photos, links, lambda view: view.classes == ROBOT) if photos else None
+    return slim_gallery(photos, links, lambda view: view.classes == ROBOT, edges=True) if photos else None
 
 
 def _photos(episodes: Sequence[Episode], photos: int = PHOTOS) -> tuple[list[np.ndarray], list[Condition], int]:

@@ -40,16 +40,20 @@ def photos_of_objects(episodes: Sequence[Episode]) -> dict[str, Gallery]:
     return found
 
 
-def slim_gallery(photos: Sequence[Photo], parts: int, shown: Callable[[Condition], np.ndarray]) -> Gallery:
+def slim_gallery(
+    photos: Sequence[Photo], parts: int, shown: Callable[[Condition], np.ndarray], edges: bool = False
+) -> Gallery:
     """Photos as a gallery of the first `parts` parts, reduced to the pixels (1, H, W) that `shown` selects in a view.
 
-    The other pixels are zero and need almost no space in a file. Pixels at a part's edge are left out: in a real
-    picture, they may show half of something else.
+    The other pixels are zero and need almost no space in a file. Without `edges`, pixels at a part's edge are left out: in
+    a real picture, they may show half of something else.
     """
     frames, views = [], []
     for frame, view in photos:
         own, depth, places = (np.asarray(x) for x in (view.parts, view.depth, view.projections))
-        kept = shown(view) & (cv2.dilate(own[0], EDGE) == cv2.erode(own[0], EDGE))
+        kept = shown(view)
+        if not edges:
+            kept = kept & (cv2.dilate(own[0], EDGE) == cv2.erode(own[0], EDGE))
         around = cv2.dilate(kept[0].astype(np.uint8), AROUND) > 0  # neighbours, for interpolation
         frames.append(np.where(around[..., None], frame, 0).astype(np.uint8))
         slim = {"rgb": np.zeros_like(view.rgb), "depth": np.where(kept, depth, 0).astype(np.float16),

@@ -77,14 +77,15 @@ class CalibratedTracking(gym.Wrapper, gym.utils.RecordConstructorArgs):
         """An observation of the environment with `agent_pos` as on the reference robot, if there is one."""
         if not isinstance(observation, dict) or "agent_pos" not in observation:
             return observation
-        joints = self._aloha.observation_space["agent_pos"]
+        joints: Any = self._aloha.observation_space
+        low, high = joints["agent_pos"].low, joints["agent_pos"].high
         found = self.tracker.observed(self._aloha.joint_positions())
-        return {**observation, "agent_pos": np.clip(found, joints.low, joints.high).astype(np.float32)}
+        return {**observation, "agent_pos": np.clip(found, low, high).astype(np.float32)}
 
     def step(self, action: np.ndarray) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Play one action."""
-        observation, *rest = self.env.step(self.command(action))
-        return self.observed(observation), *rest
+        observation, reward, terminated, truncated, info = self.env.step(self.command(action))
+        return self.observed(observation), reward, terminated, truncated, info
 
 
 def _loaded(model: RobotModel | str | Path) -> RobotModel:

@@ -298,7 +298,15 @@ def test_what_the_guard_took_back_is_not_what_is_told(tmp_path: Path) -> None:
 def test_the_environment_of_the_options(files, envs: int, aligner: str | None, kind: type) -> None:  # noqa: F811
     aligner = files["aligner"] if aligner else None
     a = argparse.Namespace(
-        task="PutCupOnMat", robot="aloha", envs=envs, vis_aligner=aligner, bank=files["bank"], every=2, execute=2
+        task="PutCupOnMat",
+        robot="aloha",
+        envs=envs,
+        vis_aligner=aligner,
+        bank=files["bank"],
+        every=2,
+        execute=2,
+        tracking=None,
+        learnt_on="aloha",
     )
     policy = make()
     env = environment(a, policy)
