@@ -188,6 +188,8 @@ def compared(rows: list[dict[str, Any]], world: str) -> dict[str, Any]:
     from embodiedreamer_gym.policies.prediction import Evidence
 
     scores = evidence(rows, world)
+    if len({score.simulated for score in scores}) == 1:  # predicts nothing
+        return {"world": world, "policies": len(rows)}
     both = [np.array([row["successes"][world], row["successes"][REAL]], float) for row in rows]
     held = 0
     for left_out, score in enumerate(scores):
@@ -237,6 +239,9 @@ def summary(measures: list[dict[str, Any]], count: int) -> str:
     lines = ["| simulator | Pearson | rank, within a task | MMRV | bias | interval held | same by seed | trials saved |",
              "|---" * 8 + "|"]  # fmt: skip
     for one in measures:
+        if "pearson" not in one:
+            lines.append(f"| {one['world']} | all policies have the same score |" + " |" * 6)
+            continue
         cells = ["{:+.2f} ({:+.2f} .. {:+.2f})".format(*one[key]) if one[key] else "-"
                  for key in ("pearson", "within_task", "mmrv", "bias")]  # fmt: skip
         cells += [f"{one['held']} of {count}", f"{one['same']:.0%}", f"{one['saved']:.0%}"]

@@ -1,0 +1,97 @@
+"""Learning from rollouts in the calibrated simulator with generated pictures: does it help in the stand-in world?
+
+python -m benchmarks policy_gains --scores DIR --out DIR [--task NAME ...] [--policy NAME] [--method best_of preferences]
+                                  [--starts 100] [--tries 4] [--cycles 1] [--episodes 50] [--json FILE]
+
+--scores: the folder of `policy_scores`, with its policies and their episodes. Each policy is improved by `policy prefer`:
+best_of clones the best try of each start, preferences compares the best and the worst. Commands go through the calibrated
+model, in the simulator and in the stand-in world. There, the policies before and after are compared on the same seeds;
+the gain is given with its standard error over seeds. Everything is kept in --out: an interrupted run resumes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.act_runs import play_each, played
+from benchmarks.closed_loop import TASKS, calibrated
+from benchmarks.common import pin_threads, save
+from benchmarks.policy_scores import FIRST_SEED, REAL, RECIPES, world_of
+
+METHODS = ("best_of", "preferences")
+
+
+def improved(a: argparse.Namespace, task: str, method: str) -> tuple[Path, list[dict[str, Any]]]:
+    """Folder of the policy after its cycles, and the study's rows."""
+    from embodiedreamer_gym.cli.command import main as embodiedreamer
+
+    study, model = a.out / f"study_{task}_{a.policy}_{method}", str(calibrated(a.scores))
+    failed = embodiedreamer([
+        "policy", "prefer", "--policy", str(a.scores / f"policy_{task}_{a.policy}"), "--task", f"{task}-v0", "--out", str(study),
+        "--robot", model, "--tracking", model, "--vis-aligner", "--every", "1000", "--method", method,
+        "--starts", str(a.starts), "--tries", str(a.tries), "--cycles", str(a.cycles), "--evaluations", "50",
+        "--json", str(study.with_suffix(".json")), "--quiet",
+    ])  # fmt: skip
+    if failed:
+        raise SystemExit(failed)
+    return study / "policy", json.loads(study.with_suffix(".json").read_text())["rows"]
+
+
+def judged(a: argparse.Namespace, task: str, method: str) -> dict[str, Any]:
+    """Successes before and after, in the simulator and, on the same seeds, in the stand-in world."""
+    from embodiedreamer_gym.policies import load_policy
+
+    before = json.loads((a.scores / f"played_{task}_{a.policy}_both_{REAL}.json").read_text())[: a.episodes]
+    folder, rows = improved(a, task, method)
+    policy = load_policy(str(folder))
+    given = argparse.Namespace(**{**vars(a), "out": a.scores})
+    env = world_of(given, task, policy, "both", REAL)
+    try:
+        name = f"{task} {a.policy} {method}"
+        path = a.out / f"played_{task}_{a.policy}_{method}.json"
+        after = play_each(path, a.episodes, lambda n: played(policy, env, FIRST_SEED + n), name)
+    finally:
+        env.close()
+    change = np.array([float(y["success"]) - float(x["success"]) for x, y in zip(before, after, strict=True)])
+    return {
+        "task": task, "policy": a.policy, "method": method, "of": len(after),
+        "before": sum(one["success"] for one in before), "after": sum(one["success"] for one in after),
+        "gain": 100 * float(change.mean()), "error": 100 * float(change.std(ddof=1) / np.sqrt(len(change))),
+        "simulated": [rows[0]["success"], rows[-1]["success"]],
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Improve and play what is missing, then print the table."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--scores", type=Path, required=True)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--json", type=Path, help="rows of the table as JSON")
+    parser.add_argument("--task", nargs="+", choices=TASKS, default=list(TASKS))
+    parser.add_argument("--policy", choices=RECIPES, default="object_pose_15")
+    parser.add_argument("--method", nargs="+", choices=METHODS, default=list(METHODS))
+    for name, value in (("starts", 100), ("tries", 4), ("cycles", 1), ("episodes", 50)):
+        parser.add_argument(f"--{name}", type=int, default=value)
+    a = parser.parse_args()
+    pin_threads()
+    import torch
+
+    import embodiedreamer_gym  # noqa: F401  registers its environments
+
+    torch.set_num_threads(1)
+    a.out.mkdir(parents=True, exist_ok=True)
+    rows = [judged(a, task, method) for task in a.task for method in a.method]
+    print("| task | policy | method | before | after | gain, points | simulator before, after |\n" + "|---" * 7 + "|")
+    for row in rows:
+        print("| {task} | {policy} | {method} | {before} of {of} | {after} of {of} | {gain:+.1f} ± {error:.1f} | "
+              "{0:.0%}, {1:.0%} |".format(*row["simulated"], **row))  # fmt: skip
+    save(rows, a.json)
+
+
+if __name__ == "__main__":
+    main()
