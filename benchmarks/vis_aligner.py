@@ -25,7 +25,7 @@ from embodiedreamer_gym.io.video import save_picture
 from embodiedreamer_gym.vis_aligner import Aligner, Episode, load_aligner, load_bank, load_episodes, metrics
 from embodiedreamer_gym.vis_aligner.bench import make_robot_gallery
 from embodiedreamer_gym.vis_aligner.clip import Bench
-from embodiedreamer_gym.vis_aligner.condition import ROBOT, TABLE
+from embodiedreamer_gym.vis_aligner.condition import OBJECT, ROBOT, TABLE
 from embodiedreamer_gym.vis_aligner.held_out import AFTER_TRUE, CLOSED, HeldOutResult, evaluate_aligner, tables
 from embodiedreamer_gym.vis_aligner.metrics.regions import MOVED
 from embodiedreamer_gym.vis_aligner.object_photos import photos_of_objects
@@ -51,6 +51,7 @@ SHOWN = (
     "psnr.objects",
     "iou.objects",
 )  # in the JSON
+VISIBLE = 15  # pixels of an object
 LEARNT = ("cup_train", "looks", "looks_all")
 STEPS = 5000
 
@@ -102,8 +103,7 @@ def figures(out: Path, names: Sequence[str], aligner: str, bank: str, strips: Pa
 def figures_of(judged: Sequence[HeldOutResult]) -> dict[str, Any]:
     """Mean and standard deviation over episodes of the measures in `SHOWN`, for each kind of frames.
 
-    table: PSNR (dB) and share of wrong pixels (%) of the table, see `tabletop`; least_iou: of each episode, the smallest
-    IoU of the objects in a chunk of the closed loop.
+    table: PSNR (dB) and share of wrong pixels (%) of the table, see `tabletop`; least_iou: of each episode, see `least_iou`.
     """
     rows: dict[str, Any] = {}
     for name in judged[0].measures:
@@ -112,16 +112,28 @@ def figures_of(judged: Sequence[HeldOutResult]) -> dict[str, Any]:
         rows[name] = {key: None if one is None else [one.mean, one.sd] for key, one in found.items()}
     table = {name: np.mean([_tabletop(j.episode, j.clips[name]) for j in judged], axis=0).tolist()
              for name in (AFTER_TRUE, CLOSED)}  # fmt: skip
-    least = [float(np.nanmin(_numbers(j.measures[CLOSED].drift["iou.objects"]))) for j in judged]
-    return {"episodes": len(judged), "measures": rows, "table": table, "least_iou": least}
+    return {"episodes": len(judged), "measures": rows, "table": table, "least_iou": [least_iou(j) for j in judged]}
+
+
+def least_iou(judged: HeldOutResult) -> float:
+    """Smallest IoU of an object in a chunk of the closed loop, among those that show at least `VISIBLE` pixels on average."""
+    measures, classes, found = judged.measures[CLOSED], judged.episode.condition.classes, [np.nan]
+    for number, name in enumerate(judged.episode.class_names[OBJECT:], OBJECT):
+        pixels = (classes[1:] == number).sum(axis=(1, 2))
+        for chunk, iou in enumerate(measures.drift.get(f"iou.{name}", ())):
+            shown = pixels[chunk * measures.chunk : (chunk + 1) * measures.chunk].mean()
+            found.append(np.nan if iou is None or shown < VISIBLE else iou)
+    return float(np.nanmin(found))
 
 
 def report(title: str, episodes: Sequence[Episode], aligner: Aligner, bench: Bench | None) -> list[HeldOutResult]:
     """Evaluate some episodes and print their tables."""
     judged = [evaluate_aligner(aligner, episode, bench=bench) for episode in episodes]
     print(f"\n## {title}: {len(judged)} episodes\n\n{tables(judged, markdown=True)}\n\n{tabletop(judged)}", flush=True)
-    least = ", ".join(f"{np.nanmin(_numbers(j.measures[CLOSED].drift['iou.objects'])):.2f}" for j in judged)
-    print(f"\nsmallest IoU of the objects in a chunk of the closed loop: {least}", flush=True)
+    least = ", ".join(f"{least_iou(j):.2f}" for j in judged)
+    print(
+        f"\nsmallest IoU of an object of at least {VISIBLE} pixels in a chunk of the closed loop: {least}", flush=True
+    )
     return judged
 
 
@@ -182,11 +194,6 @@ def write_strips(judged: Sequence[HeldOutResult], folder: Path, name: str) -> No
         rows = {row: j.clips[row] for row in ("simulated", CLOSED, "real")}
         picture = metrics.strip(rows, columns=6, zoom=1)
         save_picture(picture, folder / f"{name}_{number}.jpg")
-
-
-def _numbers(values: Sequence[float | None]) -> np.ndarray:
-    """Values as an array, NaN for None."""
-    return np.array([np.nan if v is None else v for v in values])
 
 
 def _mean(values: Sequence[float | None]) -> float:
