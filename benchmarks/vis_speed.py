@@ -105,7 +105,7 @@ def on_device(device: str, tiny: bool = False, size: tuple[int, int] = (640, 480
     condition = view(size, frames)
     references = start(condition)
     with where:  # 1.5 billion random weights take a minute on one core
-        unet, vae = (network.eval() for network in svd_networks(tiny, frames))
+        unet, vae = (network.to(where).eval() for network in svd_networks(tiny, frames))  # some weights ignore `with`
     svd = SvdAligner(unet, vae, count, SVD_STEPS, settings=SvdSettings(bf16=True))
     for views in (1, 3):
         if where.type == "cuda":

@@ -52,5 +52,5 @@ def run(a, progress):
     film(folder, 1, ("head", *a.moving))
     if a.photo_scale > 1:
         film(large, a.photo_scale, ("head",))
-    a.episodes, a.more, a.photos = [folder], [], [large] if a.photo_scale > 1 else []
+    a.episodes, a.more, a.moving_episodes, a.photos = [folder], [], [], [large] if a.photo_scale > 1 else []
     return vis.bank.run(a, progress)

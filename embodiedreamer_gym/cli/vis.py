@@ -145,6 +145,13 @@ def render(a, progress):
         nargs="+",
     ),
     o.option(
+        "--moving-episodes",
+        "EPISODES",
+        "episodes of a camera on the robot that `vis prepare` wrote",
+        [],
+        nargs="+",
+    ),
+    o.option(
         "--photos",
         "EPISODES",
         "episodes of the same bench with larger pictures (2 to 4 times), from which the photos of robot and objects are taken",
@@ -163,6 +170,7 @@ def bank(a, progress):
     scenes = [load_scene(path) for path in paths]
     more = load_episodes(a.more) if a.more else []
     moving = [one for camera in a.moving for one in load_episodes([*a.episodes, *a.more], camera)]
+    moving += load_episodes(a.moving_episodes) if a.moving_episodes else []
     photos = load_episodes(a.photos) if a.photos else []
     episodes, poses, joints = [load_episode(p) for p in paths], [s[1] for s in scenes], [s[0] for s in scenes]
     made = make_bank(episodes, poses, joints, more, moving, photos)

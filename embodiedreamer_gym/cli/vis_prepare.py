@@ -21,6 +21,13 @@ from embodiedreamer_gym.errors import EmbodieDreamerError
     o.option("--object", "WORDS", "description of the object, e.g. 'red cup'"),
     o.option("--goal", "WORDS", "description of the goal, e.g. 'blue mat'"),
     o.DEVICE,
+    o.option(
+        "--table",
+        "Z",
+        "height of the table top, m, z in the robot's frame; needed for a camera that is mounted on a link",
+        None,
+        o.number(float, -1e3, 1e3),
+    ),
     o.HZ,
     o.SIZE,
     o.out_folder("output folder of <recording>.hdf5, ..."),
@@ -40,7 +47,7 @@ def run(a, progress):
     recordings = load_recordings(*a.episodes, hz=a.hz, joints=model.joints)
     used = [i.camera_of(cameras, camera_name(a.camera, one), one.name) for one in recordings]
     for recording, camera in zip(recordings, used, strict=True):
-        episode = prepare(recording, model, camera, size, masks(recording.name), progress)
+        episode = prepare(recording, model, camera, size, masks(recording.name), progress, a.table)
         a.out.mkdir(parents=True, exist_ok=True)
         write_episode(episode, a.out / f"{recording.name}.hdf5")
     return f"{len(recordings)} episodes in {a.out}"

@@ -26,12 +26,13 @@ from embodiedreamer_gym.vis_aligner.masks import MaskSource, no_masks
 
 def prepare(
     recording: Recording, model: RobotModel, camera: Camera, size: tuple[int, int] | None = None,
-    masks: MaskSource = no_masks, progress: ProgressCallback | None = None,
+    masks: MaskSource = no_masks, progress: ProgressCallback | None = None, table: float | None = None,
 ) -> Episode:  # fmt: skip
     """Make an episode of a recording: its frames, and the simulator's view of the robot alone at the measured joints.
 
     camera: the calibrated camera, with the name of the recording's video; size: width and height of the pictures, None
-    for the video's own; masks: of the objects in the real frames, which hide the robot where they are nearer.
+    for the video's own; masks: of the objects in the real frames, which hide the robot where they are nearer; table: height
+    of the table top, m, z in the robot's world, for a camera on a link.
     Raises: VisionError if the recording has no such video; SimulationError if it is of another robot.
     """
     if camera.name not in recording.frames:
@@ -42,7 +43,7 @@ def prepare(
     shown = progress_or_silence(progress)
     size = size or (video[0].shape[1], video[0].shape[0])
     positions = recording.only(model.joints).position
-    with RobotView(model, camera, size) as view:
+    with RobotView(model, camera, size, table=table) as view:
         for number, position in enumerate(positions):
             frame = video[number]
             things = masks(frame, number)
