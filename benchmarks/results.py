@@ -82,7 +82,7 @@ def record(key: str, name: str, options: Sequence[str]) -> None:
             run = {**run_stamp(), "seconds": round(time.perf_counter() - begun, 1),
                    "times": times if isinstance(times, dict) else {"rows": times}}  # fmt: skip
     shown = shlex.join(options) if option == "--json" else re.sub(FILES, "", shlex.join(options))
-    shown = re.sub(r"(?<=--films )\S+", "films", shown)
+    shown = re.sub(r"(?<=--films )\S*/\S+", "films", shown)
     write_results(folder, result, {**run, "command": f"python -m benchmarks {name} {shown}".strip()})
 
 
