@@ -37,7 +37,7 @@ class Tracker:
             raise ModelError(f"mode '{mode}' is not one of {', '.join(MODES)}.")
         if reference is not None and reference.joints != model.joints:
             raise ModelError(f"reference {reference.name} and model {model.name} have different joints.")
-        self.model, self.mode, self.dt = model, mode, 1.0 / hz
+        self.model, self.mode, self.reference, self.dt = model, mode, reference, 1.0 / hz
         self._forward, self._trims = mode in ("feed_forward", "both"), mode in ("trim", "both")
         self._feed = FeedForward(model, self.dt)
         self._shadow = None if reference is None else _Shadow(reference, self.dt)

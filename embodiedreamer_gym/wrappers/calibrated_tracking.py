@@ -16,6 +16,9 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.tracking import Tracker
 
 
+APPROACH = 1.0  # s
+
+
 class CalibratedTracking(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """Sends commands that bring the robot to a policy's desired positions, using a calibrated model and the encoders.
 
@@ -49,11 +52,19 @@ class CalibratedTracking(gym.Wrapper, gym.utils.RecordConstructorArgs):
         known = None if reference is None else _loaded(reference)
         self.tracker = Tracker(loaded, aloha.control_hz, mode, known)
         self._aloha, self._space = aloha, space
+        self._approach = round(APPROACH * aloha.control_hz)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode; the arms are assumed to be at rest."""
+        """Start an episode; the arms are assumed to be at rest.
+
+        With a `reference`, they first move for `APPROACH` seconds to where the reference rests; these steps do not count.
+        """
         observation, info = self.env.reset(seed=seed, options=options)
         self.start()
+        steps = 0 if self.tracker.reference is None or self.tracker.mode == "off" else self._approach
+        rest = self._aloha.command
+        for number in range(1, steps + 1):
+            observation, *_, info = self._aloha.step(self.command(rest), render=number == steps)
         return self.observed(observation), info
 
     def start(self) -> None:
