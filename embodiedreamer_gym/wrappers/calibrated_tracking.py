@@ -15,7 +15,6 @@ from embodiedreamer_gym.errors import ModelError, SimulationError
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.tracking import Tracker
 
-
 APPROACH = 1.0  # s
 
 
