@@ -291,6 +291,8 @@ def main() -> None:
         write_csv(rows, world, a.out / f"scores_{world}.csv")
     if measures:
         print("\n" + summary(measures, len(rows)))
+    for row in rows:  # 0 or 1 for each seed
+        row["successes"] = {world: "".join(map(str, map(int, ends))) for world, ends in row["successes"].items()}
     save({"rows": rows, "measures": measures}, a.json)
 
 
