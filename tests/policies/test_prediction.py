@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +13,14 @@ from embodiedreamer_gym.cli.command import main
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.policies.prediction import (
     COLUMNS,
+    STANDIN_MODEL,
+    STANDIN_SCORES,
     Evidence,
     Score,
     mean_maximum_rank_violation,
     read_scores,
 )
+from embodiedreamer_gym.robot import RobotModel
 
 
 def policies(
@@ -136,3 +140,40 @@ def test_other_files_get_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "e.json").write_text("[]")
     scores = write(tmp_path / "scores.csv", ROWS)
     assert main(["policy", "predict", "--scores", str(scores), "--evaluation", str(tmp_path / "e.json")]) == 2
+
+
+class Still:
+    """A policy that keeps the arms where they are, so that every episode fails."""
+
+    action_size, chunk, cameras = 14, 100, ("head",)
+
+    def __call__(self, batch: dict[str, Any]) -> np.ndarray:
+        return np.repeat(batch["agent_pos"][:, None], self.chunk, axis=1)
+
+
+def test_the_shipped_scores_are_read_and_agree(capsys: pytest.CaptureFixture[str]) -> None:
+    """Policies from 0 to 100 % on the stand-in bench; the model beside them is that of the simulator."""
+    evidence = read_scores(STANDIN_SCORES)
+    rates = np.array([one.real[0] / one.real[1] for one in evidence.scores])
+    assert len(rates) >= 30 and rates.min() < 0.1 and rates.max() > 0.9
+    assert evidence.agreement().pearson[0] > 0.7
+    assert RobotModel.load(STANDIN_MODEL).joints == RobotModel.load("aloha").joints
+    assert main(["policy", "predict", "--quiet"]) == 0
+    assert "Pearson correlation" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("tracking", [[], ["--tracking"]])
+def test_a_policy_is_evaluated_and_predicted(capsys: pytest.CaptureFixture[str], tracking: list[str]) -> None:
+    words = ["--policy", "tests.policies.test_prediction:Still", "--task", "GrabPaperCup-v0", "--episodes", "2"]
+    assert main(["policy", "predict", *words, *tracking, "--quiet"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("success in simulation: 0 of 2") and "is the stand-in bench" in out
+
+
+def test_options_that_exclude_each_other_get_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scores = str(write(tmp_path / "scores.csv", ROWS))
+    for words, message in ((["--policy", "p"], "--policy and --task belong together"),
+                           (["--task", "GrabPaperCup-v0"], "--policy and --task belong together"),
+                           (["--policy", "p", "--task", "t", "--scores", scores], "leave out --scores and --evaluation")):  # fmt: skip
+        assert main(["policy", "predict", *words, "--quiet"]) == 2
+        assert message in capsys.readouterr().err
