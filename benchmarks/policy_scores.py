@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import csv
 import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -168,6 +169,8 @@ def judged(a: argparse.Namespace, task: str, name: str, tracking: str, world: st
     from embodiedreamer_gym.policies import load_policy
 
     path = a.out / f"played_{task}_{name}_{tracking}_{world}.json"
+    if path.is_file() and len(done := json.loads(path.read_text())) >= a.episodes:
+        return done[: a.episodes]
     policy = load_policy(str(trained(a, task, name)))
     env = world_of(a, task, policy, tracking, world)
     try:
