@@ -183,7 +183,7 @@ def judged(a: argparse.Namespace, task: str, name: str, tracking: str, world: st
 def compared(rows: list[dict[str, Any]], world: str) -> dict[str, Any]:
     """How well a simulator predicts the stand-in world; rows: a policy's successes by world and seed.
 
-    held: of predictions for each policy from all others, those whose 95 % interval holds the rate in the stand-in world.
+    held: of predictions for each policy from all others, those whose 95 % interval holds its successes in the stand-in world.
     same: share of seeds with the same result in both. saved: share of real trials that a paired estimate saves, the squared
     correlation of the results by seed, mean over policies. Source of saved: Angelopoulos et al., Prediction-Powered
     Inference, 2023.
@@ -197,8 +197,9 @@ def compared(rows: list[dict[str, Any]], world: str) -> dict[str, Any]:
     held = 0
     for left_out, score in enumerate(scores):
         others = Evidence(scores[:left_out] + scores[left_out + 1 :])
-        low, high = others.predict(*score.simulated).interval
-        held += low <= score.real[0] / score.real[1] <= high
+        successes = np.random.default_rng(0).binomial(score.real[1], others.rates(*score.simulated))
+        low, high = np.quantile(successes, (0.025, 0.975))
+        held += bool(low <= score.real[0] <= high)
     squared = [np.corrcoef(one)[0, 1] ** 2 if np.ptp(one, axis=1).all() else 0.0 for one in both]
     return {
         "world": world, **Evidence(scores).agreement().as_dict(), "held": held,

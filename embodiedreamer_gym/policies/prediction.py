@@ -152,15 +152,19 @@ class Evidence:
         is itself uncertain, and its real successes are binomial. The posterior over line and scatter is computed on a
         grid, with flat priors.
         """
+        rates = self.rates(successes, trials, seed)
+        low, middle, high = (float(q) for q in np.quantile(rates, (0.025, 0.5, 0.975)))
+        mean = float(rates.mean())
+        return Prediction(middle, (low, high), int(mean * (1 - mean) / max(float(rates.var()), 1e-6)))
+
+    def rates(self, successes: int, trials: int, seed: int = 0) -> np.ndarray:
+        """Draws (DRAWS,) from the distribution of the real success rate, see `predict`."""
         rng, grid, weights = np.random.default_rng(seed), *self._posterior
         drawn = grid[rng.choice(len(grid), DRAWS, p=weights)]
         at = _logit(successes, trials) - self._x.mean()
         spread = np.sqrt(drawn[:, 2] ** 2 + drawn[:, 1] ** 2 * _variance(successes, trials))
         logits = drawn[:, 0] + drawn[:, 1] * at + spread * rng.standard_normal(DRAWS)
-        rates = 1 / (1 + np.exp(-logits))
-        low, middle, high = (float(q) for q in np.quantile(rates, (0.025, 0.5, 0.975)))
-        mean = float(rates.mean())
-        return Prediction(middle, (low, high), int(mean * (1 - mean) / max(float(rates.var()), 1e-6)))
+        return 1 / (1 + np.exp(-logits))
 
     @cached_property
     def _posterior(self) -> tuple[np.ndarray, np.ndarray]:
