@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common import save
+from benchmarks.common import pin_threads, save
 
 SIZE = (128, 96)  # width and height of the pictures, pixels
 SAVED_EVERY = 5  # episodes between two saves
@@ -35,6 +35,16 @@ def keep_settings(folder: Path, **settings: Any) -> None:
         raise SystemExit(f"{path} contains no settings; give another folder.") from error
 
 
+def one_thread() -> None:
+    """Use one thread for BLAS, Numba and torch, and register the environments."""
+    pin_threads()
+    import torch
+
+    import embodiedreamer_gym  # noqa: F401  registers its environments
+
+    torch.set_num_threads(1)
+
+
 class ProcessorTime:
     """Processor time (s) of work in a folder, without the time between interruptions; the file in the folder keeps it."""
 
@@ -49,26 +59,29 @@ class ProcessorTime:
         return seconds
 
 
-def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Callable[[int, int, str], None],
-              small: tuple[int, int] = SIZE, mirror: bool = True, eyes: bool = True, **network: Any) -> Any:  # fmt: skip
+def train_act(episodes: Any, folder: Path, training: dict[str, Any], told: Callable[[int, int, str], None] | None = None,
+              small: tuple[int, int] = SIZE, mirror: bool = True, eyes: bool = True, kind: str = "object_pose",
+              device: str = "cpu", **network: Any) -> Any:  # fmt: skip
     """Train a policy of the head camera, or resume its training.
 
     training: fields of `TrainingConfig`; network: fields of `ActConfig`; told: called with the optimiser's progress;
-    eyes: whether object poses from masks are an input.
+    eyes: whether object poses from masks are an input; kind: with them, object_pose or act.
     """
     from embodiedreamer_gym.envs.robots import load_robot
     from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train, with_object_poses
     from embodiedreamer_gym.robot.mirror import mirrored_joints
 
     config = ActConfig(episodes.state_size, episodes.action_size, ("head",), small, source_size=SIZE, **network)
-    config = with_object_poses(config, episodes) if eyes else config
+    if eyes:
+        act = kind == "act"
+        config = config.small(tuple(episodes.objects)) if act else with_object_poses(config, episodes)
     signs = mirrored_joints(load_robot("aloha")) if mirror else ()
 
     def show(stage: str, count: int, of: int | None = None, /, **values: Any) -> None:
-        if stage == "training":
+        if told is not None and stage == "training":
             told(count, of, ", ".join(f"{name} {value}" for name, value in values.items()))
 
-    return train(episodes, config, TrainingConfig.usual(config, mirror=signs, **training), folder, show)
+    return train(episodes, config, TrainingConfig.usual(config, mirror=signs, **training), folder, show, None, device)
 
 
 def play_each(path: Path, count: int, play: Callable[[int], Any], name: str) -> list[Any]:

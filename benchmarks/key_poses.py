@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.act_runs import play_each
+from benchmarks.act_runs import one_thread, play_each
 from benchmarks.closed_loop import TASKS, calibrated, hidden
-from benchmarks.common import clopper_pearson, pin_threads, save
+from benchmarks.common import clopper_pearson, save
 
 WORLDS, LOOKS = ("nominal", "stand-in"), ("true", "generated", "simulator")
 MODES = ("nominal", "off", "trim", "feed_forward", "both")
@@ -165,12 +165,7 @@ def main() -> None:
     for name, value in (("demos", 50), ("scenes", 360), ("episodes", 40), ("first-seed", 830_000)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
-    pin_threads()
-    import torch
-
-    import embodiedreamer_gym  # noqa: F401  registers its environments
-
-    torch.set_num_threads(1)
+    one_thread()
     print("| task | world | look | tracking | picked up | success |\n" + "|---" * 6 + "|")
     rows: list[dict[str, Any]] = []
     seen: list[str] = []

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.act_runs import play_each, played
+from benchmarks.act_runs import one_thread, play_each, played
 from benchmarks.closed_loop import TASKS, calibrated
-from benchmarks.common import pin_threads, save
+from benchmarks.common import save
 from benchmarks.policy_scores import FIRST_SEED, REAL, RECIPES, world_of
 
 METHODS = ("best_of", "preferences")
@@ -43,14 +43,13 @@ def improved(a: argparse.Namespace, task: str, method: str) -> tuple[Path, list[
 
 
 def judged(a: argparse.Namespace, task: str, method: str) -> dict[str, Any]:
-    """Successes before and after, in the simulator and, on the same seeds, in the stand-in world."""
+    """Successes before and after in the stand-in world, on the same seeds, and success rates in the simulator."""
     from embodiedreamer_gym.policies import load_policy
 
     before = json.loads((a.scores / f"played_{task}_{a.policy}_both_{REAL}.json").read_text())[: a.episodes]
     folder, rows = improved(a, task, method)
     policy = load_policy(str(folder))
-    given = argparse.Namespace(**{**vars(a), "out": a.scores})
-    env = world_of(given, task, policy, "both", REAL)
+    env = world_of(a.scores, task, policy, "both", REAL)
     try:
         name = f"{task} {a.policy} {method}"
         path = a.out / f"played_{task}_{a.policy}_{method}.json"
@@ -78,12 +77,7 @@ def main() -> None:
     for name, value in (("starts", 100), ("tries", 4), ("cycles", 1), ("episodes", 50)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
-    pin_threads()
-    import torch
-
-    import embodiedreamer_gym  # noqa: F401  registers its environments
-
-    torch.set_num_threads(1)
+    one_thread()
     a.out.mkdir(parents=True, exist_ok=True)
     rows = [judged(a, task, method) for task in a.task for method in a.method]
     print("| task | policy | method | before | after | gain, points | simulator before, after |\n" + "|---" * 7 + "|")

@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.act_runs import SIZE, play_each, played
+from benchmarks.act_runs import SIZE, one_thread, play_each, played, train_act
 from benchmarks.closed_loop import NOMINAL, SEEN, TASKS, calibrated, hidden
-from benchmarks.common import pin_threads, save
+from benchmarks.common import save
 
 SIMULATORS, REAL = ("plain", "calibrated", "pictures_only", "generated"), "stand-in"
 FIRST_SEED = 950_000
@@ -92,10 +92,7 @@ def generated(a: argparse.Namespace, task: str, recipe: Recipe) -> Any:
 
 def trained(a: argparse.Namespace, task: str, name: str) -> Path:
     """Folder of a policy, trained once."""
-    from embodiedreamer_gym.envs.robots import load_robot
     from embodiedreamer_gym.pipelines.key_pose_scenes import train_on_scenes
-    from embodiedreamer_gym.policies.act import ActConfig, TrainingConfig, train, with_object_poses
-    from embodiedreamer_gym.robot.mirror import mirrored_joints
 
     recipe, folder = RECIPES[name], a.out / f"policy_{task}_{name}"
     if (folder / "done").is_file():
@@ -104,16 +101,8 @@ def trained(a: argparse.Namespace, task: str, name: str) -> Path:
         paths = [recorded(a, task) / f"episode_{number}.hdf5" for number in range(recipe.demos)]
         train_on_scenes(paths, folder, recipe.scenes, seed=a.seed)
     else:
-        episodes = generated(a, task, recipe)
-        config = ActConfig(episodes.state_size, episodes.action_size, ("head",), SIZE)
-        config = (
-            with_object_poses(config, episodes)
-            if recipe.kind == "object_pose"
-            else config.small(tuple(episodes.objects))
-        )
-        mirror = mirrored_joints(load_robot("aloha"))
-        settings = TrainingConfig.usual(config, mirror=mirror, steps=recipe.steps, seed=a.seed)
-        train(episodes, config, settings, folder, device=a.device)
+        training = {"steps": recipe.steps, "seed": a.seed}
+        train_act(generated(a, task, recipe), folder, training, kind=recipe.kind, device=a.device)
     (folder / "done").touch()
     print(f"{task} {name}: trained", flush=True)
     return folder
@@ -144,13 +133,13 @@ class KeptPictures:
         return picture
 
 
-def world_of(a: argparse.Namespace, task: str, policy: Any, tracking: str, world: str) -> Any:
-    """The environment of a task in a world, in which a policy plays with a controller."""
+def world_of(folder: Path, task: str, policy: Any, tracking: str, world: str) -> Any:
+    """The environment of a task in a world, in which a policy plays with a controller; folder: of this benchmark."""
     from embodiedreamer_gym.pipelines.policy_env import policy_world
     from embodiedreamer_gym.wrappers import CalibratedTracking
 
     positions = bool(getattr(policy, "positions", False))
-    robot = "aloha" if world in NOMINAL else str(calibrated(a.out))
+    robot = "aloha" if world in NOMINAL else str(calibrated(folder))
     model = robot if positions or tracking != "off" else None
     if world != REAL:
         return policy_world(policy, task, robot, vis_aligner="lean" if world in SEEN else None,
@@ -159,7 +148,7 @@ def world_of(a: argparse.Namespace, task: str, policy: Any, tracking: str, world
 
     learnt_on = None if positions else "aloha"
     return make_stand_in(
-        task, hidden(), policy.chunk, size=SIZE, pictures=KeptPictures(task, a.out / "pictures" / task),
+        task, hidden(), policy.chunk, size=SIZE, pictures=KeptPictures(task, folder / "pictures" / task),
         wrap=None if model is None else lambda env: CalibratedTracking(env, model, tracking, learnt_on),
     )  # fmt: skip
 
@@ -172,7 +161,7 @@ def judged(a: argparse.Namespace, task: str, name: str, tracking: str, world: st
     if path.is_file() and len(done := json.loads(path.read_text())) >= a.episodes:
         return done[: a.episodes]
     policy = load_policy(str(trained(a, task, name)))
-    env = world_of(a, task, policy, tracking, world)
+    env = world_of(a.out, task, policy, tracking, world)
     try:
         label = f"{task} {name} {tracking} {world}"
         return play_each(path, a.episodes, lambda n: played(policy, env, FIRST_SEED + n), label)
@@ -266,12 +255,7 @@ def main() -> None:
     for name, value in (("demos", 50), ("episodes", 50), ("jobs", 1), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
-    pin_threads()
-    import torch
-
-    import embodiedreamer_gym  # noqa: F401  registers its environments
-
-    torch.set_num_threads(1)
+    one_thread()
     a.out.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
     for task in a.task:

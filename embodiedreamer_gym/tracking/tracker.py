@@ -28,7 +28,7 @@ class Tracker:
     model: calibrated model of the robot that receives the commands.
     hz: actions per second.
     mode: feed_forward: the command that the model needs for the motion; trim: the integral of the encoders' error,
-        added to the action; both; off: the action itself.
+        added to the action; both; off: the action itself, without a reference.
     Raises: ModelError for another mode, or a reference with other joints.
     """
 
@@ -37,6 +37,7 @@ class Tracker:
             raise ModelError(f"mode '{mode}' is not one of {', '.join(MODES)}.")
         if reference is not None and reference.joints != model.joints:
             raise ModelError(f"reference {reference.name} and model {model.name} have different joints.")
+        reference = None if mode == "off" else reference
         self.model, self.mode, self.reference, self.dt = model, mode, reference, 1.0 / hz
         self._forward, self._trims = mode in ("feed_forward", "both"), mode in ("trim", "both")
         self._feed = FeedForward(model, self.dt)

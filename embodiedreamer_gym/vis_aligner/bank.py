@@ -201,9 +201,9 @@ def make_bank(episodes: Sequence[Episode], poses: Sequence[Mapping[str, Array] |
     holes = np.ma.getmaskarray(plate)[..., 0]
     filled = np.round(plate.filled(0)).astype(np.uint8)
     here, elsewhere = _by_place(episodes, more)
+    _check_photos(photos, episodes[0])
     bench = replace(make_bench(here, elsewhere), things=photos_of_objects(photos or episodes))
     if photos:
-        _check_photos(photos, episodes[0])
         bench = replace(bench, gallery=make_robot_gallery(photos))
     if holes.any():  # an object in every first frame: use the bench's picture, else inpaint
         seen_behind = holes & bench.seen

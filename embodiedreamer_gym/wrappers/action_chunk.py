@@ -10,10 +10,10 @@ import numpy as np
 from gymnasium import spaces
 
 from embodiedreamer_gym.engines.frame import Frame, stacked
-from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.arguments import check_size, real_numbers
 from embodiedreamer_gym.errors import SimulationError, brief
 from embodiedreamer_gym.wrappers.calibrated_tracking import CalibratedTracking
+from embodiedreamer_gym.wrappers.plain_aloha import plain_aloha
 
 MOST = 10_000  # actions of a chunk
 
@@ -142,7 +142,7 @@ class ActionChunk(gym.Wrapper, gym.utils.RecordConstructorArgs):
         action = action if self._tracking is None else self._tracking.command(action)
         cut = self._limit is not None and self._played >= self._limit
         observation, reward, terminated, truncated, info = self._inner.step(action, render=last or cut)
-        if self._tracking is not None:
+        if self._tracking is not None and (last or cut):
             observation = self._tracking.observed(observation)
         return observation, reward, terminated, truncated or cut, info
 
@@ -194,9 +194,3 @@ def _cameras(env: gym.Env, camera: str | Sequence[str] | None) -> tuple[str, ...
 
 def _text(size: Any) -> str:
     return "no size" if size is None else f"{size[0]} x {size[1]}"
-
-
-def plain_aloha(env: gym.Env) -> AlohaEnv | None:
-    """The ALOHA environment below the wrappers that `gym.make` adds; None for another wrapper or environment."""
-    wrapped = isinstance(env, gym.Wrapper) and (env.spec is None or bool(env.spec.additional_wrappers))
-    return env.unwrapped if isinstance(env.unwrapped, AlohaEnv) and not wrapped else None

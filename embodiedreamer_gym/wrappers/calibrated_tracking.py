@@ -14,8 +14,9 @@ from embodiedreamer_gym.envs.arguments import real_numbers
 from embodiedreamer_gym.errors import ModelError, SimulationError
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.tracking import Tracker
+from embodiedreamer_gym.wrappers.plain_aloha import plain_aloha
 
-APPROACH = 1.0  # s
+APPROACH = 1.0  # s, to where the reference robot rests
 
 
 class CalibratedTracking(gym.Wrapper, gym.utils.RecordConstructorArgs):
@@ -51,19 +52,21 @@ class CalibratedTracking(gym.Wrapper, gym.utils.RecordConstructorArgs):
         known = None if reference is None else _loaded(reference)
         self.tracker = Tracker(loaded, aloha.control_hz, mode, known)
         self._aloha, self._space = aloha, space
-        self._approach = round(APPROACH * aloha.control_hz)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode; the arms are assumed to be at rest.
 
-        With a `reference`, they first move for `APPROACH` seconds to where the reference rests; these steps do not count.
+        With a `reference`, they first move for `APPROACH` seconds to where the reference rests. These steps do not count
+        towards the time limit, unless there are other wrappers below this one.
         """
         observation, info = self.env.reset(seed=seed, options=options)
         self.start()
-        steps = 0 if self.tracker.reference is None or self.tracker.mode == "off" else self._approach
-        rest = self._aloha.command
-        for number in range(1, steps + 1):
-            observation, *_, info = self._aloha.step(self.command(rest), render=number == steps)
+        if self.tracker.reference is None:
+            return observation, info
+        rest, plain = self._aloha.command, plain_aloha(self.env)
+        for left in reversed(range(round(APPROACH * self._aloha.control_hz))):
+            command = self.command(rest)
+            observation, *_, info = self.env.step(command) if plain is None else plain.step(command, render=not left)
         return self.observed(observation), info
 
     def start(self) -> None:

@@ -102,6 +102,13 @@ def test_a_policy_of_the_reference_sees_its_readings(arm: RobotModel, rough: Rob
     assert np.abs(tracker.observed(places[-1]) - moving.read()[0]).max() < 5e-3
 
 
+def test_off_has_no_reference(arm: RobotModel, rough: RobotModel, wanted: Recording) -> None:
+    """The action is sent as it is, so the policy sees what this robot's encoders read."""
+    tracker = Tracker(rough, HZ, "off", reference=arm)
+    places, sent = play(tracker, rough, wanted.position[:20])
+    assert np.array_equal(sent, wanted.position[:20]) and np.array_equal(tracker.observed(places[-1]), places[-1])
+
+
 def test_commands_keep_limits_and_speeds(arm: RobotModel) -> None:
     jump = np.repeat([[0.0, 0.0], [5.0, -5.0]], 20, axis=0)
     sent = play(Tracker(arm, HZ, "both"), arm, jump)[1]

@@ -84,6 +84,16 @@ def test_a_policy_of_the_reference_sees_its_positions(rough: str, chunk: int) ->
     assert np.abs(seen[0] - seen[1])[ARM].max() < 0.02
 
 
+def test_observations_of_wrappers_below_are_kept_at_a_reset(rough: str) -> None:
+    class Marked(gym.ObservationWrapper):
+        def observation(self, observation: Any) -> Any:
+            return {**observation, "mark": 1}
+
+    env = gym.make(ID, robot=rough, image_size=(16, 12), disable_env_checker=True)
+    tracked = CalibratedTracking(Marked(env), rough, reference="aloha")
+    assert tracked.reset(seed=0)[0]["mark"] == tracked.step(motion(1)[0])[0]["mark"] == 1
+
+
 def test_grippers_get_the_action(rough: str) -> None:
     env = CalibratedTracking(make(rough), rough)
     env.reset(seed=0)
