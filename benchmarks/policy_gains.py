@@ -26,6 +26,11 @@ from benchmarks.policy_scores import FIRST_SEED, REAL, RECIPES, world_of
 METHODS = ("best_of", "preferences")
 
 
+def scores_of(a: argparse.Namespace, task: str) -> Path:
+    """File of `policy_scores` with the policy's episodes in the stand-in world."""
+    return a.scores / f"played_{task}_{a.policy}_both_{REAL}.json"
+
+
 def improved(a: argparse.Namespace, task: str, method: str) -> tuple[Path, list[dict[str, Any]]]:
     """Folder of the policy after its cycles, and the study's rows."""
     from embodiedreamer_gym.cli.command import main as embodiedreamer
@@ -46,7 +51,7 @@ def judged(a: argparse.Namespace, task: str, method: str) -> dict[str, Any]:
     """Successes before and after in the stand-in world, on the same seeds, and success rates in the simulator."""
     from embodiedreamer_gym.policies import load_policy
 
-    before = json.loads((a.scores / f"played_{task}_{a.policy}_both_{REAL}.json").read_text())[: a.episodes]
+    before = json.loads(scores_of(a, task).read_text())[: a.episodes]
     folder, rows = improved(a, task, method)
     policy = load_policy(str(folder))
     env = world_of(a.scores, task, policy, "both", REAL)
@@ -77,6 +82,9 @@ def main() -> None:
     for name, value in (("starts", 100), ("tries", 4), ("cycles", 1), ("episodes", 50)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()
+    for path in (scores_of(a, task) for task in a.task):
+        if not path.is_file():
+            parser.error(f"there is no file {path}; run `python -m benchmarks policy_scores --out {a.scores}` first.")
     one_thread()
     a.out.mkdir(parents=True, exist_ok=True)
     rows = [judged(a, task, method) for task in a.task for method in a.method]

@@ -11,6 +11,7 @@ import pytest
 from embodiedreamer_gym.effects import CATALOGUE
 from embodiedreamer_gym.errors import ModelError, SimulationError
 from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.tracking import Tracker
 from embodiedreamer_gym.wrappers import ActionChunk, CalibratedTracking
 from tests.bank import plain
 
@@ -82,6 +83,18 @@ def test_a_policy_of_the_reference_sees_its_positions(rough: str, chunk: int) ->
     for part in motion(40).reshape(-1, chunk, 14):
         seen = [env.step(part if chunk > 1 else part[0])[0]["agent_pos"] for env in (plainly, tracked)]
     assert np.abs(seen[0] - seen[1])[ARM].max() < 0.02
+
+
+@pytest.mark.parametrize("chunk", [1, 4])
+def test_agent_pos_is_what_the_tracker_says(rough: str, chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Tracker, "observed", lambda self, measured: measured - 0.1)
+    inner = gym.make(ID, robot=rough, image_size=(16, 12), disable_env_checker=True)
+    tracked: Any = CalibratedTracking(inner, rough, reference="aloha")
+    env = tracked if chunk == 1 else ActionChunk(tracked, chunk)
+    actions = motion(chunk)
+    for observation in (env.reset(seed=0)[0], env.step(actions if chunk > 1 else actions[0])[0]):
+        expected = env.unwrapped.joint_positions() - 0.1
+        np.testing.assert_allclose(observation["agent_pos"][ARM], expected[ARM], atol=1e-6)
 
 
 def test_observations_of_wrappers_below_are_kept_at_a_reset(rough: str) -> None:
