@@ -92,7 +92,8 @@ def test_agent_pos_is_what_the_tracker_says(rough: str, chunk: int, monkeypatch:
     tracked: Any = CalibratedTracking(inner, rough, reference="aloha")
     env = tracked if chunk == 1 else ActionChunk(tracked, chunk)
     actions = motion(chunk)
-    for observation in (env.reset(seed=0)[0], env.step(actions if chunk > 1 else actions[0])[0]):
+    for play in (lambda: env.reset(seed=0), lambda: env.step(actions if chunk > 1 else actions[0])):
+        observation = play()[0]
         expected = env.unwrapped.joint_positions() - 0.1
         np.testing.assert_allclose(observation["agent_pos"][ARM], expected[ARM], atol=1e-6)
 
