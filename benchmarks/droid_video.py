@@ -1,7 +1,8 @@
 """Real Franka clips: VisAligner fine-tuned on seven of nine episodes, and compared with copying on the other two.
 
 python -m benchmarks.droid_camera --camera 0 --out cam0.json    (and 1)
-python -m benchmarks.droid_video --cameras cam0.json cam1.json --out DIR [--steps 3000] [--aligner lean] [--strips DIR]
+python -m benchmarks.droid_video --cameras cam0.json cam1.json --out DIR [--steps 3000] [--aligner lean]
+                              [--strips DIR] [--json FILE]
 
 One model for both static cameras, from the shipped weights; pictures of 160 x 96. The last two episodes are held out.
 The objects' masks are not known, and neither is the bench's background, since the cameras were moved between episodes;
@@ -25,7 +26,7 @@ import numpy as np
 import pybullet_data
 import torch
 
-from benchmarks.common import data_folder
+from benchmarks.common import data_folder, save
 from benchmarks.droid_camera import EPISODES, JOINTS, joint_angles
 from embodiedreamer_gym.engines.bullet.client import World
 from embodiedreamer_gym.engines.bullet.rendering import Renderer
@@ -114,6 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, default=3000)
     parser.add_argument("--aligner", default="lean", help="model to start from (default %(default)s)")
     parser.add_argument("--strips", type=Path, help="folder for pictures")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="figures as JSON")
     a = parser.parse_args(arguments)
     torch.set_num_threads(1)
     a.out.mkdir(parents=True, exist_ok=True)
@@ -124,6 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for name, urdf in robots.items()
     }
     judged = {name: judge(a, name, both) for name, both in films.items()}
+    rows = []
     for number, with_hand in enumerate(films["carved hand"]):
         for name, results in judged.items():
             print(f"\n## camera {number}, {name}, episodes {' and '.join(HELD)}, not seen in training\n")
@@ -131,9 +134,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
             errors = [
                 hand_error(result, with_hand[e].condition) for result, e in zip(results[number], HELD, strict=True)
             ]
+            row: dict[str, Any] = {"camera": number, "robot": name, "hand": {}}
             for way in (AFTER_TRUE, CLOSED):
-                values = [10 * np.log10(255**2 / error[way]) for error in errors]
-                print(f"hand, {way}: {np.mean(values):.2f} dB ({', '.join(f'{value:.1f}' for value in values)})")
+                row["hand"][way] = [10 * np.log10(255**2 / error[way]) for error in errors]
+                shown = ", ".join(f"{value:.1f}" for value in row["hand"][way])
+                print(f"hand, {way}: {np.mean(row['hand'][way]):.2f} dB ({shown})")
+            for kind in ("copy last", AFTER_TRUE, CLOSED):
+                row[kind] = {
+                    key: [one.measures[kind][key] for one in results[number]] for key in ("psnr", "psnr.moving")
+                }
+            rows.append(row)
+    save(rows, a.json)
     if a.strips is not None:
         a.strips.mkdir(parents=True, exist_ok=True)
         for plain, better in zip(*(itertools.chain(*results) for results in judged.values()), strict=True):

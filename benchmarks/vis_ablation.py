@@ -1,6 +1,6 @@
 """Ablation of VisAligner: each part is switched off in turn, with the same episodes, steps, seed and held-out episodes.
 
-python -m benchmarks.vis_ablation --train FILMS --test FILMS --out DIR [--steps 3000] [--only NAME ...] [--chunks N]
+python -m benchmarks.vis_ablation --train FILMS --test FILMS --out DIR [--steps 3000] [--only NAME ...] [--chunks N] [--json FILE]
 
 Films: folders of `embodiedreamer standin film`. Each variant is trained in DIR/<name>, so that an interrupted study
 resumes, and its measures are kept in DIR/<name>.json; the table has all variants with measures. `no masks` is similar
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from benchmarks.common import save
 from embodiedreamer_gym.io.files import write_json
 from embodiedreamer_gym.vis_aligner import load_episodes
 from embodiedreamer_gym.vis_aligner.bench import make_bench
@@ -66,14 +67,24 @@ def run(name: str, config: LeanConfig, training: TrainingConfig, a: argparse.Nam
     return {"name": name, "steps": training.steps, "episodes": rows}
 
 
+def means(result: dict[str, Any]) -> dict[str, dict[str, float]]:
+    """Means of a variant over held-out episodes, for each kind of frames."""
+    rows = result["episodes"]
+    return {
+        kind: {
+            c: float(np.nanmean([np.nan if row[kind][c] is None else row[kind][c] for row in rows])) for c in COLUMNS
+        }
+        for kind in rows[0]
+    }
+
+
 def table(results: Sequence[dict[str, Any]]) -> str:
     """Means over held-out episodes of every variant, after true frames and in the closed loop, and of baselines."""
     lines = [f"{'':<42}{'':<20}" + "".join(f"{c.removeprefix('psnr.')[:12]:>13}" for c in COLUMNS)]
     for result in results:
-        clips = [AFTER_TRUE, CLOSED] if result["name"] != FULL else list(result["episodes"][0])
-        for clip in clips:
-            values = [[np.nan if row[clip][c] is None else row[clip][c] for row in result["episodes"]] for c in COLUMNS]
-            lines.append(f"{result['name']:<42}{clip:<20}" + "".join(f"{np.nanmean(v):>13.3f}" for v in values))
+        found = means(result)
+        for clip in [AFTER_TRUE, CLOSED] if result["name"] != FULL else found:
+            lines.append(f"{result['name']:<42}{clip:<20}" + "".join(f"{found[clip][c]:>13.3f}" for c in COLUMNS))
     return "\n".join(lines)
 
 
@@ -86,6 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, default=3000)
     parser.add_argument("--chunks", type=int, help="chunks of each held-out episode (default: all)")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="variants")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="means of the table as JSON")
     a = parser.parse_args(arguments)
     torch.set_num_threads(1)
     a.out.mkdir(parents=True, exist_ok=True)
@@ -93,7 +105,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         path = a.out / f"{name}.json"
         if not path.is_file() and (not a.only or name in a.only):
             write_json(run(name, config, training, a), path)
-    print(table([json.loads(p.read_text()) for n in variants(a.steps) if (p := a.out / f"{n}.json").is_file()]))
+    results = [json.loads(p.read_text()) for n in variants(a.steps) if (p := a.out / f"{n}.json").is_file()]
+    print(table(results))
+    save({one["name"]: means(one) for one in results}, a.json)
 
 
 if __name__ == "__main__":

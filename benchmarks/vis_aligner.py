@@ -92,11 +92,12 @@ def figures(out: Path, names: Sequence[str], aligner: str, bank: str, strips: Pa
         if name == "cup_full":
             episodes = [there_and_back(e) for e in episodes]
         judged = report(title, episodes, model, behind)
-        found[name if behind is bench else f"{name}, {title.rpartition(', ')[2]}"] = figures_of(judged)
+        figures = figures_of(judged)
+        if name == "cup_full":
+            figures["drift"] = drift(judged)
+        found[name if behind is bench else f"{name}, {title.rpartition(', ')[2]}"] = figures
         if strips is not None and behind is (None if name == "looks_test" else bench):
             write_strips(judged, strips, name)
-        if name == "cup_full":
-            drift(judged)
     return found
 
 
@@ -170,21 +171,34 @@ def there_and_back(episode: Episode) -> Episode:
     return replace(episode, frames=episode.frames[order], condition=episode.condition.at(order), clean=clean)
 
 
-def drift(judged: Sequence[HeldOutResult]) -> None:
-    """Print the difference of the closed loop from true references after 10 and after at most 40 chunks."""
-    print(
-        "\n| chunks | closed loop less after true frames, dB | IoU of objects | colour shift, 1/255 |\n|---|---|---|---|"
-    )
-    for count in (10, min(40, *(len(j.measures[CLOSED].drift["psnr"]) for j in judged))):
-        rows = []
-        for j in judged:
-            closed, true = j.measures[CLOSED].drift, j.measures[AFTER_TRUE].drift
-            here = slice(count - 2, count)
-            values = [_mean(closed["psnr"][here]) - _mean(true["psnr"][here]), _mean(closed["iou.objects"][here]),
-                      _mean(closed["colour_shift"][here])]  # fmt: skip
-            rows.append(values)
-        mean = np.nanmean(rows, axis=0)
-        print(f"| {count} | {mean[0]:+.2f} | {mean[1]:.2f} | {mean[2]:.2f} |")
+def drift(judged: Sequence[HeldOutResult]) -> dict[str, Any]:
+    """Means over episodes at each chunk, as far as the shortest episode goes.
+
+    psnr: of each kind of frames, dB; iou and colour_shift (of 255): of the closed loop; behind: PSNR after true frames
+    minus that of the closed loop, mean over chunks, for each episode (dB).
+    """
+    chunks = min(len(j.measures[CLOSED].drift["psnr"]) for j in judged)
+
+    def mean(kind: str, key: str) -> list[float]:
+        each = [[_number(value) for value in j.measures[kind].drift[key][:chunks]] for j in judged]
+        return np.nanmean(each, axis=0).tolist()
+
+    kinds = ("copy last", AFTER_TRUE, CLOSED)
+    gaps = [[_number(x) - _number(y) for x, y in zip(*(j.measures[k].drift["psnr"] for k in (AFTER_TRUE, CLOSED)), strict=True)]
+            for j in judged]  # fmt: skip
+    found = {"chunks": chunks, "psnr": {kind: mean(kind, "psnr") for kind in kinds}, "iou": mean(CLOSED, "iou.objects"),
+             "colour_shift": mean(CLOSED, "colour_shift"), "behind": [float(np.nanmean(gap)) for gap in gaps]}  # fmt: skip
+    behind = ", ".join(f"{value:.2f}" for value in found["behind"])
+    print(f"\n{chunks} chunks; closed loop below frames after true ones, by episode: {behind} dB")
+    print("\n| chunk | " + " | ".join(kinds) + " | IoU of objects | colour shift, 1/255 |\n" + "|---" * 6 + "|")
+    for k in range(0, chunks, 6):
+        values = " | ".join(f"{found['psnr'][kind][k]:.1f}" for kind in kinds)
+        print(f"| {k + 1} | {values} | {found['iou'][k]:.2f} | {found['colour_shift'][k]:.2f} |")
+    return found
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
 
 
 def write_strips(judged: Sequence[HeldOutResult], folder: Path, name: str) -> None:
@@ -194,10 +208,6 @@ def write_strips(judged: Sequence[HeldOutResult], folder: Path, name: str) -> No
         rows = {row: j.clips[row] for row in ("simulated", CLOSED, "real")}
         picture = metrics.strip(rows, columns=6, zoom=1)
         save_picture(picture, folder / f"{name}_{number}.jpg")
-
-
-def _mean(values: Sequence[float | None]) -> float:
-    return float(np.mean([v for v in values if v is not None])) if any(v is not None for v in values) else float("nan")
 
 
 def _run(command: list[str]) -> None:
