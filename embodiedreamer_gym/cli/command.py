@@ -9,7 +9,6 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -17,6 +16,7 @@ from embodiedreamer_gym.cli import options as o
 from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.io.files import check_outputs
 from embodiedreamer_gym.io.progress import Progress
+from embodiedreamer_gym.io.results import installed_version
 
 VERBS = (
     "compare", "breakdown", "calibrate", "diagnose", "add", "workbench", "sessions", "excite", "track", "export", "effects", "robots", "demo", "standin record",
@@ -53,7 +53,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="embodiedreamer", description="Compare, calibrate and diagnose a robot model with logs of the robot."
     )
-    parser.add_argument("--version", action="version", version=f"embodiedreamer {version('embodiedreamer-gym')}")
+    parser.add_argument("--version", action="version", version=f"embodiedreamer {installed_version()}")
     groups = {"": parser.add_subparsers(required=True, metavar="VERB")}
     for name in VERBS:
         group, _, action = name.rpartition(" ")

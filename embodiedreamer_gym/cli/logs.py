@@ -7,10 +7,13 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
+import numpy as np
+
 from embodiedreamer_gym.errors import EmbodieDreamerError, RecordingError
 
 USELESS = "no-command"  # code of a finding: the log cannot be simulated
 UNFIT = ("swapped", "sign-flipped", "units")  # codes of findings: no model can be fitted to the log
+STILL = 0.01  # rad, m or share: a log in which every joint moves less cannot be fitted
 FAULT = {"error": "fault"}  # "error: ..." is reserved for the last line of a failed command
 T = TypeVar("T")
 
@@ -86,7 +89,25 @@ def load_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str], fit: b
         raise RecordingError("no usable sample is left in "
                              f"{', '.join(one.recording.name for one in checked[:3])}{' and others' * (len(checked) > 3)}: "
                              "all samples are faulty or in contact.")  # fmt: skip
+    _note_commands(model, logs)
+    if fit and max(np.ptp(one.position, axis=0).max() for one in logs) < STILL:
+        raise RecordingError(
+            f"no joint moves by {STILL} {model.units[0]} or more in {logs[0].source or logs[0].name}"
+            f"{' and the others' if len(logs) > 1 else ''}: a model cannot be fitted to a robot at rest."
+        )
     return Recordings(one.recording for one in checked)
+
+
+def _note_commands(model: Any, logs: Sequence[Any]) -> None:
+    """Print how commands are interpreted if neither the model nor a log states it, and a fit does not decide it."""
+    open_logs = [one.name for one in logs if one.command_hold == "unknown"]
+    if model.command_hold == "unknown" and open_logs:
+        more = f" (and {len(open_logs) - 1} more)" if len(open_logs) > 1 else ""
+        print(
+            f"info: {open_logs[0]}{more}: command_hold is unknown; unless a fit decides it, the servo is assumed to ramp "
+            "from one command to the next (--hold linear); if it holds each command, give --hold hold",
+            file=sys.stderr,
+        )
 
 
 def joint_logs(a: argparse.Namespace, model: Any, patterns: Sequence[str]) -> list[Any]:

@@ -6,6 +6,7 @@ from embodiedreamer_gym.cli import options as o
 from embodiedreamer_gym.errors import PolicyError
 
 FIRST_SEED = 960_000  # of the episodes of --policy
+EPISODES = 50
 ONLY_LAST = 1000  # actions from one picture to the next: longer than a chunk, so that only its last action has one
 
 
@@ -23,7 +24,7 @@ ONLY_LAST = 1000  # actions from one picture to the next: longer than a chunk, s
     o.option("--policy", "POLICY", "policy to be evaluated in simulation and predicted for the stand-in bench"),
     o.option("--task", "TASK", "--policy: task, such as PutCupOnMat-v0"),
     o.option("--tracking", None, "--policy: send commands through the calibrated model of the stand-in bench"),
-    o.option("--episodes", "N", "--policy: number of episodes in simulation", 50, o.COUNT),
+    o.option("--episodes", "N", f"--policy: number of episodes in simulation (default {EPISODES})", None, o.COUNT),
     o.SEED,
     o.JOBS,
     o.JSON,
@@ -35,6 +36,8 @@ def run(a, progress):
 
     if (a.policy is None) != (a.task is None):
         raise PolicyError("--policy and --task belong together; give both, or neither.")
+    if a.policy is None and (a.tracking or a.episodes is not None):
+        raise PolicyError("--tracking and --episodes belong to --policy; give --policy and --task as well.")
     if a.policy is not None and (a.scores is not None or a.evaluation is not None):
         raise PolicyError(
             "--policy is evaluated like the policies of the stand-in bench; leave out --scores and --evaluation, or give "
@@ -63,7 +66,7 @@ def _played(a, progress) -> tuple[int, int]:
 
     model = str(STANDIN_MODEL)
     settings = EvaluationSettings(
-        a.policy, a.task, a.episodes, FIRST_SEED, robot=model, tracking=model if a.tracking else None,
+        a.policy, a.task, a.episodes or EPISODES, FIRST_SEED, robot=model, tracking=model if a.tracking else None,
         vis_aligner="lean", every=ONLY_LAST, jobs=a.jobs,
     )  # fmt: skip
     played = play(settings, progress)

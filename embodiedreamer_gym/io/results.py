@@ -23,11 +23,17 @@ def run_stamp() -> dict[str, str]:
     return {**_place(), "date": datetime.now(UTC).date().isoformat()}
 
 
+def installed_version() -> str:
+    """Version of the package, or "not installed" where it runs from a checkout alone."""
+    try:
+        return version("embodiedreamer-gym")
+    except PackageNotFoundError:
+        return "not installed"
+
+
 @cache
 def _place() -> dict[str, str]:
-    found: dict[str, str] = {}
-    with suppress(PackageNotFoundError):
-        found["version"] = version("embodiedreamer-gym")
+    found = {"version": installed_version()}
     if (SOURCE / ".git").exists():
         command = ["git", "-C", str(SOURCE), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
         with suppress(OSError, subprocess.SubprocessError):

@@ -69,3 +69,23 @@ def test_a_log_of_geared_motors_in_ticks(here: Path) -> None:
     one = log.with_(joints=("m1", "m2"), position=ticks[0], command=ticks[1], effort=None, noise=np.ones(2))
     save_recording(one, "ticks.csv")
     assert error("ticks.csv", "--model", "two.json") < 1e-9
+
+
+def test_a_robot_at_rest_cannot_be_fitted(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = record(load_arm(here), seed=0)
+    still = log.with_(
+        position=np.tile(log.position[:1], (len(log.time), 1)), command=np.tile(log.command[:1], (len(log.time), 1))
+    )
+    save_recording(still.with_(velocity=None, effort=None), "still.csv")
+    assert main(["calibrate", "still.csv", "--model", "two.json", "--out", "fit.json", "--quiet"]) == 2
+    assert "no joint moves by 0.01 rad or more in still.csv" in capsys.readouterr().err
+    assert not Path("fit.json").exists()
+    assert main(["compare", "still.csv", "--model", "two.json", "--quiet"]) == 0
+
+
+def test_an_assumed_command_hold_is_reported(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    save_recording(record(load_arm(here), seed=0).with_(command_hold="unknown"), "log.csv")
+    write_arm(here, "two", command_hold="unknown")
+    for options, reported in ((["--hold", "linear"], False), ([], True)):
+        assert main(["compare", "log.csv", "--model", "two.json", "--quiet", *options]) == 0
+        assert ("command_hold is unknown" in capsys.readouterr().err) == reported

@@ -177,3 +177,9 @@ def test_options_that_exclude_each_other_get_one_sentence(tmp_path: Path, capsys
                            (["--policy", "p", "--task", "t", "--scores", scores], "leave out --scores and --evaluation")):  # fmt: skip
         assert main(["policy", "predict", *words, "--quiet"]) == 2
         assert message in capsys.readouterr().err
+
+
+def test_options_of_an_evaluation_need_a_policy(capsys: pytest.CaptureFixture[str]) -> None:
+    for options in (["--tracking"], ["--episodes", "10"]):
+        assert main(["policy", "predict", *options, "--quiet"]) == 2
+        assert "belong to --policy" in capsys.readouterr().err
