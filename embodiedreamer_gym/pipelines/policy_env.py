@@ -20,6 +20,7 @@ def policy_world(
     policy: Any, task: str, robot: str = "aloha", execute: int | None = None, vis_aligner: str | None = None,
     bank: str = "lab", every: int = 1, envs: int = 1, size: tuple[int, int] | None = None, chunks: bool = True,
     tracking: str | None = None, tracking_mode: str = "both", learnt_on: str = "aloha",
+    randomize: str | None = None,
 ) -> Any:  # fmt: skip
     """Make a task's environment for a policy: with its cameras, and taking `execute` actions at once.
 
@@ -36,6 +37,7 @@ def policy_world(
     tracking, tracking_mode: calibrated model and mode of a `CalibratedTracking`. None: no tracking or, for a policy
         whose actions are `positions`, the robot's own model.
     learnt_on: robot whose commands the policy gives, if they are not positions.
+    randomize: as in `AlohaEnv`; commands through the calibrated model keep its own parameters.
     Raises: PolicyError for larger pictures than the bank's, or for too many actions.
     """
     count, (cameras, learnt), filmed = executed(policy, execute), picture_inputs(policy), {}
@@ -60,7 +62,7 @@ def policy_world(
     def chunked(env: Any) -> Any:
         return ActionChunk(tracked(env), count, **filmed)
 
-    options = {"cameras": cameras, "image_size": size or learnt or (128, 96), "robot": robot}
+    options = {"cameras": cameras, "image_size": size or learnt or (128, 96), "robot": robot, "randomize": randomize}
     if envs == 1:
         env = gymnasium.make(task_id(task), **options)
         env = chunked(env) if chunks else tracked(env)

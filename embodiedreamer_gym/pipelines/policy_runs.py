@@ -99,7 +99,8 @@ def _environment(run: EvaluationSettings, policy: Any) -> Any:
     size = None if run.size is None else read_size(run.size)
     chunks = run.vis_aligner is not None or (run.video is None and run.ensemble is None)  # else each picture is needed
     given = run.task, run.robot, run.execute, run.vis_aligner, run.bank, every
-    sent = {"tracking": run.tracking, "tracking_mode": run.tracking_mode, "learnt_on": run.learnt_on}
+    sent = {"tracking": run.tracking, "tracking_mode": run.tracking_mode, "learnt_on": run.learnt_on,
+            "randomize": run.randomize}  # fmt: skip
     return policy_world(policy, *given, size=size, chunks=chunks, **sent)
 
 

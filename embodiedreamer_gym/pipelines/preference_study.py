@@ -189,7 +189,7 @@ def environment(a: StudySettings, policy: Any) -> Any:
     from embodiedreamer_gym.pipelines.policy_env import policy_world
 
     given = policy, a.task, a.robot, a.execute, a.vis_aligner, a.bank, a.every, a.envs
-    return policy_world(*given, tracking=a.tracking, learnt_on=a.learnt_on)
+    return policy_world(*given, tracking=a.tracking, learnt_on=a.learnt_on, randomize=a.randomize)
 
 
 def _fingerprint(network: Any) -> str:

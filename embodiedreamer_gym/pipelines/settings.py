@@ -32,6 +32,8 @@ class EvaluationSettings:
     """decay of temporal ensembling, k in the paper, which uses 0.01 (default: no ensembling)."""
     robot: str = "aloha"
     """JSON file or built-in robot (`embodiedreamer robots`)."""
+    randomize: Literal["calibration"] | None = None
+    """calibration: draw the robot's parameters from its calibration's intervals at each reset (default: no randomisation)."""
     tracking: str | None = None
     """send commands through this calibrated model: JSON file or built-in robot (default: only for policies that give positions)."""
     tracking_mode: Literal["feed_forward", "trim", "both"] = "both"
@@ -67,6 +69,8 @@ class StudySettings:
     """evaluation episodes after each cycle."""
     robot: str = "aloha"
     """JSON file or built-in robot (`embodiedreamer robots`)."""
+    randomize: Literal["calibration"] | None = None
+    """calibration: draw the robot's parameters from its calibration's intervals at each reset (default: no randomisation)."""
     tracking: str | None = None
     """send commands through this calibrated model: JSON file or built-in robot."""
     learnt_on: str = "aloha"

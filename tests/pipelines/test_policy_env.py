@@ -6,11 +6,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
+from embodiedreamer_gym.errors import EmbodieDreamerError
 from embodiedreamer_gym.pipelines.policy_env import policy_world
+from embodiedreamer_gym.pipelines.policy_runs import _environment
 from embodiedreamer_gym.pipelines.preference_study import environment
-from embodiedreamer_gym.pipelines.settings import StudySettings
+from embodiedreamer_gym.pipelines.settings import EvaluationSettings, StudySettings
 from embodiedreamer_gym.policies import evaluate
+from embodiedreamer_gym.policies.prediction import STANDIN_MODEL
 from embodiedreamer_gym.wrappers import ActionChunk, CalibratedTracking
 from tests.wrappers.test_moving_cameras import CAMERAS, SIZE, bank  # noqa: F401
 
@@ -46,6 +50,24 @@ def test_a_preference_study_may_send_its_commands_through_a_model() -> None:
         env = environment(StudySettings("unused", "PutCupOnMat", tracking=tracking), policy)
         env.close()
         assert isinstance(env.env, CalibratedTracking) == (tracking is not None)
+
+
+def test_the_robot_of_a_study_or_an_evaluation_is_drawn_from_its_intervals_on_request() -> None:
+    """The stand-in bench's calibrated model has intervals, the built-in robot has none."""
+    policy = SimpleNamespace(action_size=14, chunk=4, cameras=("head",), picture_size=(32, 24))
+    for randomize in (None, "calibration"):
+        options: dict[str, Any] = {"robot": str(STANDIN_MODEL), "randomize": randomize}
+        for env in (environment(StudySettings("unused", "PutCupOnMat", **options), policy),
+                    _environment(EvaluationSettings("unused", "PutCupOnMat", **options), policy)):  # fmt: skip
+            assert env.unwrapped.randomize == randomize
+            ends = []
+            for seed in (0, 1):
+                start = env.reset(seed=seed)[0]["agent_pos"]
+                ends.append(env.step(np.tile(start + np.float32(0.1), (4, 1)))[0]["agent_pos"])
+            assert (np.abs(ends[0] - ends[1]).max() > 1e-5) == (randomize is not None)
+            env.close()
+    with pytest.raises(EmbodieDreamerError, match="needs a robot with a calibration's intervals"):
+        environment(StudySettings("unused", "PutCupOnMat", randomize="calibration"), policy)
 
 
 def test_all_cameras_of_a_policy_are_generated(bank: str) -> None:  # noqa: F811
