@@ -4,7 +4,7 @@ python -m benchmarks cotraining --out DIR [--task NAME ...] [--kind NAME ...] [-
                                 [--seed 0] [--json FILE]
 
 The real bench is the stand-in world of `closed_loop`. Its demonstrations are recorded there: the scripted expert's
-commands go through the calibrated model, as a policy's do, and a path-traced camera takes ten pictures a second. Their
+commands go through the calibrated model, as a policy's do, and a path-traced camera takes five pictures a second. Their
 masks are drawn by the simulator at the recorded poses. The simulated demonstrations are those of `policy_scores`:
 nominal physics, generated pictures. both: the two sets with equal weight. Policies are of kind object_pose. Everything
 is kept in DIR: an interrupted run resumes.
@@ -25,7 +25,7 @@ from benchmarks.common import clopper_pearson, save
 from benchmarks.policy_scores import FIRST_SEED, REAL, RECIPES, KeptPictures, generated, world_of
 
 KINDS = ("real", "simulated", "both")
-EVERY = 3  # control steps between two pictures of a demonstration
+EVERY = 6  # control steps between two pictures of a demonstration
 REAL_SEED = 11  # of the real demonstrations
 STILL, STEPS = 15, 300  # control steps at rest after which a success ends, and after which an attempt has failed
 
