@@ -45,6 +45,8 @@ def film_episodes(films: Sequence[FilmSettings], episodes: int, folder: str | Pa
         pictures += more
         report("pictures", pictures, max(total, pictures), episodes=f"{finished} of {len(missing)}")
 
+    if missing:
+        show(0)
     for more in _film(missing, folder, jobs, blender, show, render):
         finished += 1
         show(more)
