@@ -36,7 +36,7 @@ COLUMNS = ("psnr", "ssim", "psnr.moving", "psnr.arm and objects", "psnr.objects"
 def variants(steps: int) -> dict[str, tuple[LeanConfig, TrainingConfig]]:
     """Network and training of each variant."""
     config, training = LeanConfig(), TrainingConfig(steps=steps)
-    without = {"masks": "no masks", "depth": "no depth", "anchor": "no anchor", "plate": "no memory of the background",
+    without = {"masks": "no masks", "depth": "no depth", "anchor": "no anchor", "plate": "no plate",
                "at_reference": "no view at the reference", "reproject": "no reprojection",
                "gallery": "no gallery of the robot"}  # fmt: skip
     found = {FULL: (config, training)}
