@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import glob
 import importlib
 import os
 import signal
@@ -139,6 +140,7 @@ def execute(argv: Sequence[str], interrupted: Callable[[], bool] = bool) -> None
     a = build_parser().parse_args(renamed(list(argv)))
     outputs = {kind: [getattr(a, name) for name in a.verb.outputs(kind)] for kind in (o.output_file, o.output_folder)}
     check_outputs(*outputs[o.output_file], folders=outputs[o.output_folder])
+    check_overwriting(a, outputs[o.output_file])
     progress = Progress(a.quiet, interrupted)
     progress.starting(" ".join(word for word in argv[:2] if not word.startswith("-")))
     try:
@@ -149,6 +151,25 @@ def execute(argv: Sequence[str], interrupted: Callable[[], bool] = bool) -> None
         raise KeyboardInterrupt
     if result is not None:
         (result if isinstance(result, o.Result) else o.Result(result)).write(a)
+
+
+def check_overwriting(a: argparse.Namespace, outputs: Sequence[Path | None]) -> None:
+    """Check that no output file is named twice, or is a file that another option or argument names as an input.
+
+    Raises: EmbodieDreamerError that names the file.
+    """
+    targets = [os.path.realpath(path) for path in outputs if path is not None]
+    named = {name for kind in (o.output_file, o.output_folder) for name in a.verb.outputs(kind)}
+    values = [value for name, value in vars(a).items() if name not in named]
+    given = [one for value in values for one in (value if isinstance(value, list) else [value])]
+    inputs = {os.path.realpath(path) for one in given if isinstance(one, str | Path) for path in glob.glob(str(one))}
+    for path, target in zip((path for path in outputs if path is not None), targets, strict=True):
+        if target in inputs and os.path.isfile(target):
+            raise EmbodieDreamerError(
+                f"{path} is an input of this command and would be overwritten; name another file."
+            )
+        if targets.count(target) > 1:
+            raise EmbodieDreamerError(f"{path} is named for two outputs; name two files.")
 
 
 def renamed(argv: list[str]) -> list[str]:

@@ -104,12 +104,12 @@ def begin_refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recordi
     begun = []
     for hold in trial.holds:
         coarse = Problem(trial.model, train, hold=hold, dt=COARSE)
-        fit = minimise(coarse, trial.starts.best(coarse), iterations, TOLERANCE, derivatives=False)
-        begun.append((fit, coarse))
+        for start in trial.starts.all(coarse):
+            begun.append((minimise(coarse, start, iterations, TOLERANCE, derivatives=False), coarse))
     fit, coarse = min(begun, key=lambda one: one[0].cost)
     problem = Problem(trial.model, train, hold=coarse.hold)
     residuals = problem.residuals(fit.x)[0]
-    problem.rollouts += sum(c.rollouts for _, c in begun)
+    problem.rollouts += sum(c.rollouts for c in {id(c): c for _, c in begun}.values())
     return as_candidate(
         trial.kind, problem, replace(fit, residuals=residuals, cost=cost_of(problem, fit.x, residuals)), test
     )

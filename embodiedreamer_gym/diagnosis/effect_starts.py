@@ -29,12 +29,18 @@ class Starts:
     """Starting values, group -> values: each of `first` is tried with each of `second`; the best is taken per joint.
 
     of_arm: whether `first` and `second` are values of an effect per arm, so that all joints of an arm take the same
-    choice.
+    choice; apart: starts of which the best is fitted too, even if it is worse than the best of the others.
     """
 
     first: tuple[Values, ...]
     second: tuple[Values, ...] = ({},)
     of_arm: tuple[bool, bool] = (False, False)
+    apart: tuple[Values, ...] = ()
+
+    def all(self, problem: Problem) -> list[np.ndarray]:
+        """The scaled starts (m,) from which a fit begins."""
+        apart = [Starts(self.apart, of_arm=self.of_arm).best(problem)] if self.apart else []
+        return [self.best(problem), *apart]
 
     def best(self, problem: Problem) -> np.ndarray:
         """Scaled start (m,); one rollout for each combination.
@@ -52,11 +58,16 @@ class Starts:
 def single_starts(kind: type[Effect], model: RobotModel, start: Values, nominal: Values) -> Starts:
     """Starts for one more effect: the screening's values, and several sizes at the model's gains and at nominal gains.
 
+    The calibrated gains have compensated for an effect that acts on all joints of an arm: they are as much too small as
+    the mass is. Every start near them is then worse than no effect, so a fit from nominal gains is always made too.
+
     nominal: nominal gains; empty if they are not tried.
     """
     gains = [{}, nominal] if nominal else [{}]
     sizes = _sizes(kind, model, start, LIMITS if is_limit(kind) else SIZES, alone=True)
-    return Starts((start, *({**size, **gain} for gain in gains for size in sizes)), of_arm=(is_of_arm(kind), False))
+    first = (start, *({**size, **gain} for gain in gains for size in sizes))
+    apart = tuple({**size, **nominal} for size in sizes[:-1]) if nominal and is_of_arm(kind) else ()
+    return Starts(first, of_arm=(is_of_arm(kind), False), apart=apart)
 
 
 def pair_starts(

@@ -33,7 +33,7 @@ FINALISTS = 4  # of them, those that are refitted to convergence
 FURTHER = 2  # the same, if effects that were found already leave little to explain
 LEADERS = 1  # finalists that are refitted first
 CLOSE_BEHIND = 0.1  # difference of the cost to the best within which further refits continue
-STAGES = {"begun": "beginning refits", "refitted": "refitting effects"}
+STAGES = {"begun": "beginning refits", "refitted": "refitting effects", "continued": "continuing refits"}
 
 
 def fit_candidates(
@@ -46,6 +46,8 @@ def fit_candidates(
     trials = [single_trial(model, item, problem.hold, search.both_rules) for item in _shortlist(screened)]
     finalists, close = (FURTHER, 0.0) if few else (FINALISTS, CLOSE_BEHIND)
     candidates = refit_all(search, trials, fit.cost, finalists, close)
+    if not few:
+        candidates = finish_similar(search, trials, candidates)
     if not search.ranking:
         linear = {s.kind.name: s.score for s in screened}
         search.ranking = [
@@ -78,6 +80,30 @@ def refit_all(
         rival = min([rival, *(c.fit.cost for c in finished)])
     search.rollouts += sum(c.rollouts for c in done.values())
     return [done[k] for k in range(len(trials))]
+
+
+def finish_similar(search: Search, trials: Sequence[Trial], candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates, with unfinished fits of effects that resemble the best one continued to convergence.
+
+    A refit that is given up because it falls slowly may still end lower than the best. An effect is not preferred to
+    a similar one with as few parameters before both fits have ended.
+    """
+    best = min(candidates, key=lambda c: c.fit.cost)
+    open_fits = [k for k, c in enumerate(candidates) if c is not best and not c.fit.converged and _similar(c, best)]
+    finished = _through_cache(
+        search, [trials[k] for k in open_fits], "continued", finish_refit,
+        lambda t: (t, candidates[next(k for k in open_fits if trials[k] is t)], search.test, ITERATIONS),
+    )  # fmt: skip
+    done = dict(zip(open_fits, finished, strict=True))
+    search.rollouts += sum(c.rollouts - candidates[k].rollouts for k, c in done.items())
+    return [done.get(k, c) for k, c in enumerate(candidates)]
+
+
+def _similar(candidate: Candidate, best: Candidate) -> bool:
+    """Whether an effect may be confused with the best one, and has no more parameters."""
+    one, other = candidate.kind, best.kind
+    confused = one.name in (*other.confused_with, *other.generalises) or other.name in one.confused_with
+    return confused and len(candidate.problem.rows) <= len(best.problem.rows)
 
 
 def beside_robot_errors(search: Search, candidate: Candidate) -> Candidate:

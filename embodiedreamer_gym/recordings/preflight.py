@@ -10,6 +10,7 @@ import numpy as np
 from embodiedreamer_gym.recordings import checks, contact
 from embodiedreamer_gym.recordings.checks import SEVERITIES, Finding
 from embodiedreamer_gym.recordings.recording import Recording
+from embodiedreamer_gym.recordings.spikes import without_spikes
 from embodiedreamer_gym.recordings.tracking import runs, track
 
 FOLLOWS = 0.5  # correlation with its command above which a joint follows it
@@ -62,7 +63,7 @@ def preflight_all(
     """
     checked = [preflight(recording, limits) for recording in recordings]
     follows: set[str] = set()
-    for recording in recordings:
+    for recording in (one.recording for one in checked):
         if recording.command is not None:
             agrees = checks.following(recording, track(recording, recording.command)) > FOLLOWS
             follows |= {joint for joint, yes in zip(recording.joints, agrees, strict=True) if yes}
@@ -87,7 +88,8 @@ def preflight(recording: Recording, limits: Mapping[str, tuple[float, float]] | 
     limits: joint -> (lower, upper) in the joint's unit; a joint may be left out.
     """
     limits = dict(limits or {})
-    findings = [Finding("info", "converted", (), note) for note in recording.notes]
+    recording, spikes = without_spikes(recording)
+    findings = [*spikes, *(Finding("info", "converted", (), note) for note in recording.notes)]
     findings += [*checks.time_base(recording), *checks.channels(recording)]
     bad = ~recording.usable
     if recording.command is not None:

@@ -208,9 +208,10 @@ class Recording:
         bad = np.argwhere(~(np.abs(array) < LARGEST))  # catches NaN too
         if len(bad):
             row, column = bad[0]
+            more = f", and so are {len(bad) - 1} more values" if len(bad) > 1 else ""
             raise self._error(
-                f"{name} of {self.joints[column]} is {array[row, column]} at row {row} (counted from 0), "
-                f"one of {len(bad)} values that are not finite, or beyond {LARGEST:g}"
+                f"{name} of {self.joints[column]} is {array[row, column]} at row {row} (counted from 0), which is not "
+                f"finite or beyond {LARGEST:g}{more}"
             )
 
     def _fill_sensor(self) -> None:

@@ -14,7 +14,7 @@ from embodiedreamer_gym.errors import ModelError
 from embodiedreamer_gym.recordings import Recording, Recordings
 from embodiedreamer_gym.robot import model_file
 from embodiedreamer_gym.robot.data import SERVO_GROUPS, RobotData
-from embodiedreamer_gym.robot.parameters import ParameterKey, ParameterRow, ParameterTable, by_key
+from embodiedreamer_gym.robot.parameters import ParameterKey, ParameterRow, ParameterTable, by_key, unit_at
 
 SERVO_UNITS = {
     "stiffness": "N m/rad",
@@ -22,6 +22,7 @@ SERVO_UNITS = {
     "rotor_inertia": "kg m^2",
     "viscous_friction": "N m s/rad",
 }
+ANGLES = ("phase",)  # parameters in rad that are not coordinates of a joint
 
 
 class RobotModel(RobotData):
@@ -119,7 +120,7 @@ class RobotModel(RobotData):
         for group in SERVO_GROUPS:
             low, high = self.servo_bounds(group)
             for i, joint in enumerate(self.joints):
-                key, unit = ParameterKey(group, place=joint), SERVO_UNITS[group].replace("rad", self.units[i])
+                key, unit = ParameterKey(group, place=joint), unit_at(SERVO_UNITS[group], self.units[i])
                 value, interval = float(getattr(self, group)[i]), self.intervals.get(str(key))
                 yield ParameterRow(key, i, value, low[i], high[i], unit, interval=interval)
 
@@ -130,7 +131,8 @@ class RobotModel(RobotData):
                 for place, value in effect.values[p.name].items():
                     i, key = self.places(p).index(place), ParameterKey(p.name, effect.name, place)
                     interval = self.intervals.get(str(key))
-                    yield ParameterRow(key, i, value, low[i], high[i], p.unit, float(off[i]), interval)
+                    unit = unit_at(p.unit, self.units[i]) if p.per == "joint" and p.name not in ANGLES else p.unit
+                    yield ParameterRow(key, i, value, low[i], high[i], unit, float(off[i]), interval)
 
     def with_values(
         self,

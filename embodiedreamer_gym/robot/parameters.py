@@ -15,6 +15,18 @@ TEXT = re.compile(r"(?:(?P<effect>\w+)\.)?(?P<parameter>\w+)(?:\[(?P<place>.+)\]
 Value = TypeVar("Value")
 
 
+def unit_at(unit: str, coordinate: str) -> str:
+    """A unit of a turning joint's parameter, such as "N m/rad", for a joint whose coordinate is in m or normalised ("1").
+
+    Work per coordinate stays the same: for a sliding joint, N m becomes N, rad becomes m, and kg m^2 becomes kg.
+    """
+    if coordinate == "rad":
+        return unit
+    if coordinate == "m":
+        unit = unit.replace("N m", "N").replace("kg m^2", "kg").replace("(N)", "N")
+    return unit.replace("rad", coordinate)
+
+
 @dataclass(frozen=True)
 class ParameterKey:
     """The name of one parameter, or of a group of them. Text form: "stiffness[joint1]", "payload.mass[tip]".

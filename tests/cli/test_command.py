@@ -416,3 +416,18 @@ def test_a_stand_ins_log_is_of_ones_choice(tmp_path: Path, capsys) -> None:
     pair = ["standin", "record", "--arm", "aloha", "--hz", "50", "--out", str(tmp_path / "pair")]
     assert cli.main(pair) == 2 and "ALOHA pair" in capsys.readouterr().err
     assert not (tmp_path / "pair").exists()
+
+
+def test_an_output_never_replaces_an_input(work, logs, capsys) -> None:
+    """Logs by name, by pattern and in a folder's pattern; models; and two outputs of one name."""
+    (log,) = (logs / "train").glob("*.csv")
+    before, model = log.read_bytes(), Path("two.json").read_bytes()
+    for words in (["compare", log, "--model", "two.json", "--json", log],
+                  ["compare", f"{logs}/*/*.csv", "--model", "two.json", "--json", f"{logs}/train/../train/{log.name}"],
+                  ["calibrate", log, "--model", "two.json", "--out", "two.json"],
+                  ["excite", log, "--model", "two.json", "--separate", "coulomb_friction,backlash", "--out", log]):  # fmt: skip
+        code, _, err = run(capsys, *words)
+        assert code == 2 and "is an input of this command and would be overwritten; name another file." in err
+    code, _, err = run(capsys, "calibrate", log, "--model", "two.json", "--out", "a.json", "--json", "./a.json")
+    assert code == 2 and "is named for two outputs" in err
+    assert log.read_bytes() == before and Path("two.json").read_bytes() == model
