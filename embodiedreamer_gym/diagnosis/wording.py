@@ -36,7 +36,7 @@ class Attempt:
 def verdict_text(
     attempt: Attempt, effects: Sequence[str], places: Mapping[str, Sequence[str]], family: str | None
 ) -> str:
-    """One sentence: what is missing and where, or why nothing is named.
+    """What is missing and where, or why nothing is named, in one to four sentences.
 
     effects: the named ones; places: effect -> joints or arms; family: of a tie, if it is probable enough.
     """
@@ -46,7 +46,8 @@ def verdict_text(
         return f"These recordings show no missing effect ({usual})."
     if verdict == "missing":
         named = "; then ".join(f"{e} on {', '.join(places[e])}" for e in effects)
-        return f"Missing: {named}{_what_is_left(state)}."
+        left = _what_is_left(state)
+        return f"Missing: {named}{f', but {left}' if left else ''}."
     if verdict == "ambiguous":
         sure = certain_effects(effects, state.probabilities, places)
         members = probabilities_text({e: p for e, p in state.probabilities.items() if e in effects and e not in sure})
@@ -62,11 +63,12 @@ def verdict_text(
     names = " and ".join(places) or state.closest.kind.name
     share = total_explained(state.base, state.held if places else state.closest.held_out, state.start_null.chi2)
     verb = "explain" if len(places) > 1 else "explains"
-    closest = f"the closest, {names}, {verb} {100 * max(share, 0.0):.0f} %"
+    text = f"Unknown: the model is wrong ({usual}). The closest, {names}, {verb} {100 * max(share, 0.0):.0f} % of the excess error."
     if attempt.explainable is not None and places:
         most = total_explainable(state.base, state.held, state.start_null.chi2, attempt.explainable[:, -1])
-        closest += f" of the excess error, of which {100 * most:.0f} % is predictable from the signals"
-    return f"Unknown: the model is wrong ({usual}); {closest}{_what_is_left(state) if places else ''}."
+        text += f" Of the excess error, {100 * most:.0f} % is predictable from the signals."
+    left = _what_is_left(state) if places else ""
+    return f"{text} {left[0].upper()}{left[1:]}." if left else text
 
 
 def certain_effects(
@@ -80,12 +82,12 @@ def certain_effects(
 
 
 def _what_is_left(state: SearchState) -> str:
-    """The error that a law that is not exact leaves, as the end of a sentence; "" if it leaves none."""
+    """A clause on the error that a law that is not exact leaves; "" if it leaves none."""
     if state.is_exact or not state.steps or state.by_effort:
         return ""
     if is_far_from_noise(state.base, state.held, state.start_null.chi2):
-        return ", but the error stays far above the sensors' noise"
-    return (f", but the law is not exact: the worst joint's squared error is {state.excess:.2g} times the 95 % quantile "
+        return "the error stays far above the sensors' noise"
+    return (f"the law is not exact: the worst joint's squared error is {state.excess:.2g} times the 95 % quantile "
             f"of robots that lack no effect (exact: up to {EXACT})")  # fmt: skip
 
 

@@ -99,7 +99,7 @@ def test_shares_are_of_robots_like_the_calibrated_model() -> None:
     state = SearchState(start(False), errors(1000.0), errors(1000.0), null(2.0), closest=step(50.0))
     state.null = null(5000.0)
     text = verdict_text(Attempt("unknown", None, None, state, 0.001), (), {}, None)  # pyright: ignore[reportArgumentType]
-    assert "the closest, friction, explains 95 %" in text
+    assert "The closest, friction, explains 95 % of the excess error." in text
 
 
 @pytest.mark.parametrize(
