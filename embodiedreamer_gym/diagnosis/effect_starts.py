@@ -58,8 +58,9 @@ class Starts:
 def single_starts(kind: type[Effect], model: RobotModel, start: Values, nominal: Values) -> Starts:
     """Starts for one more effect: the screening's values, and several sizes at the model's gains and at nominal gains.
 
-    The calibrated gains have compensated for an effect that acts on all joints of an arm: they are as much too small as
-    the mass is. Every start near them is then worse than no effect, so a fit from nominal gains is always made too.
+    The calibrated gains have compensated for an effect of a whole arm, such as a payload: gains and inertia are too
+    small by the same factor. Near these gains, every size of the effect has a larger error than no effect. The fit
+    therefore also begins at nominal gains.
 
     nominal: nominal gains; empty if they are not tried.
     """

@@ -89,14 +89,15 @@ def finish_similar(search: Search, trials: Sequence[Trial], candidates: Sequence
     a similar one with as few parameters before both fits have ended.
     """
     best = min(candidates, key=lambda c: c.fit.cost)
-    open_fits = [k for k, c in enumerate(candidates) if c is not best and not c.fit.converged and _similar(c, best)]
+    begun = {id(trial): c for trial, c in zip(trials, candidates, strict=True)
+             if c is not best and not c.fit.converged and _similar(c, best)}  # fmt: skip
     finished = _through_cache(
-        search, [trials[k] for k in open_fits], "continued", finish_refit,
-        lambda t: (t, candidates[next(k for k in open_fits if trials[k] is t)], search.test, ITERATIONS),
+        search, [trial for trial in trials if id(trial) in begun], "continued", finish_refit,
+        lambda t: (t, begun[id(t)], search.test, ITERATIONS),
     )  # fmt: skip
-    done = dict(zip(open_fits, finished, strict=True))
-    search.rollouts += sum(c.rollouts - candidates[k].rollouts for k, c in done.items())
-    return [done.get(k, c) for k, c in enumerate(candidates)]
+    done = dict(zip(map(id, begun.values()), finished, strict=True))
+    search.rollouts += sum(done[id(c)].rollouts - c.rollouts for c in begun.values())
+    return [done.get(id(c), c) for c in candidates]
 
 
 def _similar(candidate: Candidate, best: Candidate) -> bool:

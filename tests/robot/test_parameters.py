@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from embodiedreamer_gym.errors import ModelError
-from embodiedreamer_gym.robot.parameters import ParameterKey, by_key
+from embodiedreamer_gym.robot.parameters import ParameterKey, by_key, unit_at
 from tests.bank import robot
 
 
@@ -38,3 +38,21 @@ def test_a_group_of_values_of_a_model() -> None:
     for key in (ParameterKey("mass"), ParameterKey("weight", "payload"), ParameterKey("gap", "backlash")):
         with pytest.raises(ModelError, match="no parameter"):
             model.group_values(key)
+
+
+@pytest.mark.parametrize(
+    ("unit", "sliding", "normalised"),
+    [
+        ("N m/rad", "N/m", "N m/1"),
+        ("N m s/rad", "N s/m", "N m s/1"),
+        ("kg m^2", "kg", "kg m^2"),
+        ("N m", "N", "N m"),
+        ("N m s^2/rad^2", "N s^2/m^2", "N m s^2/1^2"),
+        ("rad/(N m)", "m/N", "1/(N m)"),
+        ("1/(N m)", "1/N", "1/(N m)"),
+        ("rad/s", "m/s", "1/s"),
+        ("s", "s", "s"),
+    ],
+)
+def test_units_of_sliding_and_normalised_joints(unit: str, sliding: str, normalised: str) -> None:
+    assert (unit_at(unit, "rad"), unit_at(unit, "m"), unit_at(unit, "1")) == (unit, sliding, normalised)
