@@ -35,7 +35,7 @@ def test_the_tables_of_effects_are_up_to_date(name: str) -> None:
 
 def test_the_constants_of_a_diagnosis_are_those_of_the_code() -> None:
     found = CONSTANT.findall(text_of("docs/diagnosis.md"))
-    assert len(found) == 29
+    assert len(found) == 31
     for module, name, value in found:
         here = importlib.import_module(f"embodiedreamer_gym.diagnosis.{module}")
         assert float(value) == getattr(here, name), f"{module}.{name}"

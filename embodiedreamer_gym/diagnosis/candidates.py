@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from embodiedreamer_gym.diagnosis.effect_starts import Starts, Values, single_starts, start_of
+from embodiedreamer_gym.diagnosis.effect_starts import Starts, Values, fitted_values, single_starts, start_of
 from embodiedreamer_gym.diagnosis.held_out import HeldOut, evaluate, pooled, summarise_errors
 from embodiedreamer_gym.diagnosis.limits import limit_starts, release_limits
 from embodiedreamer_gym.diagnosis.refit_cache import CachedFit
@@ -97,6 +97,13 @@ def single_trial(base: RobotModel, screened: Screened, hold: str | None, both_ru
     starts = single_starts(screened.kind, model, screened.start, screened.nominal)
     holds = RULES if both_rules and screened.kind.stage == "command" else (hold,)
     return Trial(screened.kind, model, starts, holds, screened.start)
+
+
+def at_gains_of(trial: Trial, other: Candidate) -> Trial:
+    """The trial, with starts at the servo's gains of another fit."""
+    gains = {key: value for key, value in fitted_values(other.model).items() if not key.effect}
+    sizes = tuple({**{key: v for key, v in one.items() if key.effect}, **gains} for one in trial.starts.first)
+    return replace(trial, starts=replace(trial.starts, first=sizes, apart=()), again=None)
 
 
 def begin_refit(trial: Trial, train: Sequence[Recording], test: Sequence[Recording], iterations: int) -> Candidate:

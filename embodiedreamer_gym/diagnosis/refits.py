@@ -13,8 +13,10 @@ from embodiedreamer_gym.diagnosis.candidates import (
     ITERATIONS,
     Candidate,
     Trial,
+    at_gains_of,
     begin_refit,
     finish_refit,
+    refit,
     resume_refit,
     single_trial,
 )
@@ -33,7 +35,8 @@ FINALISTS = 4  # of them, those that are refitted to convergence
 FURTHER = 2  # the same, if effects that were found already leave little to explain
 LEADERS = 1  # finalists that are refitted first
 CLOSE_BEHIND = 0.1  # difference of the cost to the best within which further refits continue
-STAGES = {"begun": "beginning refits", "refitted": "refitting effects", "continued": "continuing refits"}
+STAGES = {"begun": "beginning refits", "refitted": "refitting effects", "continued": "continuing refits",
+          "again": "refitting special cases"}  # fmt: skip
 
 
 def fit_candidates(
@@ -83,21 +86,29 @@ def refit_all(
 
 
 def finish_similar(search: Search, trials: Sequence[Trial], candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates, with unfinished fits of effects that resemble the best one continued to convergence.
+    """The candidates, with further fits of effects that resemble the best one.
 
     A refit that is given up because it falls slowly may still end lower than the best. An effect is not preferred to
-    a similar one with as few parameters before both fits have ended.
+    a similar one with as few parameters before both fits have ended. A special case that ended far behind is fitted
+    again from the best one's gains, because it may be in a wrong local minimum.
     """
     best = min(candidates, key=lambda c: c.fit.cost)
-    begun = {id(trial): c for trial, c in zip(trials, candidates, strict=True)
+    begun = {id(t): c for t, c in zip(trials, candidates, strict=True)
              if c is not best and not c.fit.converged and _similar(c, best)}  # fmt: skip
     finished = _through_cache(
-        search, [trial for trial in trials if id(trial) in begun], "continued", finish_refit,
+        search, [t for t in trials if id(t) in begun], "continued", finish_refit,
         lambda t: (t, begun[id(t)], search.test, ITERATIONS),
     )  # fmt: skip
-    done = dict(zip(map(id, begun.values()), finished, strict=True))
-    search.rollouts += sum(done[id(c)].rollouts - c.rollouts for c in begun.values())
-    return [done.get(id(c), c) for c in candidates]
+    done = dict(zip(begun, finished, strict=True))
+    search.rollouts += sum(done[key].rollouts - c.rollouts for key, c in begun.items())
+    found = [done.get(id(t), c) for t, c in zip(trials, candidates, strict=True)]
+    behind = {k: at_gains_of(trials[k], best) for k, c in enumerate(found)
+              if c.kind.name in best.kind.generalises and c.fit.cost > best.fit.cost + CLOSE_BEHIND}  # fmt: skip
+    again = _through_cache(search, list(behind.values()), "again", refit, lambda t: (t, search.train, search.test))
+    search.rollouts += sum(c.rollouts for c in again)
+    for k, other in zip(behind, again, strict=True):
+        found[k] = min(found[k], other, key=lambda c: c.fit.cost)
+    return found
 
 
 def _similar(candidate: Candidate, best: Candidate) -> bool:
@@ -134,7 +145,7 @@ def close_beside_robot_errors(search: Search, candidates: Sequence[Candidate]) -
 
 
 def _through_cache(
-    search: Search, trials: Sequence[Trial], stage: str, refit: Callable[..., Candidate],
+    search: Search, trials: Sequence[Trial], stage: str, fit: Callable[..., Candidate],
     arguments: Callable[[Trial], tuple[Any, ...]],
 ) -> list[Candidate]:  # fmt: skip
     """Run one stage of refits, except for those that the cache contains."""
@@ -147,7 +158,7 @@ def _through_cache(
         )
         search.cache.keep(_key(fresh[done - 1], stage), c.fit.x, c.problem.hold)
 
-    made = iter(many(refit, [arguments(t) for t in fresh], search.jobs, finished))
+    made = iter(many(fit, [arguments(t) for t in fresh], search.jobs, finished))
     return [next(made) if c is None else resume_refit(t, c, search.train, search.test)
             for t, c in zip(trials, cached, strict=True)]  # fmt: skip
 

@@ -13,7 +13,7 @@ from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution, dra
 from embodiedreamer_gym.diagnosis.probabilities import candidate_probabilities
 from embodiedreamer_gym.diagnosis.refit_cache import RefitCache
 from embodiedreamer_gym.diagnosis.screening import VISIBLE_SHARE, LinearisationPoint, Screened, linearise, screen
-from embodiedreamer_gym.diagnosis.verdict import ALARM, EXACT, improves, leaves_excess
+from embodiedreamer_gym.diagnosis.verdict import ALARM, EXACT, INEXACT, RICHER, brings_little, improves, leaves_excess
 from embodiedreamer_gym.effects import Effect
 from embodiedreamer_gym.io.progress import ProgressCallback
 from embodiedreamer_gym.io.tables import milli
@@ -22,6 +22,8 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 
+HARDLY = 0.01  # share of the whole gain; a law that brings less beyond an exact special case is not preferred to it
+LARGE = 100.0  # multiple of the 95 % quantile of faultless robots above which RICHER takes the place of HARDLY
 SURE = 0.95  # probability above which an effect is named
 
 
@@ -221,7 +223,11 @@ def current_null(search: Search, state: SearchState) -> NullDistribution:
 
 
 def likeliest(search: Search, state: SearchState, candidates: Sequence[Candidate]) -> Candidate:
-    """The most probable candidate; also stores the probabilities of the effects, and the tie if none is certain."""
+    """The most probable candidate; also stores the probabilities of the effects, and the tie if none is certain.
+
+    A law is not among them if a special case of it is exact and the law brings hardly anything beyond it.
+    """
+    candidates = [c for c in candidates if not any(_is_enough(state, one, c) for one in candidates)]
     seconds = (sum(r.duration for r in search.train), sum(r.duration for r in search.test))
     shares = candidate_probabilities(
         state.start[0],
@@ -248,6 +254,20 @@ def likeliest(search: Search, state: SearchState, candidates: Sequence[Candidate
     )  # certain effects last: no motion has to decide on them
     state.tie = () if set(open_names) <= set(names) else tuple(open_names)
     return best
+
+
+def _is_enough(state: SearchState, special_case: Candidate, richer: Candidate) -> bool:
+    """Whether a special case of a law explains the error, and the law hardly more.
+
+    A large effect leaves some error if its law is only nearly exact, for example by the time steps of the simulation,
+    and a richer law absorbs a part of it. So if the error was large, the special case need not be quite exact.
+    """
+    if special_case is richer or not _is_special_case(special_case, richer) or state.by_effort:
+        return False
+    left = state.null.excess(special_case.held_out.chi2, special_case.trained.chi2)
+    large = state.null.excess(state.base.chi2, state.trained.chi2) > LARGE
+    most, share = (INEXACT, RICHER) if large else (EXACT, HARDLY)
+    return left <= most and brings_little(state.judged_start, special_case.judged, richer.judged, share)
 
 
 def _is_special_case(one: Candidate, other: Candidate) -> bool:

@@ -58,9 +58,9 @@ def contenders(before: HeldOut, candidates: Sequence[Candidate]) -> list[Candida
     return plain or close
 
 
-def brings_little(before: HeldOut, special_case: HeldOut, richer: HeldOut) -> bool:
+def brings_little(before: HeldOut, special_case: HeldOut, richer: HeldOut, share: float = RICHER) -> bool:
     """Whether a richer law, or a further effect, lowers the score by only a small share of the total fall."""
-    return special_case.score - richer.score <= RICHER * (before.score - richer.score)
+    return special_case.score - richer.score <= share * (before.score - richer.score)
 
 
 def rank_notes(

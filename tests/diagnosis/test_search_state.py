@@ -13,7 +13,7 @@ from embodiedreamer_gym.diagnosis import search as search_module
 from embodiedreamer_gym.diagnosis.held_out import HeldOut
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution
 from embodiedreamer_gym.diagnosis.search import _restore_joints
-from embodiedreamer_gym.diagnosis.search_state import SearchState
+from embodiedreamer_gym.diagnosis.search_state import SearchState, _is_enough
 from embodiedreamer_gym.diagnosis.verdict import brings_little, unrefuted
 from embodiedreamer_gym.diagnosis.wording import Attempt, verdict_text
 
@@ -192,3 +192,26 @@ def test_a_recording_is_learned_from_only_where_a_fit_to_all_motion_is_what_make
     state = SearchState(start(False), errors(99.0), errors(99.0), null(2.0), [step(9.0)])
     state.together = None if together is None else (errors(together), errors(together))
     assert state.needs_all_motion is needed
+
+
+@pytest.mark.parametrize(
+    ("before", "special", "richer", "enough"),
+    [
+        (1e4, 2.0, 1.5, True),  # a large error: its law may be nearly exact
+        (1e4, 2.0, 1.0, False),  # the richer law brings more than 5 % of the fall
+        (1e4, 4.5, 4.2, False),  # the special case leaves too much
+        (20.0, 1.01, 1.0, True),
+        (20.0, 1.1, 1.0, False),  # more than 1 % of the fall
+    ],
+)
+def test_a_special_case_is_enough_if_the_richer_law_explains_hardly_more(before, special, richer, enough) -> None:
+    plain, rich = (type(name, (), {"name": name, "generalises": ()}) for name in ("plain", "rich"))
+    rich.generalises = ("plain",)
+
+    def candidate(kind: type, chi2: float) -> Any:
+        return SimpleNamespace(model=SimpleNamespace(effects=(kind(),)), judged=errors(chi2), **vars(step(chi2)))
+
+    state = SearchState(start(False), errors(before), errors(before), null(2.0))
+    one, other = candidate(plain, special), candidate(rich, richer)
+    assert _is_enough(state, one, other) is enough
+    assert not _is_enough(state, other, one) and not _is_enough(state, one, one)
