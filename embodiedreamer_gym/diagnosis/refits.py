@@ -49,7 +49,7 @@ def fit_candidates(
     trials = [single_trial(model, item, problem.hold, search.both_rules) for item in _shortlist(screened)]
     finalists, close = (FURTHER, 0.0) if few else (FINALISTS, CLOSE_BEHIND)
     candidates = refit_all(search, trials, fit.cost, finalists, close)
-    if not few:
+    if candidates and not few:
         candidates = finish_similar(search, trials, candidates)
     if not search.ranking:
         linear = {s.kind.name: s.score for s in screened}

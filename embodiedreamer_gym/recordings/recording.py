@@ -208,10 +208,9 @@ class Recording:
         bad = np.argwhere(~(np.abs(array) < LARGEST))  # catches NaN too
         if len(bad):
             row, column = bad[0]
-            more = f", and so are {len(bad) - 1} more values" if len(bad) > 1 else ""
             raise self._error(
-                f"{name} of {self.joints[column]} is {array[row, column]} at row {row} (counted from 0), which is not "
-                f"finite or beyond {LARGEST:g}{more}"
+                f"{name} of {self.joints[column]} is {array[row, column]} at row {row} (counted from 0); "
+                f"{len(bad)} of {array.size} values are not finite, or beyond {LARGEST:g}"
             )
 
     def _fill_sensor(self) -> None:

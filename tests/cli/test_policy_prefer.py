@@ -306,6 +306,7 @@ def test_the_environment_of_the_options(files, envs: int, aligner: str | None, k
         every=2,
         execute=2,
         tracking=None,
+        randomize=None,
         learnt_on="aloha",
     )
     policy = make()
