@@ -27,7 +27,6 @@ from benchmarks.policy_scores import FIRST_SEED, REAL, RECIPES, KeptPictures, ge
 KINDS = ("real", "simulated", "both")
 EVERY = 6  # control steps between two pictures of a demonstration
 REAL_SEED = 11  # of the real demonstrations
-STILL, STEPS = 15, 300  # control steps at rest after which a success ends, and after which an attempt has failed
 
 
 class SlowCamera:
@@ -73,6 +72,7 @@ def recorded(a: argparse.Namespace, task: str) -> Path:
 def record(env: Any, camera: SlowCamera, seed: int, path: Path) -> None:
     """Play the scripted expert and write its episode if it succeeds."""
     from embodiedreamer_gym.envs.experts import ScriptedExpert
+    from embodiedreamer_gym.pipelines.demonstrations import MOVES, STEPS, STILL
     from embodiedreamer_gym.recordings.episodes import write_aloha_episode
 
     camera.due = True
@@ -88,7 +88,7 @@ def record(env: Any, camera: SlowCamera, seed: int, path: Path) -> None:
         })  # fmt: skip
         camera.due = len(rows) % EVERY == 0
         observation, _, _, _, info = env.step(action)
-        still = still + 1 if np.abs(observation["agent_pos"] - rows[-1]["state"]).max() < 2e-3 else 0
+        still = still + 1 if np.abs(observation["agent_pos"] - rows[-1]["state"]).max() < MOVES else 0
     if not info["is_success"]:
         return
     task = type(aloha.task).__name__
@@ -109,10 +109,8 @@ def masks_at(task: str, joints: np.ndarray, objects: Mapping[str, np.ndarray]) -
     from embodiedreamer_gym.standin.film.camera_noise import FINER, NoisyCamera
     from embodiedreamer_gym.standin.film.lab import lab
 
-    env, camera = (
-        AlohaEnv(task, obs_type="state", renderer="tiny"),
-        NoisyCamera(CAMERAS["head"], SIZE, lab().camera_noise),
-    )
+    env = AlohaEnv(task, obs_type="state", renderer="tiny")
+    camera = NoisyCamera(CAMERAS["head"], SIZE, lab().camera_noise)
     width, height = camera.wide.size
     masks = []
     for number, position in enumerate(joints):
