@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from embodiedreamer_gym.diagnosis import search as search_module
+from embodiedreamer_gym.diagnosis import search_state as search_state_module
 from embodiedreamer_gym.diagnosis.held_out import HeldOut
 from embodiedreamer_gym.diagnosis.null_distribution import NullDistribution
 from embodiedreamer_gym.diagnosis.search import _restore_joints
-from embodiedreamer_gym.diagnosis.search_state import SearchState, _is_enough
+from embodiedreamer_gym.diagnosis.search_state import SearchState, _is_enough, likeliest
 from embodiedreamer_gym.diagnosis.verdict import brings_little, unrefuted
 from embodiedreamer_gym.diagnosis.wording import Attempt, verdict_text
 
@@ -215,3 +216,23 @@ def test_a_special_case_is_enough_if_the_richer_law_explains_hardly_more(before,
     one, other = candidate(plain, special), candidate(rich, richer)
     assert _is_enough(state, one, other) is enough
     assert not _is_enough(state, other, one) and not _is_enough(state, one, one)
+
+
+@pytest.mark.parametrize(("special", "named"), [(2.0, "plain"), (9.0, "rich")])
+def test_a_law_that_explains_hardly_more_is_not_compared_with_its_special_case(special, named, monkeypatch) -> None:
+    plain, rich = (type(name, (), {"name": name, "generalises": ()}) for name in ("plain", "rich"))
+    rich.generalises = ("plain",)
+
+    def candidate(kind: type, chi2: float) -> Any:
+        model = SimpleNamespace(effects=(kind(),))
+        return SimpleNamespace(model=model, judged=errors(chi2), **vars(step(chi2)) | {"kind": kind})
+
+    def most_to_the_last(base, before, candidates, *rest):  # the richer law is likelier
+        return [0.01] * (len(candidates) - 1) + [1.0 - 0.01 * (len(candidates) - 1)]
+
+    monkeypatch.setattr(search_state_module, "candidate_probabilities", most_to_the_last)
+    nominal: Any = SimpleNamespace(has_effect=lambda kind: False)
+    state = SearchState((nominal, *start(False)[1:]), errors(1e4), errors(1e4), null(2.0))
+    search: Any = SimpleNamespace(train=(), test=(), rng=None, catalogue={"plain": plain, "rich": rich})
+    best = likeliest(search, state, [candidate(plain, special), candidate(rich, 1.5)])
+    assert best.kind.name == named and state.probabilities[named] > 0.95
