@@ -59,6 +59,7 @@ SEEDS = {
     "sealed_9": 2472138,
     "sealed_10": 5971997,
     "sealed_11": 8950964,
+    "sealed_12": 6585362,
 }
 # With URDF errors, an effort offset per joint is estimated; it absorbs a bias, also of direction-dependent friction.
 BESIDE_OFFSETS = tuple(name for name in IN_EFFORT if name not in ("torque_bias", "direction_dependent_friction"))
