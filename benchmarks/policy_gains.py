@@ -1,12 +1,13 @@
 """Learning from rollouts in the calibrated simulator with generated pictures: does it help in the stand-in world?
 
 python -m benchmarks policy_gains --scores DIR --out DIR [--task NAME ...] [--policy NAME] [--method best_of preferences]
-                                  [--starts 100] [--tries 4] [--cycles 1] [--randomize] [--episodes 50]
+                                  [--starts 100] [--tries 4] [--cycles 1] [--randomize] [--errors] [--episodes 50]
                                   [--json FILE]
 
 --scores: the folder of `policy_scores`, with its policies and their episodes. Each policy is improved by `policy prefer`:
 best_of clones the best try of each start, preferences compares the best and the worst. --randomize: the robot of each
-try is drawn from the calibration's intervals. Commands go through the calibrated model, in the simulator and in the
+try is drawn from the calibration's intervals. --errors: rollouts have the contacts of MuJoCo and the policy's perception
+errors, as the world `errors` of `policy_scores`. Commands go through the calibrated model, in the simulator and in the
 stand-in world. There, the policies before and after are compared on the same seeds; the gain is given with its standard
 error over seeds. Everything is kept in --out: an interrupted run resumes.
 """
@@ -23,7 +24,7 @@ import numpy as np
 from benchmarks.act_runs import one_thread, play_each, played
 from benchmarks.closed_loop import TASKS, calibrated
 from benchmarks.common import save
-from benchmarks.policy_scores import FIRST_SEED, REAL, RECIPES, world_of
+from benchmarks.policy_scores import FIRST_SEED, REAL, RECIPES, perceived, world_of
 
 METHODS = ("best_of", "preferences")
 
@@ -42,7 +43,8 @@ def improved(a: argparse.Namespace, task: str, method: str) -> tuple[Path, list[
         "policy", "prefer", "--policy", str(a.scores / f"policy_{task}_{a.policy}"), "--task", f"{task}-v0", "--out", str(study),
         "--robot", model, "--tracking", model, "--vis-aligner", "--every", "1000", "--method", method,
         "--starts", str(a.starts), "--tries", str(a.tries), "--cycles", str(a.cycles), "--evaluations", "50",
-        *(["--randomize", "calibration"] if a.randomize else []), "--json", str(study.with_suffix(".json")), "--quiet",
+        *(["--randomize", "calibration"] if a.randomize else []),
+        *(["--perception", perceived(a.scores, task, a.policy), "--engine", "mujoco"] if a.errors else []), "--json", str(study.with_suffix(".json")), "--quiet",
     ])  # fmt: skip
     if failed:
         raise SystemExit(failed)
@@ -82,6 +84,7 @@ def main() -> None:
     parser.add_argument("--policy", choices=RECIPES, default="object_pose_15")
     parser.add_argument("--method", nargs="+", choices=METHODS, default=list(METHODS))
     parser.add_argument("--randomize", action="store_true", help="draw the robot from the calibration's intervals")
+    parser.add_argument("--errors", action="store_true", help="contacts of MuJoCo, and perception errors")
     for name, value in (("starts", 100), ("tries", 4), ("cycles", 1), ("episodes", 50)):
         parser.add_argument(f"--{name}", type=int, default=value)
     a = parser.parse_args()

@@ -1,4 +1,4 @@
-"""Success rates of policies in four simulators and in the stand-in world: how well does each simulator predict?
+"""Success rates of policies in six simulators and in the stand-in world: how well does each simulator predict?
 
 python -m benchmarks policy_scores --out DIR [--task NAME ...] [--policy NAME ...] [--world NAME ...] [--episodes 50]
                                    [--until data|training|playing] [--device cpu] [--jobs 1] [--json FILE]
@@ -6,10 +6,12 @@ python -m benchmarks policy_scores --out DIR [--task NAME ...] [--policy NAME ..
 Policies of all kinds are trained on demonstrations in the nominal simulator, with generated pictures. They differ in
 the number of demonstrations, steps and scenes. Each is played with and without commands through the calibrated model
 (`CalibratedTracking`), on the same seeds in each world: plain is the nominal simulator; calibrated has a model fitted to
-ten logs of the robot of `closed_loop`; pictures_only and generated are these two with VisAligner's pictures; stand-in is
-the robot of `closed_loop` itself in MuJoCo, with a path-traced camera (Blender's bpy). In the first and third,
-`CalibratedTracking` uses the nominal model. Everything is kept in DIR: an interrupted run resumes, and several processes
-may share DIR by --task or --policy. The last table compares the simulators with the stand-in world.
+ten logs of the robot of `closed_loop`; pictures_only and generated are these two with VisAligner's pictures; mujoco is
+generated with the contacts of MuJoCo in place of PyBullet's; errors adds each policy's perception errors to it, which
+are measured on the photos of the bank; stand-in is the robot of `closed_loop` itself in MuJoCo, with a path-traced
+camera (Blender's bpy). In plain and pictures_only, `CalibratedTracking` uses the nominal model. Everything is kept in
+DIR: an interrupted run resumes, and several processes may share DIR by --task or --policy. The last table compares the
+simulators with the stand-in world.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ from benchmarks.act_runs import SIZE, one_thread, play_each, played, train_act
 from benchmarks.closed_loop import NOMINAL, SEEN, TASKS, calibrated, hidden
 from benchmarks.common import save
 
-SIMULATORS, REAL = ("plain", "calibrated", "pictures_only", "generated"), "stand-in"
+SIMULATORS, REAL = ("plain", "calibrated", "pictures_only", "generated", "mujoco", "errors"), "stand-in"
+CONTACTS, ERRORS = ("mujoco", "errors"), "errors"  # with MuJoCo's contacts; with perception errors
 FIRST_SEED = 950_000
 MORE_SEED = 7  # of the retargeted demonstrations
 PIXELS = (10, 8)  # of the recorded pictures, which are not used
@@ -133,7 +136,18 @@ class KeptPictures:
         return picture
 
 
-def world_of(folder: Path, task: str, policy: Any, tracking: str, world: str) -> Any:
+def perceived(folder: Path, task: str, name: str) -> str:
+    """File of a policy's perception errors, measured once."""
+    from embodiedreamer_gym.pipelines.perception import measure_perception
+    from embodiedreamer_gym.policies import load_policy
+
+    path = folder / f"perception_{task}_{name}.npz"
+    if not path.is_file():
+        measure_perception(load_policy(str(folder / f"policy_{task}_{name}")), task).save(path)
+    return str(path)
+
+
+def world_of(folder: Path, task: str, policy: Any, tracking: str, world: str, perception: str | None = None) -> Any:
     """The environment of a task in a world, in which a policy plays with a controller; folder: of this benchmark."""
     from embodiedreamer_gym.pipelines.policy_env import policy_world
     from embodiedreamer_gym.wrappers import CalibratedTracking
@@ -142,8 +156,11 @@ def world_of(folder: Path, task: str, policy: Any, tracking: str, world: str) ->
     robot = "aloha" if world in NOMINAL else str(calibrated(folder))
     model = robot if positions or tracking != "off" else None
     if world != REAL:
-        return policy_world(policy, task, robot, vis_aligner="lean" if world in SEEN else None,
-                            every=policy.chunk, tracking=model, tracking_mode=tracking)  # fmt: skip
+        return policy_world(
+            policy, task, robot, vis_aligner="lean" if world in (*SEEN, *CONTACTS) else None, every=policy.chunk,
+            tracking=model, tracking_mode=tracking, perception=perception,
+            engine="mujoco" if world in CONTACTS else "auto",
+        )  # fmt: skip
     from embodiedreamer_gym.standin.bench import make_stand_in
 
     learnt_on = None if positions else "aloha"
@@ -161,7 +178,8 @@ def judged(a: argparse.Namespace, task: str, name: str, tracking: str, world: st
     if path.is_file() and len(done := json.loads(path.read_text())) >= a.episodes:
         return done[: a.episodes]
     policy = load_policy(str(trained(a, task, name)))
-    env = world_of(a.out, task, policy, tracking, world)
+    perception = perceived(a.out, task, name) if world == ERRORS else None
+    env = world_of(a.out, task, policy, tracking, world, perception)
     try:
         label = f"{task} {name} {tracking} {world}"
         return play_each(path, a.episodes, lambda n: played(policy, env, FIRST_SEED + n), label)

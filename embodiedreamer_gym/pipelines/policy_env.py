@@ -13,6 +13,7 @@ from embodiedreamer_gym.policies.protocol import picture_inputs
 from embodiedreamer_gym.vis_aligner import load_bank
 from embodiedreamer_gym.wrappers.action_chunk import ActionChunk
 from embodiedreamer_gym.wrappers.calibrated_tracking import CalibratedTracking
+from embodiedreamer_gym.wrappers.perception_errors import PerceptionErrorWrapper
 from embodiedreamer_gym.wrappers.vis_aligner import VisAlignerObservationWrapper, VisAlignerVectorWrapper
 
 
@@ -20,7 +21,7 @@ def policy_world(
     policy: Any, task: str, robot: str = "aloha", execute: int | None = None, vis_aligner: str | None = None,
     bank: str = "lab", every: int = 1, envs: int = 1, size: tuple[int, int] | None = None, chunks: bool = True,
     tracking: str | None = None, tracking_mode: str = "both", learnt_on: str = "aloha",
-    randomize: str | None = None,
+    randomize: str | None = None, perception: str | None = None, engine: str = "auto",
 ) -> Any:  # fmt: skip
     """Make a task's environment for a policy: with its cameras, and taking `execute` actions at once.
 
@@ -38,7 +39,10 @@ def policy_world(
         whose actions are `positions`, the robot's own model.
     learnt_on: robot whose commands the policy gives, if they are not positions.
     randomize: as in `AlohaEnv`; commands through the calibrated model keep its own parameters.
-    Raises: PolicyError for larger pictures than the bank's, or for too many actions.
+    perception: file of the policy's perception errors, see `PerceptionErrorWrapper`.
+    engine: as in `AlohaEnv`.
+    Raises: PolicyError for larger pictures than the bank's, for too many actions, or for perception errors in a
+    vector or without chunks.
     """
     count, (cameras, learnt), filmed = executed(policy, execute), picture_inputs(policy), {}
     if vis_aligner is not None:
@@ -62,10 +66,20 @@ def policy_world(
     def chunked(env: Any) -> Any:
         return ActionChunk(tracked(env), count, **filmed)
 
-    options = {"cameras": cameras, "image_size": size or learnt or (128, 96), "robot": robot, "randomize": randomize}
+    def erring(env: Any) -> Any:
+        return env if perception is None else PerceptionErrorWrapper(env, perception)
+
+    if perception is not None and (envs > 1 or not chunks):
+        raise PolicyError(
+            "perception errors need one environment that takes chunks; leave --envs, --video and --ensemble out."
+        )
+    options = {"cameras": cameras, "image_size": size or learnt or (128, 96), "robot": robot, "randomize": randomize,
+               "engine": engine}  # fmt: skip
     if envs == 1:
         env = gymnasium.make(task_id(task), **options)
         env = chunked(env) if chunks else tracked(env)
-        return env if vis_aligner is None else VisAlignerObservationWrapper(env, vis_aligner, bank, cameras=cameras)
+        return erring(
+            env if vis_aligner is None else VisAlignerObservationWrapper(env, vis_aligner, bank, cameras=cameras)
+        )
     vector = gymnasium.make_vec(task_id(task), envs, "sync", wrappers=[chunked], **options)
     return vector if vis_aligner is None else VisAlignerVectorWrapper(vector, vis_aligner, bank, cameras=cameras)

@@ -100,7 +100,8 @@ def _environment(run: EvaluationSettings, policy: Any) -> Any:
     chunks = run.vis_aligner is not None or (run.video is None and run.ensemble is None)  # else each picture is needed
     given = run.task, run.robot, run.execute, run.vis_aligner, run.bank, every
     sent = {"tracking": run.tracking, "tracking_mode": run.tracking_mode, "learnt_on": run.learnt_on,
-            "randomize": run.randomize}  # fmt: skip
+            "randomize": run.randomize, "perception": run.perception,
+            "engine": run.engine}  # fmt: skip
     return policy_world(policy, *given, size=size, chunks=chunks, **sent)
 
 

@@ -23,6 +23,7 @@ FIRST_START, FIRST_EVALUATION = (
     200_000,
 )  # seeds; demonstrations count from 0, `policy evaluate` from 100 000
 SETTINGS, ROW, WEIGHTS, PAIRS, ROLLOUTS = "settings.json", "row.json", "weights.pt", "pairs.hdf5", "rollouts"
+LATER = {"randomize": None, "perception": None, "engine": "auto"}  # settings that studies of version 0.1 do not have
 FREE = ("envs", "jobs")  # settings that may change when a study continues
 LEARNING = (
     "metric",
@@ -60,7 +61,7 @@ class Study:
         check_fit(self.policy, self.env)
         if (out / SETTINGS).is_file():
             begun = (self.folder(1) / WEIGHTS).is_file()
-            stored = {RENAMED.get(name, name): value for name, value in _read(out / SETTINGS).items()}
+            stored = {**LATER, **{RENAMED.get(name, name): value for name, value in _read(out / SETTINGS).items()}}
             wanted = {key: value for key, value in self.settings.items() if begun or key not in LEARNING}
             check_settings(out, stored, wanted)
         out.mkdir(parents=True, exist_ok=True)
@@ -189,7 +190,14 @@ def environment(a: StudySettings, policy: Any) -> Any:
     from embodiedreamer_gym.pipelines.policy_env import policy_world
 
     given = policy, a.task, a.robot, a.execute, a.vis_aligner, a.bank, a.every, a.envs
-    return policy_world(*given, tracking=a.tracking, learnt_on=a.learnt_on, randomize=a.randomize)
+    return policy_world(
+        *given,
+        tracking=a.tracking,
+        learnt_on=a.learnt_on,
+        randomize=a.randomize,
+        perception=a.perception,
+        engine=a.engine,
+    )
 
 
 def _fingerprint(network: Any) -> str:

@@ -34,6 +34,10 @@ class EvaluationSettings:
     """JSON file or built-in robot (`embodiedreamer robots`)."""
     randomize: Literal["calibration"] | None = None
     """calibration: draw the robot's parameters from its calibration's intervals at each reset (default: no randomisation)."""
+    perception: str | None = None
+    """add these perception errors of the policy to its first chunk: file of `policy perception`."""
+    engine: Literal["auto", "bullet", "mujoco"] = "auto"
+    """physics engine of the contacts: bullet, mujoco, or auto (PyBullet if it is installed)."""
     tracking: str | None = None
     """send commands through this calibrated model: JSON file or built-in robot (default: only for policies that give positions)."""
     tracking_mode: Literal["feed_forward", "trim", "both"] = "both"
@@ -71,6 +75,10 @@ class StudySettings:
     """JSON file or built-in robot (`embodiedreamer robots`)."""
     randomize: Literal["calibration"] | None = None
     """calibration: draw the robot's parameters from its calibration's intervals at each reset (default: no randomisation)."""
+    perception: str | None = None
+    """add these perception errors of the policy to its first chunk: file of `policy perception`."""
+    engine: Literal["auto", "bullet", "mujoco"] = "auto"
+    """physics engine of the contacts: bullet, mujoco, or auto (PyBullet if it is installed)."""
     tracking: str | None = None
     """send commands through this calibrated model: JSON file or built-in robot."""
     learnt_on: str = "aloha"
