@@ -1,11 +1,12 @@
 """Learning from rollouts in the calibrated simulator with generated pictures: does it help in the stand-in world?
 
-python -m benchmarks policy_gains --scores DIR --out DIR [--task NAME ...] [--policy NAME] [--method best_of preferences]
+python -m benchmarks policy_gains --scores DIR --out DIR [--task NAME ...] [--policy NAME] [--method best_of preferences offset]
                                   [--starts 100] [--tries 4] [--cycles 1] [--randomize] [--errors] [--episodes 50]
                                   [--json FILE]
 
 --scores: the folder of `policy_scores`, with its policies and their episodes. Each policy is improved by `policy prefer`:
-best_of clones the best try of each start, preferences compares the best and the worst. --randomize: the robot of each
+best_of clones the best try of each start, preferences compares the best and the worst, and offset adds a constant
+offset to all actions if a test in the simulator shows that it helps. --randomize: the robot of each
 try is drawn from the calibration's intervals. --errors: rollouts have the contacts of MuJoCo and the policy's perception
 errors, as the world `errors` of `policy_scores`. Commands go through the calibrated model, in the simulator and in the
 stand-in world. There, the policies before and after are compared on the same seeds; the gain is given with its standard
@@ -26,7 +27,7 @@ from benchmarks.closed_loop import TASKS, calibrated
 from benchmarks.common import save
 from benchmarks.policy_scores import FIRST_SEED, REAL, RECIPES, perceived, world_of
 
-METHODS = ("best_of", "preferences")
+METHODS = ("best_of", "preferences", "offset")
 
 
 def scores_of(a: argparse.Namespace, task: str) -> Path:

@@ -15,7 +15,7 @@ from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.io.files import atomic_file, check_regular, read_json, write_json
 from embodiedreamer_gym.io.fingerprint import check_settings
 from embodiedreamer_gym.io.parallel import many
-from embodiedreamer_gym.pipelines.settings import PREFERENCES, RENAMED, StudySettings
+from embodiedreamer_gym.pipelines.settings import OFFSET, PREFERENCES, RENAMED, StudySettings
 from embodiedreamer_gym.policies.evaluation import check_fit
 
 FIRST_START, FIRST_EVALUATION = (
@@ -129,10 +129,15 @@ class Study:
         first = FIRST_START + 1_000_000 * self.a.seed + 10_000 * cycle
         seeds = range(first, first + self.a.starts)
         files = self._rolled(seeds, self.a.tries, self.a.noise, folder / ROLLOUTS)
-        return self._prefer(files, folder) if self.a.method == PREFERENCES else self._clone(files)
+        if self.a.method not in (PREFERENCES, OFFSET):
+            return self._clone(files)
+        pairs = self._paired(files)
+        pairs.save(folder / PAIRS)
+        return self._prefer(pairs) if self.a.method == PREFERENCES else self._shift(pairs, first + self.a.starts)
 
-    def _prefer(self, files: Sequence[Path], folder: Path) -> dict[str, Any]:
-        from embodiedreamer_gym.policies.preferences import PreferenceSet, fine_tune, load_trajectories
+    def _paired(self, files: Sequence[Path]) -> Any:
+        """Pairs of the rollouts in files."""
+        from embodiedreamer_gym.policies.preferences import PreferenceSet, load_trajectories
 
         found, a = [], self.a
         for path in files:
@@ -141,8 +146,23 @@ class Study:
                 tries = sorted(tries, key=lambda one: one.score(a.metric))
                 tries = tries[:1] + tries[1:][-1:]
             found += tries
-        pairs = PreferenceSet.choose(found, a.metric, a.pairing, a.top, a.margin)
-        pairs.save(folder / PAIRS)
+        return PreferenceSet.choose(found, a.metric, a.pairing, a.top, a.margin)
+
+    def _shift(self, pairs: Any, first: int) -> dict[str, Any]:
+        """Add an offset to the actions; first: seed of the scenes on which it is tested."""
+        from embodiedreamer_gym.pipelines.offset_search import search_offset
+        from embodiedreamer_gym.policies.preferences import preferred_offset
+
+        network, offset = self.policy.network, preferred_offset(pairs)
+        found = search_offset(
+            network, offset, lambda seeds: self._rolled(seeds, 1, 0.0), first, self.a.evaluations, self.a.metric
+        )
+        return {"pairs": len(pairs), "contrast": pairs.contrast, "offset": found}
+
+    def _prefer(self, pairs: Any) -> dict[str, Any]:
+        """Fine-tune on pairs."""
+        from embodiedreamer_gym.policies.preferences import fine_tune
+
         tuned = fine_tune(self.policy.network, pairs, self.config, self.progress)
         kept = -1 if tuned.stopped is None else -2  # the epoch whose weights were kept
         return {"pairs": len(pairs), "contrast": pairs.contrast, "gradient": tuned.gradient, "winners": tuned.winner[kept],
@@ -236,6 +256,10 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     for row in rows:
         cells = [f"{row[key]:>17.3g}" if row.get(key) is not None else f"{'':>17}" for key in ROW_KEYS]
         note = f"   stopped in epoch {row['stopped']}" if row.get("stopped") else ""
+        if "offset" in row:
+            note = "   offset {}: better on {better}, worse on {worse} of {scenes} scenes".format(
+                "accepted" if row["offset"]["accepted"] else "not accepted", **row["offset"]
+            )
         lines.append(f"{row['cycle']:>5}" + "".join(cells) + f"{gain(rows[0], row):>17}" + note)
     return "\n".join(lines)
 

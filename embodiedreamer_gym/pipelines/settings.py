@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.pipelines import FRAME_INTERVAL
 
-PREFERENCES = "preferences"  # the method that compares; the others clone
+PREFERENCES, OFFSET = "preferences", "offset"  # the methods that compare; the others clone
 RENAMED = {"dream": "vis_aligner", "rate": "learning_rate"}  # settings of version 0.1
 
 
@@ -114,8 +114,9 @@ class StudySettings:
     """maximum number of pairs, or of trajectories (the paper's is 25)."""
     margin: float = 0.005
     """pairs whose scores differ by less are left out, m."""
-    method: Literal["preferences", "best_of", "top", "rwr"] = "preferences"
-    """learn from preferences; or clone the best try of each start (best_of), the best of all (top), or all, weighted by reward (rwr)."""
+    method: Literal["preferences", "offset", "best_of", "top", "rwr"] = "preferences"
+    """learn from preferences; or add one constant offset to all actions, if a test shows that it helps (offset); or clone the
+    best try of each start (best_of), the best of all (top), or all, weighted by reward (rwr)."""
     variant: str = "clipped+dpop"
     """variant of the loss: paper, ipo, nll, dpop, clipped, clipped+dpop."""
     beta: float = 0.1
@@ -141,7 +142,7 @@ class StudySettings:
             raise PolicyError(f"seed is {self.seed}, but must be at least 0.")
         if self.metric not in METRICS:
             raise PolicyError(f"metric '{self.metric}' is not one of {', '.join(METRICS)}.")
-        if self.tries == 1 and self.pairing == "same_start" and self.method == PREFERENCES:
+        if self.tries == 1 and self.pairing == "same_start" and self.method in (PREFERENCES, OFFSET):
             raise PolicyError(
                 "every start is tried only once, which gives no pair; give at least 2 tries, or global_rank."
             )

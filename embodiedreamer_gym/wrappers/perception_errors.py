@@ -61,7 +61,7 @@ class PerceptionErrors:
     def load(path: str | Path) -> PerceptionErrors:
         """Read a file that `save` wrote. Raises: SimulationError for anything else."""
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with Path(path).open("rb") as source, np.load(source, allow_pickle=False) as file:
                 return PerceptionErrors(*(np.asarray(file[name], float) for name in NAMES))
         except SimulationError as error:
             raise SimulationError(f"{path}: {error}") from error

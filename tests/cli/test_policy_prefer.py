@@ -73,6 +73,13 @@ def make_other() -> Own:
     return found
 
 
+def make_with_mean() -> Own:
+    found = make()
+    found.network.register_buffer("action_mean", torch.zeros(2))
+    found.network.denormalise = lambda actions: actions * 0.5 + found.network.action_mean
+    return found
+
+
 def make_for_another_robot() -> Own:
     found = make()
     found.action_size = 3
@@ -152,10 +159,10 @@ def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.Monkey
     whole = run(tmp_path / "whole", "--cycles", "2")["rows"]
     tune = preference_study.Study._prefer
 
-    def interrupted(self: Any, paths: Any, folder: Path) -> Any:
-        if folder.name == "cycle-02":
+    def interrupted(self: Any, pairs: Any) -> Any:
+        if (self.folder(2) / "pairs.hdf5").is_file():
             raise KeyboardInterrupt
-        return tune(self, paths, folder)
+        return tune(self, pairs)
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(preference_study.Study, "_prefer", interrupted)
@@ -291,6 +298,17 @@ def test_what_the_guard_took_back_is_not_what_is_told(tmp_path: Path) -> None:
     assert row["stopped"] is not None and row["winners"] >= -0.001
 
 
+def test_an_offset_is_searched_and_told(tmp_path: Path) -> None:
+    """The network of these tests has no `action_mean`; one that has it gets an offset, or is left as it was."""
+    with pytest.raises(PolicyError, match="normalises its actions"):
+        run(tmp_path / "without", "--cycles", "1", "--method", "offset")
+    row = run(tmp_path / "study", "--cycles", "1", "--method", "offset", spec="make_with_mean")["rows"][1]
+    found = row["offset"]
+    assert row["pairs"] > 0 and found["scenes"] == 8 and not found["accepted"]  # 8 scenes can decide with 8 : 0 only
+    text = preference_study.table([row, row])
+    assert f"offset not accepted: better on {found['better']}, worse on {found['worse']} of 8 scenes" in text
+
+
 @pytest.mark.parametrize(("envs", "aligner", "kind"), [
     (1, None, ActionChunk), (1, "lean", VisAlignerObservationWrapper), (2, None, SyncVectorEnv),
     (2, "lean", VisAlignerVectorWrapper),
@@ -307,6 +325,8 @@ def test_the_environment_of_the_options(files, envs: int, aligner: str | None, k
         execute=2,
         tracking=None,
         randomize=None,
+        perception=None,
+        engine="auto",
         learnt_on="aloha",
     )
     policy = make()
