@@ -41,6 +41,10 @@ class SlowCamera:
             self._last = self._camera(poses)
         return self._last
 
+    def close(self) -> None:
+        """Close the camera; safe to call twice."""
+        self._camera.close()
+
 
 def recorded(a: argparse.Namespace, task: str) -> Path:
     """Folder of demonstrations on the real bench; attempts that fail are left out."""

@@ -135,6 +135,10 @@ class KeptPictures:
         cv2.imwrite(str(path), picture[..., ::-1])
         return picture
 
+    def close(self) -> None:
+        """Close the camera; safe to call twice."""
+        self.camera.close()
+
 
 def perceived(folder: Path, task: str, name: str) -> str:
     """File of a policy's perception errors, measured once."""

@@ -37,7 +37,8 @@ class StandInWorld:
     appearance: str = "lab"
     """lab, or an integer as the seed of a random bench."""
     pictures: str | Pictures = "traced"
-    """traced; none for black pictures; or a function of the poses (4, 4) of links and props by name."""
+    """traced; none for black pictures; or a function of the poses (4, 4) of links and props by name, whose method `close`,
+    if it has one, is called with the world's."""
     blender: str | None = None
     """Path of a Python interpreter that has bpy; None for the current one or EMBODIEDREAMER_BLENDER."""
 
@@ -152,5 +153,6 @@ class StandInEngine(MujocoWorld):
 
     def close(self) -> None:
         """Close the camera; safe to call twice."""
-        if self._traced is not None:
-            self._traced.close()
+        close = getattr(self._traced or self._pictures, "close", None)
+        if close is not None:
+            close()

@@ -108,6 +108,22 @@ def test_a_delay_and_an_offset_are_heard_by_the_encoders(bench: ActionChunk) -> 
     assert start["agent_pos"][0] == pytest.approx(0.0, abs=5e-3)  # it stands 0.05 beside, and says it does not
 
 
+def test_a_camera_is_closed_with_the_world() -> None:
+    class Camera:
+        closed = 0
+
+        def __call__(self, poses: Mapping[str, np.ndarray]) -> np.ndarray:
+            return np.zeros((96, 128, 3), np.uint8)
+
+        def close(self) -> None:
+            self.closed += 1
+
+    camera = Camera()
+    make_stand_in(pictures=camera).close()
+    assert camera.closed >= 1
+    make_stand_in(pictures=lambda poses: np.zeros((96, 128, 3), np.uint8)).close()
+
+
 def test_pictures_are_taken_once_a_step_of_where_things_are(shown: np.ndarray) -> None:
     taken: list[Mapping[str, np.ndarray]] = []
 
