@@ -6,7 +6,7 @@ from embodiedreamer_gym.pipelines.settings import StudySettings
 
 @o.verb(
     *o.settings_options(StudySettings, vis_aligner=o.VIS_ALIGNER),
-    o.out_folder("output folder: policy, and results of each cycle"),
+    o.out_folder("output folder: policy of the best cycle, and results of each cycle"),
     o.option("--cycles", "N", "number of cycles of rollouts and fine-tuning", 5, o.COUNT),
     o.QUIET,
     o.JSON,
@@ -19,13 +19,18 @@ def run(a, progress):
 
     torch.set_num_threads(1)
     study = Study(o.settings_of(StudySettings, a), a.out, progress)  # raises before anything is written
-    saves, rows = hasattr(study.policy, "save"), []
+    saves, rows, best = hasattr(study.policy, "save"), [], 0
     try:
         for cycle in range(a.cycles + 1):
             rows.append(study.row(cycle))
-            if saves:
+            best = max(range(cycle + 1), key=lambda k: rows[k]["success"])  # the first of equal ones
+            if saves and best == cycle:
                 study.policy.save(a.out / "policy")
     finally:
         study.close()
-    file = f"policy: {a.out / 'policy'}" if saves else f"weights: {study.folder(a.cycles) / WEIGHTS}"
-    return o.Result(f"{table(rows)}\n{file}", {"settings": study.settings, "rows": rows})
+    file = (
+        f"policy of cycle {best}: {a.out / 'policy'}"
+        if saves
+        else f"weights of cycle {best}: {study.folder(best) / WEIGHTS}"
+    )
+    return o.Result(f"{table(rows)}\n{file}", {"settings": study.settings, "rows": rows, "best": best})

@@ -146,7 +146,8 @@ def test_cycles_improve_and_leave_their_pairs(tmp_path: Path, capsys: pytest.Cap
         line.split()[0] for line in lines[1:5]
     ] == list("0123")
     assert lines[1].split()[-3:] == ["+0.0", "±", "0.0"] and "±" in lines[4]
-    assert lines[5] == f"weights: {tmp_path / 'study' / 'cycle-03' / 'weights.pt'}"
+    best = int(np.argmax([row["success"] for row in found]))
+    assert lines[5] == f"weights of cycle {best}: {tmp_path / 'study' / f'cycle-{best:02d}' / 'weights.pt'}"
     assert len(PreferenceSet.load(tmp_path / "study" / "cycle-02" / "pairs.hdf5")) == found[2]["pairs"]
     assert sorted(p.name for p in (tmp_path / "study" / "cycle-01").iterdir()) == [
         "pairs.hdf5",
@@ -296,6 +297,20 @@ def test_what_the_guard_took_back_is_not_what_is_told(tmp_path: Path) -> None:
         "rows"
     ][1]
     assert row["stopped"] is not None and row["winners"] >= -0.001
+
+
+def test_the_policy_of_the_best_cycle_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also if a later cycle is worse, and of equal cycles the first."""
+    rates, saved = iter([0.25, 0.5, 0.5, 0.125]), []
+
+    def judged(self: Any) -> dict[str, Any]:
+        return {"episodes": 8, "success": next(rates), "successes": [0] * 8}
+
+    monkeypatch.setattr(preference_study.Study, "_judge", judged)
+    monkeypatch.setattr(Own, "save", lambda self, out: saved.append(self.network.layer.bias.tolist()), raising=False)
+    run(tmp_path / "study", "--cycles", "3")
+    written = torch.load(tmp_path / "study" / "cycle-01" / "weights.pt", weights_only=True)
+    assert len(saved) == 2 and saved[-1] == written["layer.bias"].tolist()
 
 
 def test_an_offset_is_searched_and_told(tmp_path: Path) -> None:
