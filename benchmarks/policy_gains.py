@@ -45,7 +45,8 @@ def improved(a: argparse.Namespace, task: str, method: str) -> tuple[Path, list[
         "--robot", model, "--tracking", model, "--vis-aligner", "--every", "1000", "--method", method,
         "--starts", str(a.starts), "--tries", str(a.tries), "--cycles", str(a.cycles), "--evaluations", "50",
         *(["--randomize", "calibration"] if a.randomize else []),
-        *(["--perception", perceived(a.scores, task, a.policy), "--engine", "mujoco"] if a.errors else []), "--json", str(study.with_suffix(".json")), "--quiet",
+        *(["--perception", perceived(a.scores, task, a.policy), "--engine", "mujoco"] if a.errors else []),
+        "--json", str(study.with_suffix(".json")), "--quiet",
     ])  # fmt: skip
     if failed:
         raise SystemExit(failed)

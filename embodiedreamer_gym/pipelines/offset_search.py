@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from embodiedreamer_gym.pipelines.policy_comparison import ALPHA, BLOCK, evidence
+from embodiedreamer_gym.pipelines.policy_comparison import BLOCK, decides
 from embodiedreamer_gym.policies.preferences.offset import shift_actions
 
 FACTORS = (1.0, 2.0, 4.0, 8.0)  # of the estimated offset
@@ -41,7 +41,7 @@ def search_offset(network: Any, offset: np.ndarray, play: Play, first: int, most
 
     factor = min(FACTORS, key=quality)
     better = worse = scenes = 0
-    while scenes < most and evidence(better, worse) < 1.0 / ALPHA:
+    while scenes < most and not decides(better, worse):
         begun = first + SCREENED + scenes
         seeds = range(begun, begun + min(BLOCK, most - scenes))
         pairs = [
@@ -50,7 +50,7 @@ def search_offset(network: Any, offset: np.ndarray, play: Play, first: int, most
         better += sum(new > old for new, old in pairs)
         worse += sum(new < old for new, old in pairs)
         scenes += len(seeds)
-    accepted = better > worse and evidence(better, worse) >= 1.0 / ALPHA
+    accepted = better > worse and decides(better, worse)
     if accepted:
         shift_actions(network, factor * offset)
     return {"factor": factor, "scenes": scenes, "better": better, "worse": worse, "accepted": accepted}

@@ -27,6 +27,11 @@ def evidence(better: int, worse: int) -> float:
     return float(np.exp(betaln(better + 1, worse + 1) + (better + worse) * np.log(2.0)))
 
 
+def decides(better: int, worse: int) -> bool:
+    """Whether the evidence decides, at the 5 % level."""
+    return evidence(better, worse) >= 1.0 / ALPHA
+
+
 @dataclass(frozen=True)
 class Comparison:
     """Episodes of two policies on the same seeds, in the same order, and the number of seeds that was allowed."""
@@ -45,7 +50,7 @@ class Comparison:
     @property
     def decided(self) -> bool:
         """Whether the policies differ, at the 5 % level."""
-        return evidence(*self.pairs) >= 1.0 / ALPHA
+        return decides(*self.pairs)
 
     def __str__(self) -> str:
         better, worse = self.pairs

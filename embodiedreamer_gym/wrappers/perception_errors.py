@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from embodiedreamer_gym.envs.arguments import real_numbers
 from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.io.files import atomic_file
 
@@ -114,10 +115,13 @@ class PerceptionErrorWrapper(gym.Wrapper, gym.utils.RecordConstructorArgs):
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Play a chunk of actions (k, n)."""
+        """Play a chunk of actions (k, n).
+
+        Raises: SimulationError for another shape, numbers that are not real or not finite, or errors of other chunks.
+        """
         if self._first and self.errors is not None:
             space: Any = self.action_space
-            action = np.asarray(action, float)
+            action = real_numbers("a chunk", action, space.shape).astype(float)
             action = np.clip(action + self.errors.draw(action, self._rng), space.low, space.high).astype(np.float32)
         self._first = False
         observation, reward, terminated, truncated, info = self.env.step(action)

@@ -121,6 +121,11 @@ def test_what_does_not_fit_is_refused() -> None:
         PerceptionErrors(np.zeros((2, K, N)), np.zeros((3, K, N)))
     with pytest.raises(SimulationError, match=r"measured for chunks \(4, 2\), not \(5, 2\)"):
         measured().draw(np.zeros((K + 1, N)), np.random.default_rng(0))
+    wrapped = PerceptionErrorWrapper(Chunks(), measured())
+    wrapped.reset(seed=0)
+    for wrong in (np.zeros(N), np.full((K, N), np.nan), np.zeros((K, N + 1))):
+        with pytest.raises(SimulationError, match="a chunk"):
+            wrapped.step(wrong)
     with pytest.raises(SimulationError, match="must be a probability"):
         PerceptionErrorWrapper(Chunks(), measured(), dropped=1.5)
     single = Chunks()
