@@ -17,7 +17,7 @@ export NUMBA_CACHE_DIR := $(CURDIR)/.cache/numba
 # One test process per logical CPU; TESTS="tests/envs -k reset" runs some of them.
 PYTEST := -m pytest -n logical --dist worksteal
 
-.PHONY: install demo docs results test test-slow lint bench bench-diagnosis format test-lowest test-newest release-check clean
+.PHONY: install demo docs results test test-slow test-release lint bench bench-diagnosis format test-lowest test-newest release-check clean
 
 install: $(INSTALLED)
 
@@ -29,12 +29,16 @@ $(INSTALLED): pyproject.toml constraints.txt
 demo: $(INSTALLED)
 	$(BIN)/embodiedreamer demo
 
-# Minutes: everything but the tests marked slow, which take longer than ten seconds each.
+# Minutes: everything but the tests marked slow, which take longer than ten seconds each, or release, which take minutes.
 test: $(INSTALLED)
-	$(BIN)/python $(PYTEST) -m "not slow" $(TESTS)
+	$(BIN)/python $(PYTEST) -m "not slow and not release" $(TESTS)
 
 test-slow: $(INSTALLED)
-	$(BIN)/python $(PYTEST) -m slow $(TESTS)
+	$(BIN)/python $(PYTEST) -m "slow and not release" $(TESTS)
+
+# Minutes each: before a release.
+test-release: $(INSTALLED)
+	$(BIN)/python $(PYTEST) -m release $(TESTS)
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
@@ -68,7 +72,7 @@ test-lowest: pyproject.toml constraints.txt
 	  | grep -vE '^(torch|pytest|pytest-xdist|ruff|basedpyright|pre-commit|build)=' > $(LOWEST)/lowest.txt
 	grep '^torch==' constraints.txt >> $(LOWEST)/lowest.txt
 	$(LOWEST)/bin/python -m pip install --quiet -c $(LOWEST)/lowest.txt -e . pytest pytest-xdist setuptools
-	$(LOWEST)/bin/python $(PYTEST) -m "not slow"
+	$(LOWEST)/bin/python $(PYTEST) -m "not slow and not release"
 
 # An empty environment with the newest versions that pyproject.toml allows (torch's CPU build first), no display: 100 steps.
 NEWEST := .venv-newest

@@ -10,7 +10,7 @@ pytest.importorskip("diffusers", reason="the extra [svd] is not installed")
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_command_for_a_gpu_runs(monkeypatch, capsys) -> None:
     from benchmarks import vis_speed
 

@@ -16,6 +16,7 @@ from tests.test_docs_blocks import ROOT, blocks_of, command_lines
 
 TOLERANCE = 0.2  # relative: the last digits of a fit depend on the processor
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+LONG = ("own_bench", "policy")  # these train networks
 FENCE = re.compile(r"^ *```(?P<language>\w*)\n(?P<code>.*?)^ *```", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
 
@@ -48,8 +49,13 @@ def first_missing(expected: Sequence[str], printed: Sequence[str]) -> str | None
     return None
 
 
-@pytest.mark.slow(first=True)
-@pytest.mark.parametrize("path", sorted(TUTORIALS, key=lambda path: path.stem != "policy"), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=pytest.mark.release if path.stem in LONG else pytest.mark.slow, id=path.stem)
+        for path in TUTORIALS
+    ],
+)
 def test_tutorial(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

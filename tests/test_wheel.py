@@ -140,7 +140,7 @@ with BulletPlant(model) as plant:
     run(installed, "-c", code, cwd=installed.parent)
 
 
-@pytest.mark.parametrize("kind", ["installed", "installed_from_source"])
+@pytest.mark.parametrize("kind", ["installed", pytest.param("installed_from_source", marks=pytest.mark.release)])
 def test_the_demo_runs_outside_the_checkout(kind: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     """What `make demo` runs, from the wheel and from the source distribution."""
     command = request.getfixturevalue(kind).parent / "embodiedreamer"

@@ -7,6 +7,7 @@ from embodiedreamer_gym.errors import PolicyError
 
 FIRST_SEED = 960_000  # of the episodes of --policy
 EPISODES = 50
+SIMULATORS = ("errors", "generated")  # the first one is the default
 ONLY_LAST = 1000  # actions from one picture to the next: longer than a chunk, so that only its last action has one
 
 
@@ -14,7 +15,7 @@ ONLY_LAST = 1000  # actions from one picture to the next: longer than a chunk, s
     o.option(
         "--scores",
         "FILE.csv",
-        "policies with their scores in simulation and on the real robot (default: 48 policies, with the stand-in bench as the robot)",
+        "policies with their scores in simulation and on the real robot (default: this package's, with the stand-in bench as the robot)",
         None,
         Path,
     ),
@@ -24,6 +25,14 @@ ONLY_LAST = 1000  # actions from one picture to the next: longer than a chunk, s
     o.option("--policy", "POLICY", "policy to be evaluated in simulation and predicted for the stand-in bench"),
     o.option("--task", "TASK", "--policy: task, such as PutCupOnMat-v0"),
     o.option("--tracking", None, "--policy: send commands through the calibrated model of the stand-in bench"),
+    o.option(
+        "--simulator",
+        None,
+        "simulator of --policy and of the default scores: errors (generated pictures, perception errors of the policy and "
+        f"MuJoCo's contacts) or generated (generated pictures and PyBullet's contacts) (default: {SIMULATORS[0]})",
+        None,
+        choices=SIMULATORS,
+    ),
     o.option("--episodes", "N", f"--policy: number of episodes in simulation (default {EPISODES})", None, o.COUNT),
     o.SEED,
     o.JOBS,
@@ -43,11 +52,14 @@ def run(a, progress):
             "--policy is evaluated like the policies of the stand-in bench; leave out --scores and --evaluation, or give "
             "--evaluation with an evaluation made like those in --scores."
         )
+    if a.simulator is not None and a.scores is not None:
+        raise PolicyError("--simulator selects among the default scores; give --simulator or --scores.")
+    simulator = a.simulator or SIMULATORS[0]
     counts = None if a.evaluation is None else _counts(a.evaluation)
     if a.policy is not None:
-        counts = _played(a, progress)
+        counts = _played(a, simulator, progress)
     progress("predicting")
-    evidence = read_scores(STANDIN_SCORES if a.scores is None else a.scores)
+    evidence = read_scores(STANDIN_SCORES[simulator] if a.scores is None else a.scores)
     agreement = evidence.agreement(a.seed)
     if counts is None:
         return o.Result(agreement, agreement.as_dict())
@@ -58,18 +70,28 @@ def run(a, progress):
     return o.Result(text, {"prediction": prediction.as_dict(), "agreement": agreement.as_dict()})
 
 
-def _played(a, progress) -> tuple[int, int]:
-    """Successes and trials of --policy in the calibrated simulator of the stand-in bench, with generated pictures."""
+def _played(a, simulator, progress) -> tuple[int, int]:
+    """Successes and trials of --policy in a simulator that is calibrated to the stand-in bench."""
+    from tempfile import TemporaryDirectory
+
+    from embodiedreamer_gym.envs import task_name
+    from embodiedreamer_gym.pipelines.perception import measure_perception
     from embodiedreamer_gym.pipelines.policy_runs import play
     from embodiedreamer_gym.pipelines.settings import EvaluationSettings
+    from embodiedreamer_gym.policies import load_policy
     from embodiedreamer_gym.policies.prediction import STANDIN_MODEL
 
-    model = str(STANDIN_MODEL)
-    settings = EvaluationSettings(
-        a.policy, a.task, a.episodes or EPISODES, FIRST_SEED, robot=model, tracking=model if a.tracking else None,
-        vis_aligner="lean", every=ONLY_LAST, jobs=a.jobs,
-    )  # fmt: skip
-    played = play(settings, progress)
+    with TemporaryDirectory() as folder:
+        model, perception = str(STANDIN_MODEL), None
+        if simulator == "errors":
+            perception = str(Path(folder, "perception.npz"))
+            measure_perception(load_policy(a.policy), task_name(a.task), progress=progress).save(perception)
+        settings = EvaluationSettings(
+            a.policy, a.task, a.episodes or EPISODES, FIRST_SEED, robot=model, tracking=model if a.tracking else None,
+            vis_aligner="lean", every=ONLY_LAST, jobs=a.jobs, perception=perception,
+            engine="bullet" if perception is None else "mujoco",
+        )  # fmt: skip
+        played = play(settings, progress)
     return played.successes, len(played.episodes)
 
 

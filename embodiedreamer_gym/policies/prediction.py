@@ -17,8 +17,9 @@ from embodiedreamer_gym.errors import PolicyError
 from embodiedreamer_gym.io.files import check_regular
 from embodiedreamer_gym.robot.files import ASSETS
 
-# Scores of this package's own policies, with the stand-in bench as the robot, and the model fitted to logs of that robot
-STANDIN_SCORES, STANDIN_MODEL = ASSETS / "standin" / "scores.csv", ASSETS / "standin" / "robot.json"
+# Scores of this package's own policies by simulator, with the stand-in bench as the robot
+STANDIN_SCORES = {name: ASSETS / "standin" / f"scores_{name}.csv" for name in ("errors", "generated")}
+STANDIN_MODEL = ASSETS / "standin" / "robot.json"  # fitted to logs of that robot
 COLUMNS = ("policy", "task", "simulated_successes", "simulated_trials", "real_successes", "real_trials")
 FEWEST, FEWEST_OF_TASK = 5, 3  # policies, and policies of a task whose order is compared
 DRAWS, BOOTSTRAPS = 4000, 1000

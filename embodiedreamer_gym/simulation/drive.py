@@ -24,7 +24,7 @@ from embodiedreamer_gym.simulation.drive_setup import (
     parameter_values,
     tile,
 )
-from embodiedreamer_gym.simulation.joint_solver import solve_step, step_joints, within_limits
+from embodiedreamer_gym.simulation.joint_solver import move, solve_step, step_joints, within_limits
 from embodiedreamer_gym.simulation.servo_torque import ServoTorque
 
 TIME_STEP = 1.0 / 240.0  # s, the same as in the environment
@@ -225,9 +225,9 @@ class Drive:
 
     def advance(self, acceleration: np.ndarray) -> None:
         """Move freely for one step, as PyBullet would: v += a dt, q += v dt."""
-        self.velocity = self.velocity + acceleration * self.dt
-        np.minimum(np.maximum(self.velocity, -1e3, out=self.velocity), 1e3, out=self.velocity)
-        self.position = self.position + self.velocity * self.dt
+        moved = np.empty((2, *self.position.shape))
+        move(self.position, self.velocity, acceleration, self.dt, moved)
+        self.position, self.velocity = moved[0], moved[1]
         self.time += self.dt
 
     def keep(self, rollouts: int) -> None:

@@ -30,6 +30,7 @@ RIGID = 1e6  # stiffness of teeth without compliance, relative to that which a s
 FREE, TOP, FAST, BOTTOM, BACK = 0, 1, 2, 3, 4
 OPEN, AHEAD, BEHIND, MESHED = 0, 1, -1, 2
 GIVE, SLOPE, DRAG, SOFT, LATE, HEAVY, KNOWN, PUSH, HOLD = range(9)  # rows of `parts`, which describe a joint's drive
+FASTEST = 1e3  # rad/s; a simulation that diverges stays at this speed
 
 jit = nb.njit(cache=True, nogil=True, error_model="numpy")
 inner = nb.njit(nogil=True, error_model="numpy", **UNWRAPPED)
@@ -47,6 +48,20 @@ def within_limits(pull, damping, velocity, limits, out):
             top = min(limits[0, b, i], limits[4, b, i] * (1.0 - velocity[b, i] / limits[2, b, i]))
             bottom = min(limits[1, b, i], limits[4, b, i] * (1.0 + velocity[b, i] / limits[3, b, i]))
             out[b, i] = min(max(pull[b, i] - damping[b, i] * velocity[b, i], -bottom), top)
+
+
+@jit
+def move(position, velocity, acceleration, dt, moved):
+    """Write position and velocity (2, B, n) after a free step of duration dt to `moved`; all others are (B, n)."""
+    for b in range(position.shape[0]):
+        for i in range(position.shape[1]):
+            speed = velocity[b, i] + acceleration[b, i] * dt
+            if speed > FASTEST:
+                speed = FASTEST
+            elif speed < -FASTEST:
+                speed = -FASTEST
+            moved[1, b, i] = speed
+            moved[0, b, i] = position[b, i] + speed * dt
 
 
 @jit

@@ -123,9 +123,8 @@ def simulate_sets(
         overlap = int(first > 0)  # the last instant of the previous block, so that no interval is lost between blocks
         block = np.empty((3, last - first + overlap, drive.batch, model.n))
         block[:, :overlap] = track[:, -1:, : drive.batch] if overlap else 0.0
-        for k in range(first, last):
-            acceleration = drive.accelerate(np.repeat(padded[k, :alive], p, axis=0))
-            row = k - first + overlap
+        for row, command in enumerate(np.repeat(padded[first:last, :alive], p, axis=1), overlap):
+            acceleration = drive.accelerate(command)
             block[0, row], block[1, row], block[2, row] = drive.measured, drive.measured_acceleration, drive.torque
             drive.advance(acceleration)
         track = block

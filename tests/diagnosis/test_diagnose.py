@@ -121,7 +121,7 @@ def test_the_better_model_survives_its_file_and_does_as_well(friction, tmp_path)
     assert without.error > 2 * again.error
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_effect_outside_the_catalogue_is_unknown_and_a_users_own_is_found(model) -> None:
     class Wind(SignalLaw):
         """A torque that swings with time."""

@@ -57,7 +57,7 @@ def test_a_delay_of_the_effort_is_found(plain) -> None:
     assert there.error < 1.2 * here.error
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_simple_law_on_wrong_masses_is_not_called_a_richer_one(tmp_path) -> None:
     """A friction that depends on the direction is a simple one and an offset, which stands in for masses that are a little off."""
     drawn = draw_at_rest(("coulomb_friction",), "arm6", np.random.default_rng([20011, 4, 2]), 0.41,
@@ -140,7 +140,7 @@ def test_never_worse_than_plain_least_squares(rubbing) -> None:
     assert evaluate(problem.model_at(fit.x), list(test)).error < 1.02 * baseline
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_diagnosis_shows_the_baseline_and_offsets(rubbing) -> None:
     """An offset of the effort is in the table with its interval, and does not spoil the verdict."""
     model, train, test = rubbing
@@ -157,7 +157,7 @@ def test_a_diagnosis_shows_the_baseline_and_offsets(rubbing) -> None:
     assert found.as_dict()["error"]["with_effect"] <= 1.02 * found.error["least_squares"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_unknown_keeps_the_closest_effect(tmp_path) -> None:
     """With friction out of the catalogue something close is found: kept with its values, and not named.
 

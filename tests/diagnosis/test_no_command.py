@@ -28,12 +28,12 @@ def case(effect: str | None, folder, seed: int = 1):
 
 @pytest.mark.parametrize(
     "effect",
-    ["payload", *(pytest.param(name, marks=pytest.mark.slow) for name in ("coulomb_friction", "torque_constant"))],
+    ["payload", *(pytest.param(name, marks=pytest.mark.release) for name in ("coulomb_friction", "torque_constant"))],
 )
 def test_what_is_missing_is_named_from_the_effort(effect: str, tmp_path) -> None:
     """Right name and joints, the truth near its value, the held-out effort error down; the error is in N m."""
     model, train, test, truth = case(effect, tmp_path)
-    found = diagnose(model, train, test)
+    found = diagnose(model, train, test, jobs=1)
     assert (found.verdict, found.effects) == ("missing", (effect,))
     (values,) = truth["values"].values()
     assert set(found.joints[effect]) == set(values)
@@ -49,7 +49,7 @@ def test_what_is_missing_is_named_from_the_effort(effect: str, tmp_path) -> None
 def test_a_faultless_arm_is_not_accused(tmp_path) -> None:
     """Nothing is missing."""
     model, train, test, _ = case(None, tmp_path)
-    assert diagnose(model, train, test).verdict == "nothing_missing"
+    assert diagnose(model, train, test, jobs=1).verdict == "nothing_missing"
 
 
 def test_a_current_is_compared_with_a_scale_of_its_own(tmp_path) -> None:
@@ -77,7 +77,7 @@ def test_each_model_is_compared_with_its_own_noise(tmp_path) -> None:
     assert both.noise == alone[1].noise > alone[0].noise
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_command_line_reads_columns_of_currents(tmp_path, capsys) -> None:
     """A csv with <joint>.current and no command goes all the way to a page."""
     _, train, test, _ = case("coulomb_friction", tmp_path)
@@ -89,7 +89,7 @@ def test_the_command_line_reads_columns_of_currents(tmp_path, capsys) -> None:
             lines = [line for line in path.read_text().splitlines() if not line.startswith("# effort_unit")]
             path.write_text("\n".join(lines).replace(".effort", ".current"))
     options = ["--model", str(tmp_path / "model.json"), "--train", str(tmp_path / "a"), "--test", str(tmp_path / "b")]
-    outputs = ["--json", str(tmp_path / "d.json"), "--report", str(tmp_path / "report"), "--quiet"]
+    outputs = ["--json", str(tmp_path / "d.json"), "--report", str(tmp_path / "report"), "--jobs", "1", "--quiet"]
     assert main(["diagnose", *options, *outputs]) == 0
     answer = json.loads((tmp_path / "d.json").read_text())
     assert answer["error"]["unit"] == "A"
@@ -105,7 +105,7 @@ def test_inertia_is_named_although_it_raises_the_noise_of_the_effort(tmp_path) -
     rng = np.random.default_rng([4, 7])
     drawn = draw_case(("rotor_inertia",), "arm6", rng, 2.0, seconds=6, with_velocity=False, with_command=False)
     model = RobotModel.load(drawn.write(tmp_path))
-    found = diagnose(model, *(load_recordings(tmp_path / part) for part in ("train", "test")))
+    found = diagnose(model, *(load_recordings(tmp_path / part) for part in ("train", "test")), jobs=1)
     assert (found.verdict, found.effects) == ("missing", ("rotor_inertia",))
     ((joint, value),) = drawn.hidden["rotor_inertia"]["inertia"].items()
     assert found.parameters["rotor_inertia"][joint]["value"] == pytest.approx(value, rel=0.1)

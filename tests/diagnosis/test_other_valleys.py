@@ -106,5 +106,7 @@ def test_a_diagnosis_leaves_the_valleys_of_its_candidates(arm, monkeypatch: pyte
     monkeypatch.setattr(search_module, "leave_valleys", left)
     truth = with_effect(arm, "command_lowpass", time_constant=0.1)
     train, test = ([record(truth, noise=4e-4, seed=seed) for seed in seeds] for seeds in ((0, 1), (2,)))
-    found = diagnose(arm, train, test, catalogue={n: CATALOGUE[n] for n in ("command_lowpass", "coulomb_friction")})
+    found = diagnose(
+        arm, train, test, catalogue={n: CATALOGUE[n] for n in ("command_lowpass", "coulomb_friction")}, jobs=1
+    )
     assert list(found.effects) == ["command_lowpass"] and "command_lowpass" in seen

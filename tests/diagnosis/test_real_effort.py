@@ -13,7 +13,7 @@ from embodiedreamer_gym.robot import RobotModel
 FRICTION = {"coulomb_friction", "stribeck_friction", "direction_dependent_friction", "load_friction", "hysteresis"}
 
 
-@pytest.mark.slow(first=True)
+@pytest.mark.release
 def test_the_friction_of_a_franka_is_named(shared_data: Path) -> None:
     """On every joint that least squares finds it on, and the held-out torque is predicted better than by least squares."""
     data = shared_data / "franka_effort"
@@ -21,7 +21,7 @@ def test_the_friction_of_a_franka_is_named(shared_data: Path) -> None:
         pytest.skip(f"{data} is not there")
     model = RobotModel.load(data / "model.json")
     train, test = (load_recordings(data / name, joints=model.joints) for name in ("exciteA_1.csv", "exciteB_2.csv"))
-    found = diagnose(model, train, test)
+    found = diagnose(model, train, test, jobs=1)
     assert found.verdict == "missing"
     assert found.effects[0] in FRICTION
     assert set(found.joints[found.effects[0]]) == set(model.joints)

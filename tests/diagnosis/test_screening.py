@@ -16,7 +16,7 @@ from embodiedreamer_gym.phys_aligner.problem import Problem
 from tests.bank import case
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.release)])
 def test_a_ripple_is_started_near_its_own_frequency(seed: int) -> None:
     robot, model = case("torque_ripple", "pendulum1", seed)
     problem, fit = fit_least_squares(model, robot.train)

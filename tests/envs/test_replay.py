@@ -18,7 +18,7 @@ from tests.bank import robot
 ID = "EmbodieDreamer/PutCupOnMat-v0"
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_logs_to_diagnosis_to_environment() -> None:
     """HDF5 logs of a stand-in pair with a hidden effect, diagnosed, give an environment that errs as `compare` says."""
     found = run("coulomb_friction", "aloha", seed=7)

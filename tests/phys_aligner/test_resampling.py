@@ -84,6 +84,7 @@ def test_an_interval_of_which_one_end_is_infinite_is_none(arm, end, monkeypatch)
     assert name not in found.model.intervals and name in found.undetermined
 
 
+@pytest.mark.release
 def test_intervals_of_widths_hold_them_more_often_than_by_slopes(arm, monkeypatch) -> None:
     """Of six robots whose servos are a little stiffer than the model's, with friction that the model lacks."""
     said, held = 0, {True: 0, False: 0}

@@ -29,7 +29,7 @@ LOST = "The workbench does not answer."
 
 pytestmark = [
     needs_chromium,
-    pytest.mark.slow,
+    pytest.mark.slow(first=True),
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
 ]

@@ -255,7 +255,7 @@ def test_a_drag_is_redrawn_in_time(tmp_path) -> None:
     assert min(took) < DRAG
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_random_actions(page, logs, caplog) -> None:
     """Two thousand in `python -m benchmarks workbench`."""
     model, recordings = logs
