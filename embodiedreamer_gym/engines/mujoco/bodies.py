@@ -16,6 +16,7 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.urdf import read_xml, resolve_meshes
 
 READABLE = (".stl", ".obj", ".msh")  # meshes that MuJoCo reads
+FASTEST = np.repeat([20.0, 100.0], 3)  # m/s and rad/s, of a free body; its explicit gyroscopic torques diverge when it spins faster
 
 
 class MujocoBodies:
@@ -38,7 +39,8 @@ class MujocoBodies:
         names = robot.tree.joint_names
         joints = np.array([self.model.joint(name).id for name in names])
         dofs = self.model.jnt_dofadr[joints]
-        self.order, used = np.argsort(dofs), slice(0, len(names))  # the robot's joints are the world's first
+        self.order, used = np.argsort(dofs), slice(0, len(names))  # the robot's joints are the world's first, then free bodies
+        self._free = self.data.qvel[len(names) :].reshape(-1, len(FASTEST))
         self.position, self.velocity = self.data.qpos[used], self.data.qvel[used]
         self.force = self.data.qfrc_applied[used]
         self.mechanics = robot.nominal_mechanics
@@ -58,6 +60,7 @@ class MujocoBodies:
     def advance(self) -> None:
         """Take one physics step under the joint forces."""
         mujoco.mj_step(self.model, self.data)
+        np.maximum(np.minimum(self._free, FASTEST, out=self._free), -FASTEST, out=self._free)
 
 
 def robot_specification(robot: RobotModel, root: ElementTree.Element | None = None) -> Any:

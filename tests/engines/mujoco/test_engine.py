@@ -217,3 +217,16 @@ def test_auto_is_pybullet_where_it_is_installed(monkeypatch: pytest.MonkeyPatch)
             continue
         monkeypatch.setattr(engines, "has_pybullet", lambda found=installed: found)
         assert engine_factory("auto").name == name  # pyright: ignore[reportFunctionMemberAccess]
+
+
+def test_a_prop_that_spins_fast_does_not_diverge() -> None:
+    """An arm without tracking can hit the cup so hard that its explicit gyroscopic torques would grow without limit."""
+    env = AlohaEnv("PutCupOnMat", obs_type="state", engine="mujoco")
+    env.reset(seed=0)
+    cup = env.unwrapped.engine._data.joint("cup")  # type: ignore[attr-defined]
+    cup.qpos[2] = 5.0
+    cup.qvel[3:] = 300.0, 200.0, -150.0
+    for _ in range(90):
+        env.step(swing(0)[0])
+    assert np.isfinite(cup.qpos).all() and np.abs(cup.qvel).max() <= 100.0
+    env.close()
