@@ -16,7 +16,7 @@ from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.robot.urdf import read_xml, resolve_meshes
 
 READABLE = (".stl", ".obj", ".msh")  # meshes that MuJoCo reads
-FASTEST = np.repeat([20.0, 100.0], 3)  # m/s and rad/s, of a free body; its explicit gyroscopic torques diverge when it spins faster
+FASTEST = np.repeat([20.0, 100.0], 3)  # m/s, rad/s, of a free body; a faster spin diverges in explicit integration
 
 
 class MujocoBodies:
@@ -39,7 +39,7 @@ class MujocoBodies:
         names = robot.tree.joint_names
         joints = np.array([self.model.joint(name).id for name in names])
         dofs = self.model.jnt_dofadr[joints]
-        self.order, used = np.argsort(dofs), slice(0, len(names))  # the robot's joints are the world's first, then free bodies
+        self.order, used = np.argsort(dofs), slice(0, len(names))  # the robot's joints are first, then free bodies
         self._free = self.data.qvel[len(names) :].reshape(-1, len(FASTEST))
         self.position, self.velocity = self.data.qpos[used], self.data.qvel[used]
         self.force = self.data.qfrc_applied[used]
