@@ -1,1 +1,1 @@
-"""A benchmark of diagnosis that any tool can enter: hidden cases, answers in one JSON schema, a scorer, entries."""
+"""A diagnosis benchmark open to any tool: hidden cases, answers in one JSON schema, a scorer, entries."""

@@ -15,7 +15,8 @@ VIDEO = {"metavar": "DIR", "kind": o.output_folder}
 def run(a, progress):
     """Evaluate a policy on held-out seeds: success rate with its 95-percent interval, and one row per episode."""
     settings = o.settings_of(EvaluationSettings, a)
-    origin = {"policy": str(a.policy), "robot": str(a.robot), "vis_aligner": a.vis_aligner}
+    origin = {"policy": str(a.policy), "robot": str(a.robot), "vis_aligner": a.vis_aligner, "perception": a.perception,
+              "engine": a.engine}  # fmt: skip
     if a.against is not None:
         from embodiedreamer_gym.pipelines.policy_comparison import compare_policies
 

@@ -9,8 +9,8 @@ class Backlash(MechanicsChange):
     name = "backlash"
     family = "gear"
     parameters = (Parameter("gap", "rad", off=0.0, low=0.0, high=0.2, typical=0.02),)
-    symptom = "when the load changes sides, the motor turns freely for a moment, then hits its load with a jerk"
-    reveals = "moves back and forth in poses without gravity torque, where the load changes sides"
+    symptom = "when the load torque changes sign, the motor turns freely for a moment, then hits its load with a jerk"
+    reveals = "moves back and forth in poses without gravity torque, where the load torque changes sign"
     confused_with = ("joint_elasticity", "servo_deadzone")
 
     @staticmethod

@@ -11,7 +11,7 @@ class GravityCompensation(SignalLaw):
     stage = "torque"
     parameters = (Parameter("share", "1", off=0.0, low=-1.5, high=1.5, typical=0.3),)
     symptom = "the joint sags in proportion to its weight, but less or more than its stiffness predicts"
-    reveals = "static poses near and far, without a load and with a known load"
+    reveals = "static poses with the arm retracted and stretched out, without a load and with a known load"
     confused_with = ("payload", "torque_bias", "integral_action", "joint_spring", "base_tilt")
 
     @staticmethod

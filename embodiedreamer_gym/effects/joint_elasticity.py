@@ -13,7 +13,8 @@ class JointElasticity(MechanicsChange):
         Parameter("settling", "s", off=0.004, low=0.0, high=0.05, typical=0.004, shape=True),
     )
     symptom = (
-        "the joint rings after sudden stops, faster than its servo, and its load hardly acts on it while it accelerates"
+        "after sudden stops, the joint oscillates at a higher frequency than the servo's, and while it accelerates, the motor "
+        "hardly feels the inertia of the load"
     )
     reveals = "abrupt stops and a multisine up to the resonance; the end effector sags, which the encoders do not see"
     confused_with = ("rotor_inertia", "backlash")

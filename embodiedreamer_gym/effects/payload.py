@@ -21,7 +21,7 @@ class Payload(MechanicsChange):
           for axis in "xyz"),
     )  # fmt: skip
     symptom = "every joint that carries weight sags and lags more, most of all when the arm is stretched out"
-    reveals = "static poses near and far, and fast moves"
+    reveals = "static poses with the arm retracted and stretched out, and fast moves"
     confused_with = ("torque_bias", "base_tilt", "joint_spring", "rotor_inertia", "torque_fade",
                      "torque_constant")  # fmt: skip
 

@@ -79,7 +79,8 @@ class PerceptionErrors:
     def __str__(self) -> str:
         size = ", ".join(f"{1e3 * one:.1f}" for one in self.size)
         return (
-            f"actions differ between real photos and generated pictures by {size} mrad (rms, one value for each photo)"
+            f"actions differ between real photos and generated pictures by {size} (rms, one value for each photo; 1e-3 of "
+            "an action's unit)"
         )
 
 

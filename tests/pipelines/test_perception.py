@@ -64,7 +64,7 @@ def test_the_command_measures_and_an_evaluation_uses_the_file(
         main(["policy", "perception", "--policy", policy, "--task", "GrabPaperCup-v0", "--out", str(out), "--quiet"])
         == 0
     )
-    assert "rms, one value for each photo" in capsys.readouterr().out
+    assert "rms, one value for each photo; 1e-3 of an action's unit" in capsys.readouterr().out
     assert len(PerceptionErrors.load(out).size) == 8
     env = policy_world(Brightness(), "GrabPaperCup", perception=str(out), engine="mujoco")
     assert isinstance(env, PerceptionErrorWrapper) and env.unwrapped.engine.name == "mujoco"
