@@ -55,7 +55,6 @@ RECIPES = {
     "object_pose": Recipe("object_pose", tracking=("off", "both")),
     "object_pose_early": Recipe("object_pose", steps=600),
     "object_pose_15": Recipe("object_pose", demos=15),
-    "object_pose_30": Recipe("object_pose", demos=30),
     "object_pose_more": Recipe("object_pose", more=130),
     "act": Recipe("act", tracking=("off", "both")),
     "act_early": Recipe("act", steps=1000),

@@ -71,4 +71,4 @@ def test_a_picture_is_traced_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_each_kind_is_played_with_and_without_tracking() -> None:
     kinds = {recipe.kind: recipe.tracking for recipe in RECIPES.values() if "off" in recipe.tracking}
     assert set(kinds) == {"object_pose", "act", "key_pose"}
-    assert 4 * sum(len(recipe.tracking) for recipe in RECIPES.values()) == 52
+    assert 4 * sum(len(recipe.tracking) for recipe in RECIPES.values()) == 48

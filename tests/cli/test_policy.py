@@ -109,13 +109,13 @@ def test_the_papers_preset(episodes: Tiny, tmp_path: Path) -> None:
 
 
 def test_an_evaluation(still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run("evaluate", "--policy", still, "--task", "GrabPaperCup-v0", "--episodes", 1, "--execute", 30, "--engine", "mujoco",
+    run("evaluate", "--policy", still, "--task", "GrabPaperCup-v0", "--episodes", 1, "--execute", 30,
         "--json", tmp_path / "e.json", "--video", tmp_path / "videos", "--quiet")  # fmt: skip
     out = capsys.readouterr().out
     assert "success in 0 of 1 episodes of EmbodieDreamer/GrabPaperCup-v0: 0.0% (95 % interval 0.0% .. 97.5%)" in out
     data = json.loads((tmp_path / "e.json").read_text())
     assert data["execute"] == 30 and data["episodes"][0]["seed"] == 100_000 and data["episodes"][0]["steps"] == 300
-    assert (data["engine"], data["perception"], data["vis_aligner"]) == ("mujoco", None, None)
+    assert (data["engine"], data["perception"], data["vis_aligner"]) == ("auto", None, None)
     film = cv2.VideoCapture(str(tmp_path / "videos" / "seed_100000_failure.mp4"))
     shape = [int(film.get(k)) for k in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
     film.release()

@@ -11,12 +11,15 @@ from embodiedreamer_gym.engines.table import TABLE
 from embodiedreamer_gym.envs.aloha import AlohaEnv
 from embodiedreamer_gym.envs.cameras import CAMERAS
 from embodiedreamer_gym.errors import EmbodieDreamerError
+from tests.opengl import skip_without_pictures
 
 SIZE = (128, 96)
 
 
 @pytest.fixture(scope="module", params=["bullet", "mujoco"])
 def env(request) -> Iterator[AlohaEnv]:
+    if request.param == "mujoco":
+        skip_without_pictures()
     try:
         made = AlohaEnv("PutCupOnMat", obs_type="state", engine=request.param)
     except EmbodieDreamerError as error:

@@ -21,6 +21,7 @@ from embodiedreamer_gym.policies.prediction import (
     read_scores,
 )
 from embodiedreamer_gym.robot import RobotModel
+from tests.opengl import skip_without_pictures
 
 
 def policies(
@@ -167,6 +168,8 @@ def test_the_shipped_scores_are_read_and_agree(
 
 @pytest.mark.parametrize("options", [[], ["--tracking", "--simulator", "generated"]])
 def test_a_policy_is_evaluated_and_predicted(capsys: pytest.CaptureFixture[str], options: list[str]) -> None:
+    if "generated" not in options:
+        skip_without_pictures()
     words = ["--policy", "tests.policies.test_prediction:Still", "--task", "GrabPaperCup-v0", "--episodes", "2"]
     assert main(["policy", "predict", *words, *options, "--quiet"]) == 0
     out = capsys.readouterr().out

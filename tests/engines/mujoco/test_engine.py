@@ -23,6 +23,7 @@ from embodiedreamer_gym.errors import SimulationError
 from embodiedreamer_gym.recordings import Recording
 from embodiedreamer_gym.robot import RobotModel
 from embodiedreamer_gym.simulation import simulate
+from tests.opengl import skip_without_pictures
 
 EFFECTS = {"command_delay": 0.02, "coulomb_friction": 0.2, "torque_bias": 0.1, "payload": 0.1}
 
@@ -137,11 +138,9 @@ def test_arms_touch_each_other_and_pass_through_without_collisions() -> None:
 
 @pytest.fixture(scope="module")
 def drawn() -> AlohaEnv:
+    skip_without_pictures()
     env = AlohaEnv("PutCupOnMat", engine="mujoco", image_size=(160, 120))
-    try:
-        env.reset(seed=0)
-    except SimulationError as error:
-        pytest.skip(str(error))
+    env.reset(seed=0)
     return env
 
 
