@@ -141,7 +141,8 @@ def start(out: Path, port: str) -> tuple[subprocess.Popen, str]:
     ]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert process.stdout
-    return process, process.stdout.readline().split()[1]
+    with process.stdout as first:
+        return process, first.readline().split()[1]
 
 
 def test_a_killed_server_is_said_and_a_new_one_works(chromium, tmp_path) -> None:
