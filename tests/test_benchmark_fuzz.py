@@ -162,12 +162,12 @@ def test_an_interrupted_run_goes_on_and_shards_give_the_same_result(
     assert stop.value.code == 2 and "has other settings: seed is 0, not 1" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_a_few_cases_of_each_target_are_taken_or_refused() -> None:
+@pytest.mark.parametrize("each", [pytest.param(2, marks=pytest.mark.slow), pytest.param(8, marks=pytest.mark.release)])
+def test_a_few_cases_of_each_target_are_taken_or_refused(each: int) -> None:
     """In a process of its own, as a fork of this one would have its threads."""
     names = sorted(set(fuzz.targets()))
     ended = subprocess.run(
-        [sys.executable, "-m", "benchmarks.fuzz", "--targets", ",".join(names), "--cases", str(2 * len(names))],
+        [sys.executable, "-m", "benchmarks.fuzz", "--targets", ",".join(names), "--cases", str(each * len(names))],
         capture_output=True,
         text=True,
         cwd=Path(__file__).parents[1],

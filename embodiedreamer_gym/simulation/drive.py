@@ -24,7 +24,7 @@ from embodiedreamer_gym.simulation.drive_setup import (
     parameter_values,
     tile,
 )
-from embodiedreamer_gym.simulation.joint_solver import move, solve_step, step_joints, within_limits
+from embodiedreamer_gym.simulation.joint_solver import FASTEST, move, solve_step, step_joints, within_limits
 from embodiedreamer_gym.simulation.servo_torque import ServoTorque
 
 TIME_STEP = 1.0 / 240.0  # s, the same as in the environment
@@ -193,7 +193,7 @@ class Drive:
         self.measured_acceleration = acceleration
         if self._gives:
             self.measured_acceleration = np.where(self._loose, (spin - self.spin) / self.dt, acceleration)
-            self.spin = np.clip(spin, -1e3, 1e3)
+            self.spin = np.clip(spin, -FASTEST, FASTEST)
             self.motor = self.motor + self.spin * self.dt
 
     def _line(self, torque: np.ndarray, joint: JointState) -> np.ndarray:

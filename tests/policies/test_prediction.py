@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from embodiedreamer_gym.cli.command import main
 from embodiedreamer_gym.errors import PolicyError
+from embodiedreamer_gym.pipelines import policy_runs
 from embodiedreamer_gym.policies.prediction import (
     COLUMNS,
     STANDIN_MODEL,
@@ -21,6 +23,7 @@ from embodiedreamer_gym.policies.prediction import (
     read_scores,
 )
 from embodiedreamer_gym.robot import RobotModel
+from embodiedreamer_gym.wrappers import PerceptionErrors
 from tests.opengl import skip_without_pictures
 
 
@@ -152,14 +155,14 @@ class Still:
         return np.repeat(batch["agent_pos"][:, None], self.chunk, axis=1)
 
 
-@pytest.mark.parametrize(("simulator", "pearson"), [("errors", 0.9), ("generated", 0.7)])
+@pytest.mark.parametrize(("simulator", "count", "pearson"), [("errors", 28, 0.9), ("generated", 30, 0.7)])
 def test_the_shipped_scores_are_read_and_agree(
-    simulator: str, pearson: float, capsys: pytest.CaptureFixture[str]
+    simulator: str, count: int, pearson: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Policies from 0 to 100 % on the stand-in bench; the model beside them is that of the simulator."""
     evidence = read_scores(STANDIN_SCORES[simulator])
     rates = np.array([one.real[0] / one.real[1] for one in evidence.scores])
-    assert len(rates) >= 20 and rates.min() < 0.1 and rates.max() > 0.9
+    assert len(rates) >= count and rates.min() < 0.1 and rates.max() > 0.9
     assert evidence.agreement().pearson[0] > pearson
     assert RobotModel.load(STANDIN_MODEL).joints == RobotModel.load("aloha").joints
     assert main(["policy", "predict", "--simulator", simulator, "--quiet"]) == 0
@@ -174,6 +177,25 @@ def test_a_policy_is_evaluated_and_predicted(capsys: pytest.CaptureFixture[str],
     assert main(["policy", "predict", *words, *options, "--quiet"]) == 0
     out = capsys.readouterr().out
     assert out.startswith("success in simulation: 0 of 2") and "is the stand-in bench" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "photos", "engine"), [([], 8, "mujoco"), (["--simulator", "generated"], 0, "bullet")]
+)
+def test_the_simulator_has_the_perception_errors_of_the_policy(
+    monkeypatch: pytest.MonkeyPatch, options: list[str], photos: int, engine: str
+) -> None:
+    found = []
+
+    def play(settings: Any, progress: Any) -> Any:
+        errors = settings.perception and PerceptionErrors.load(settings.perception)
+        found.append((len(errors.size) if errors else 0, settings.engine, settings.vis_aligner, settings.robot))
+        return SimpleNamespace(successes=1, episodes=[None, None])
+
+    monkeypatch.setattr(policy_runs, "play", play)
+    words = ["--policy", "tests.policies.test_prediction:Still", "--task", "GrabPaperCup-v0"]
+    assert main(["policy", "predict", *words, *options, "--quiet"]) == 0
+    assert found == [(photos, engine, "lean", str(STANDIN_MODEL))]
 
 
 def test_options_that_exclude_each_other_get_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
